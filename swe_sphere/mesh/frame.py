@@ -1,0 +1,43 @@
+"""Longitude and latitude, and the eastward and northward unit vectors that go with them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+POLE_RADIUS = 1e-14
+"""A point nearer to the axis than this [sphere radii] is meant to be at the pole."""
+
+
+def position(lon: Array, lat: Array) -> Array:
+    """Unit vectors (..., 3) of longitudes and latitudes [rad] of one shape (...)."""
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+
+
+def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Unit vectors (east, north), each (..., 3), at longitudes and latitudes [rad].
+
+    Defined at the poles too, where they depend on the longitude given.
+    """
+    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)], axis=-1)
+    north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], axis=-1)
+    return east, north
+
+
+def snap_poles(xyz: Array) -> Array:
+    """The unit vectors (..., 3), those within round-off of a pole moved exactly there."""
+    snapped = xyz.copy()
+    at_pole = np.hypot(xyz[..., 0], xyz[..., 1]) < POLE_RADIUS
+    snapped[at_pole, :2] = 0.0
+    snapped[at_pole, 2] = np.sign(xyz[at_pole, 2])
+    return snapped
+
+
+def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
+    """Longitude in [0, 2 pi) (0 at the poles) and latitude [rad] of unit vectors (..., 3)."""
+    x, y, z = np.moveaxis(xyz, -1, 0)
+    lon = np.arctan2(y, x)
+    lon = np.where(lon < 0.0, lon + 2.0 * np.pi, lon)
+    # a tiny negative longitude rounds up to 2 pi itself; adding 0.0 turns -0.0 into 0.0
+    lon = np.where((lon >= 2.0 * np.pi) | ((x == 0.0) & (y == 0.0)), 0.0, lon) + 0.0
+    return lon, np.arctan2(z, np.hypot(x, y))

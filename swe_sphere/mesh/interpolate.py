@@ -1,0 +1,57 @@
+"""Spectral-element interpolation of nodal fields to any points of the sphere."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from ..errors import ConfigError
+from . import cubed_sphere
+from .frame import frame, position
+from .gll import lagrange
+from .mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+class Interpolator:
+    """Evaluates nodal fields, as the polynomials they are in each element, at fixed points.
+
+    lon, lat [rad]: arrays of one shape (any longitude).  `matrix` is the CSR matrix (points, N)
+    with np^2 entries a row.  Raises ConfigError where a coordinate is not finite or a latitude
+    is beyond the poles.
+    """
+
+    matrix: sparse.csr_array
+
+    def __init__(self, mesh: Mesh, lon: ArrayLike, lat: ArrayLike) -> None:
+        lon, lat = np.broadcast_arrays(np.asarray(lon, dtype=float), np.asarray(lat, dtype=float))
+        if not (np.isfinite(lon).all() and (np.abs(lat) <= 0.5 * np.pi + 1e-12).all()):
+            raise ConfigError("interpolation points need finite coordinates, |latitude| <= pi/2")
+        self.mesh = mesh
+        self.shape = lon.shape
+        self._frame = frame(lon, lat)
+        self.matrix = _matrix(mesh, position(lon.ravel(), lat.ravel()))
+
+    def __call__(self, field: Array) -> Array:
+        """Values of the nodal scalar field (N,) at the points, in the shape of lon and lat."""
+        return (self.matrix @ field).reshape(self.shape)
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Eastward and northward components at the points of the nodal wind u, v (N,).
+
+        Goes through Cartesian components: the components u and v themselves jump at the poles.
+        """
+        cartesian = u[:, None] * self.mesh.east + v[:, None] * self.mesh.north
+        values = (self.matrix @ cartesian).reshape(*self.shape, 3)
+        east, north = self._frame
+        return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
+
+
+def _matrix(mesh: Mesh, xyz: Array) -> sparse.csr_array:
+    """Interpolation matrix (T, N) for unit vectors (T, 3)."""
+    element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(xyz), mesh.ne)
+    first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
+    values = first[:, :, None] * second[:, None, :]
+    starts = np.arange(len(xyz) + 1) * mesh.np**2
+    entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
+    return sparse.csr_array(entries, shape=(len(xyz), mesh.size))

@@ -1,0 +1,199 @@
+"""The mesh: spectral elements on the cubed sphere, their nodes, metric terms and connections."""
+
+import math
+import operator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..planet import EARTH
+from . import cubed_sphere, gll, numbering
+from .frame import frame, longitude_latitude, snap_poles
+from .schmidt import Placement
+
+Array = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+LARGEST_STRETCH = 100.0
+"""Beyond this the side away from the centre has next to no nodes left."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """Spectral elements on the equiangular cubed sphere; build it with `build_mesh`.
+
+    E = 6 ne^2 elements of np x np Gauss-Lobatto-Legendre nodes, N = 6 (ne (np-1))^2 + 2 nodes
+    counted once.  Element node (e, i, j): i along xi1, j along xi2, both on [-1, 1];
+    (xi1, xi2, outward) is right-handed.  The arrays are read-only.
+    """
+
+    ne: int
+    """Elements along an edge of the cube."""
+    np: int
+    """GLL nodes along an edge of an element."""
+    radius: float
+    """Radius of the sphere [m]."""
+    stretch: float
+    """Schmidt refinement factor at the centre (1 = uniform)."""
+    centre: tuple[float, float]
+    """Longitude and latitude [rad] of the centre of face 0."""
+    spin: float
+    """Turn of the cube about the centre [rad], anticlockwise."""
+    gll_points: Array
+    """(np,) points on [-1, 1]."""
+    gll_weights: Array
+    """(np,) quadrature weights, summing to 2."""
+    derivative: Array
+    """(np, np): (D f)_i is the derivative at point i of the polynomial with nodal values f."""
+    xyz: Array
+    """(N, 3) unit vectors."""
+    lon: Array
+    """(N,) longitude [rad] in [0, 2 pi), 0 at the poles."""
+    lat: Array
+    """(N,) latitude [rad]."""
+    east: Array
+    """(N, 3) first unit vector of each node's tangent frame."""
+    north: Array
+    """(N, 3) second unit vector of each node's tangent frame."""
+    nodes: Int32
+    """(E, np, np) node number of each element node."""
+    basis: Array
+    """(E, np, np, 2, 2) [m]: basis[..., i, k] = dx/dxi_i . frame_k; u_i = sum_k basis[i, k] V_k."""
+    jacobian: Array
+    """(E, np, np) [m2]: determinant of the basis, positive."""
+    area: Array
+    """(N,) [m2]: nodal quadrature weights, summing to 4 pi radius^2 up to quadrature error."""
+    gather_offsets: Int32
+    """(N+1,) start of each node's contributors in gather_entries."""
+    gather_entries: Int32
+    """(E np^2,) flat element-node indices (e np^2 + i np + j), node by node, ascending."""
+
+    @property
+    def elements(self) -> int:
+        """Number of elements E = 6 ne^2."""
+        return 6 * self.ne**2
+
+    @property
+    def size(self) -> int:
+        """Number of nodes N = 6 (ne (np-1))^2 + 2."""
+        return 6 * (self.ne * (self.np - 1)) ** 2 + 2
+
+    @property
+    def placement(self) -> Placement:
+        """The rotation and stretching that put the cube on the sphere."""
+        return Placement(self.centre, self.spin, self.stretch)
+
+    def quads(self) -> Int32:
+        """Corner nodes (E (np-1)^2, 4), anticlockwise seen from outside, of the sub-quads."""
+        n = self.nodes
+        corners = [n[:, :-1, :-1], n[:, 1:, :-1], n[:, 1:, 1:], n[:, :-1, 1:]]
+        return np.stack(corners, axis=-1).reshape(-1, 4)
+
+    def spacing(self) -> tuple[float, float]:
+        """Smallest and largest over the elements of the mean node spacing [m].
+
+        The mean spacing of an element is the root of its area over np - 1.
+        """
+        areas = np.einsum("i,j,eij->e", self.gll_weights, self.gll_weights, self.jacobian)
+        mean = np.sqrt(areas) / (self.np - 1)
+        return float(mean.min()), float(mean.max())
+
+    def __repr__(self) -> str:
+        return (
+            f"Mesh(ne={self.ne}, np={self.np}, radius={self.radius}, stretch={self.stretch}, "
+            f"centre={self.centre}, spin={self.spin})"
+        )
+
+
+def build_mesh(
+    ne: int,
+    np: int,
+    radius: float = EARTH.radius,
+    stretch: float = 1.0,
+    centre: tuple[float, float] = (0.0, 0.0),
+    spin: float = 0.0,
+) -> Mesh:
+    """Build the cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
+
+    radius [m]; centre = (lon, lat) [rad] is where the centre of cube face 0 goes; spin [rad]
+    turns the cube anticlockwise about that point; stretch refines the mesh there (and coarsens
+    it at the antipode) by that factor.  Raises ConfigError for a number out of range.
+    """
+    ne, np = _check_counts(ne, np)
+    placement = _check_placement(radius, stretch, centre, spin)
+    return _assemble(ne, np, float(radius), placement)
+
+
+def _check_counts(ne: int, np_: int) -> tuple[int, int]:
+    try:
+        ne, np_ = operator.index(ne), operator.index(np_)
+    except TypeError:
+        raise ConfigError(f"ne and np must be whole numbers, not ne={ne!r}, np={np_!r}") from None
+    if ne < 1:
+        raise ConfigError(f"ne={ne}: the number of elements along a cube edge must be at least 1")
+    if not 3 <= np_ <= 16:
+        raise ConfigError(f"np={np_}: the number of nodes along an element edge must be 3 to 16")
+    if 6 * (ne * np_) ** 2 >= 2**31:
+        raise ConfigError(f"ne={ne} with np={np_} is too large a mesh: take a smaller ne")
+    return ne, np_
+
+
+def _check_placement(
+    radius: float, stretch: float, centre: tuple[float, float], spin: float
+) -> Placement:
+    lon, lat = map(float, centre)
+    if not (math.isfinite(radius) and radius > 0.0):
+        raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
+    if not 1.0 <= stretch <= LARGEST_STRETCH:
+        raise ConfigError(f"stretch={stretch}: the factor must be 1 to {LARGEST_STRETCH:g}")
+    if not (math.isfinite(lon) and abs(lat) <= 0.5 * math.pi):
+        raise ConfigError(
+            f"centre={(lon, lat)}: give longitude and latitude in radians, |latitude| <= pi/2"
+        )
+    if not math.isfinite(spin):
+        raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle in radians")
+    return Placement((lon, lat), float(spin), float(stretch))
+
+
+def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
+    points = gll.gll_points(np_)
+    weights = gll.gll_weights(points)
+    nodes, xyz, tangents = _geometry(ne, points, placement)
+    lon, lat = longitude_latitude(xyz)
+    east, north = frame(lon, lat)
+    basis = radius * _components(tangents, east[nodes], north[nodes])
+    jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
+    local = jacobian * weights[:, None] * weights
+    area = np.bincount(nodes.ravel(), weights=local.ravel(), minlength=len(xyz))
+    arrays = (
+        *(points, weights, gll.derivative_matrix(points)),
+        *(xyz, lon, lat, east, north),
+        *(nodes, basis, jacobian, area),
+        *numbering.contributors(nodes, len(xyz)),
+    )
+    for array in arrays:
+        array.setflags(write=False)
+    return Mesh(ne, np_, radius, placement.stretch, placement.centre, placement.spin, *arrays)
+
+
+def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Array, Array]:
+    """Node numbers (E, np, np), unit vectors (N, 3) and d(xyz)/d(xi) (2, E, np, np, 3)."""
+    line = cubed_sphere.lattice_tangents(ne, points)
+    face, first, second = numbering.element_lattice(ne, points.size)
+    triples = numbering.cube_lattice(face, first, second, line.size - 1)
+    nodes, triples = numbering.number_nodes(triples)
+    plain, distance = cubed_sphere.cube_points(triples, line)
+    tangents = cubed_sphere.sphere_tangents(
+        face, (first, second), line, plain[nodes], distance[nodes]
+    )
+    tangents *= 0.25 * np.pi / ne  # d alpha / d xi
+    tangents = placement.place_tangent(plain[nodes], tangents)
+    return nodes, snap_poles(placement.place(plain)), tangents
+
+
+def _components(tangents: Array, east: Array, north: Array) -> Array:
+    """Tangents (2, E, np, np, 3) in the frames (E, np, np, 3): (E, np, np, 2, 2)."""
+    components = [np.einsum("aeijk,eijk->eija", tangents, unit) for unit in (east, north)]
+    return np.stack(components, axis=-1)

@@ -1,0 +1,75 @@
+"""Unique numbers for the nodes of the cubed sphere, from integer lattice points of the cube.
+
+With M = ne (np-1) every node of every element lies at a triple of integers in {0..M}^3 on the
+surface of the cube, so nodes shared by elements or faces are found by comparing integers.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Integers = NDArray[np.int64]
+
+FACES: NDArray[np.int64] = np.array(
+    [
+        # outward normal, direction of xi1, direction of xi2: right-handed
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    ]
+)
+"""The faces of the cube, (6, 3, 3): outward normal, direction of xi1, direction of xi2."""
+
+
+def line_lattice(ne: int, np_: int) -> Integers:
+    """Lattice coordinate (ne, np) of node i of element a along one edge of a face."""
+    return np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
+
+
+def element_lattice(ne: int, np_: int) -> tuple[Integers, Integers, Integers]:
+    """Face (E,1,1) and lattice coordinates along xi1 (E,np,1) and xi2 (E,1,np) of each node.
+
+    Element number: (face * ne + place along xi1) * ne + place along xi2.
+    """
+    line = line_lattice(ne, np_)
+    face, first, second = np.indices((6, ne, ne)).reshape(3, -1)
+    return face[:, None, None], line[first][:, :, None], line[second][:, None, :]
+
+
+def cube_lattice(face: Integers, first: Integers, second: Integers, last: int) -> Integers:
+    """Lattice triples (..., 3) in {0..last}^3 of face lattice coordinates, broadcast together."""
+    shape = np.broadcast_shapes(face.shape, first.shape, second.shape)
+    doubled = np.stack([np.broadcast_to(last, shape), *_centred(first, second, last, shape)], -1)
+    axes = np.broadcast_to(FACES[face], (*shape, 3, 3))
+    return (np.einsum("...a,...ak->...k", doubled, axes) + last) // 2
+
+
+def _centred(first: Integers, second: Integers, last: int, shape: tuple[int, ...]) -> list:
+    """Twice the lattice coordinates counted from the centre of the face, so still integers."""
+    return [np.broadcast_to(2 * c - last, shape) for c in (first, second)]
+
+
+def number_nodes(triples: Integers) -> tuple[NDArray[np.int32], Integers]:
+    """Number the distinct triples (..., 3) in the order in which they first appear.
+
+    Returns the node numbers (...) and the triples (N, 3) of the nodes.  That order keeps the
+    nodes of one element near each other in memory.
+    """
+    side = int(triples.max()) + 1
+    code = (triples[..., 0] * side + triples[..., 1]) * side + triples[..., 2]
+    _, first, inverse = np.unique(code.ravel(), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    number = np.empty(order.size, dtype=np.int32)
+    number[order] = np.arange(order.size, dtype=np.int32)
+    nodes = number[inverse].reshape(code.shape)
+    return nodes, triples.reshape(-1, 3)[first[order]]
+
+
+def contributors(nodes: NDArray[np.int32], size: int) -> tuple[NDArray, NDArray]:
+    """CSR list of the flat element-node indices of each node: offsets (size+1,), entries."""
+    flat = nodes.ravel()
+    counts = np.bincount(flat, minlength=size)
+    offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
+    return offsets, np.argsort(flat, kind="stable").astype(np.int32)
