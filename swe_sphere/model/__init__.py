@@ -1,0 +1,1 @@
+"""What is solved: the effects, the scenes and the right-hand side."""

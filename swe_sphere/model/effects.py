@@ -1,0 +1,264 @@
+"""The effects a scene may call for: a closed set of small frozen dataclasses.
+
+An effect says *what* acts on the fluid and with which coefficients, never how it is computed.
+To add one: write its class here and list it in `EFFECTS`; the kernels then branch on its name.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from typing import TYPE_CHECKING, ClassVar
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import EARTH
+
+if TYPE_CHECKING:
+    from swe_sphere.model.scene import Scene
+
+__all__ = [
+    "DYNAMICS",
+    "EFFECTS",
+    "Effect",
+    "Hyperviscosity",
+    "MomentumAdvection",
+    "Orography",
+    "PrescribedWind",
+    "PressureGradient",
+    "Rotation",
+    "Viscosity",
+    "apply_settings",
+    "hyperviscosity_default",
+    "unknown_name",
+]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One thing that acts on the fluid; the fields of a subclass are its parameters."""
+
+    name: ClassVar[str]
+    """The name used on the command line and in files."""
+
+    needs: ClassVar[str | None] = None
+    """The function of the `Scene` that this effect, and only this effect, calls for."""
+
+    dissipation: ClassVar[bool] = False
+    """Whether the user may switch the effect on for any scene."""
+
+    @classmethod
+    def parameters(cls) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(field.name for field in fields(cls))
+
+    @classmethod
+    def convert(cls, parameter: str, text: str) -> float | None:
+        """Value of one parameter from the text given by a user.
+
+        Raises:
+            ConfigError: the text is not a number.
+        """
+        try:
+            return float(text)
+        except ValueError:
+            raise ConfigError(f"{cls.name}.{parameter} must be a number, not {text!r}") from None
+
+    @property
+    def absent(self) -> bool:
+        """Whether the parameters make the effect vanish, so that it need not be computed."""
+        return False
+
+
+@dataclass(frozen=True)
+class MomentumAdvection(Effect):
+    """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form)."""
+
+    name = "momentum-advection"
+
+
+@dataclass(frozen=True)
+class PressureGradient(Effect):
+    """-g ∇(h + b), with b = 0 unless the scene has orography."""
+
+    name = "pressure-gradient"
+
+
+@dataclass(frozen=True)
+class Rotation(Effect):
+    """-f k×v with the Coriolis parameter f [s-1] given by `Scene.coriolis`."""
+
+    name = "rotation"
+    needs = "coriolis"
+
+
+@dataclass(frozen=True)
+class Orography(Effect):
+    """A bottom b [m], given by `Scene.bottom`, below the fluid of depth h."""
+
+    name = "orography"
+    needs = "bottom"
+
+
+@dataclass(frozen=True)
+class PrescribedWind(Effect):
+    """The wind is given by `Scene.wind`; only the depth h is stepped."""
+
+    name = "prescribed-wind"
+    needs = "wind"
+
+
+@dataclass(frozen=True)
+class Viscosity(Effect):
+    """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "viscosity"
+    dissipation = True
+    nu: float
+
+    def __post_init__(self) -> None:
+        _check_coefficient(f"{self.name}.nu", self.nu)
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+
+@dataclass(frozen=True)
+class Hyperviscosity(Effect):
+    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "hyperviscosity"
+    dissipation = True
+    nu: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.nu is not None:
+            _check_coefficient(f"{self.name}.nu", self.nu)
+
+    @classmethod
+    def convert(cls, parameter: str, text: str) -> float | None:
+        """As for every effect; the word "default" stands for the value that goes with the mesh."""
+        if text.strip().lower() == "default":
+            return None
+        try:
+            return float(text)
+        except ValueError:
+            message = f"{cls.name}.{parameter} must be a number or 'default', not {text!r}"
+            raise ConfigError(message) from None
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+    def coefficient(self, ne: int, np: int, radius: float = EARTH.radius) -> float:
+        """The coefficient [m4 s-1] on a mesh of ne × ne elements a face with np × np nodes."""
+        return hyperviscosity_default(ne, np, radius) if self.nu is None else self.nu
+
+
+DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
+"""The effects of every scene that steps the wind."""
+
+EFFECTS: dict[str, type[Effect]] = {
+    cls.name: cls
+    for cls in (
+        MomentumAdvection,
+        PressureGradient,
+        Rotation,
+        Orography,
+        PrescribedWind,
+        Viscosity,
+        Hyperviscosity,
+    )
+}
+"""All effects by name."""
+
+
+def hyperviscosity_default(ne: int, np: int, radius: float = EARTH.radius) -> float:
+    """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
+
+    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod; Boville 1991, Takahashi et al. 2006,
+    doi:10.1029/2006GL026429): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
+    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)).
+
+    Args:
+        ne: elements along the edge of a cube face.
+        np: nodes along the edge of an element.
+        radius: of the planet [m].
+    """
+    spacing = (30.0 * 3.0) / (ne * (np - 1))
+    return 1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0))
+
+
+def apply_settings(scene: Scene, settings: Sequence[str]) -> Scene:
+    """The scene with the effect parameters changed as "effect.parameter=value" strings say.
+
+    Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
+    effects can be changed only where the scene has the effect.
+
+    Raises:
+        ConfigError: a setting that cannot be read, or names what is not there.
+    """
+    grouped: dict[str, dict[str, str]] = {}
+    for setting in settings:
+        effect, parameter, value = _split(setting)
+        grouped.setdefault(effect, {})[parameter] = value
+    for effect, values in grouped.items():
+        scene = scene.with_effect(_configured(scene, effect, values))
+    return scene
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
+    """The error for a name that is not among the known ones: the nearest of them, then all."""
+    names = list(known)
+    near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return ConfigError(f"unknown {kind} {name!r}; {hint}There are: {', '.join(names)}")
+
+
+def _check_coefficient(label: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ConfigError(f"{label} must be finite and not negative, not {value}")
+
+
+def _split(setting: str) -> tuple[str, str, str]:
+    key, equals, value = setting.partition("=")
+    effect, dot, parameter = key.strip().partition(".")
+    if not (equals and dot and effect and parameter and value.strip()):
+        raise ConfigError(f"a setting reads effect.parameter=value, not {setting!r}")
+    return effect, parameter, value.strip()
+
+
+def _configured(scene: Scene, name: str, texts: Mapping[str, str]) -> Effect:
+    """The effect `name` of the scene, or a new one, with the parameters given as text."""
+    if name not in EFFECTS:
+        raise unknown_name("effect", name, EFFECTS)
+    cls, present = EFFECTS[name], scene.effect(name)
+    if present is None and not cls.dissipation:
+        has = ", ".join(effect.name for effect in scene.effects)
+        raise ConfigError(f"{scene.name} has no effect {name!r}; it has {has}")
+    for parameter in texts:
+        if parameter not in cls.parameters():
+            has = ", ".join(cls.parameters()) or "no parameters"
+            raise ConfigError(f"effect {name!r} has no parameter {parameter!r}; it has {has}")
+    values = {} if present is None else {key: getattr(present, key) for key in cls.parameters()}
+    values |= {key: cls.convert(key, text) for key, text in texts.items()}
+    _check_complete(cls, values)
+    return cls(**values)
+
+
+def _check_complete(cls: type[Effect], values: Mapping[str, object]) -> None:
+    for field in fields(cls):
+        if field.name not in values and field.default is MISSING:
+            raise ConfigError(f"effect {cls.name!r} needs {cls.name}.{field.name}=…")

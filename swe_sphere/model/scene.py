@@ -1,0 +1,115 @@
+"""A scene: the data and formulas of one test case, without any numerics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.model.effects import EFFECTS, Effect
+from swe_sphere.planet import EARTH, Planet
+
+__all__ = ["Array", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
+
+Array = NDArray[np.float64]
+Scalar = Callable[[Array, Array], Array]
+"""(lon, lat) [rad] -> one value a point."""
+State = Callable[[Array, Array], tuple[Array, Array, Array]]
+"""(lon, lat) [rad] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+Wind = Callable[[Array, Array, float], tuple[Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One test case: where it starts, what acts, and what is known of the answer.
+
+    All functions take arrays of equal shape and return arrays of that shape. They must be finite
+    everywhere; at a pole the wind is meant in the frame of the longitude given (the meshes here
+    give 0), so east = (-sin lon, cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon,
+    cos lat).
+
+    Raises:
+        ConfigError: the functions do not go with the effects, or a number is out of range.
+    """
+
+    name: str
+    title: str
+    reference: str
+    """The paper, with its DOI."""
+    effects: tuple[Effect, ...]
+    initial: State
+    report: str
+    """What is worth reporting, in words."""
+    ne: int
+    """Recommended number of elements along the edge of a cube face."""
+    np: int
+    """Recommended number of nodes along the edge of an element."""
+    dt: float | None
+    """Recommended time step [s], stable for rk4 at this ne and np; None: chosen by the stepper."""
+    days: float
+    """Recommended length of the run [days]."""
+    planet: Planet = EARTH
+    exact: UnsteadyState | None = None
+    bottom: Scalar | None = None
+    """Height of the bottom [m]; there if and only if the scene has orography."""
+    coriolis: Scalar | None = None
+    """Coriolis parameter [s-1]; there if and only if the scene has rotation."""
+    wind: Wind | None = None
+    """The wind, if and only if it is prescribed."""
+    error_field: str = "h"
+    """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
+    parameters: Mapping[str, float | bool] = field(default_factory=dict)
+    """The scene parameters (alpha, ...) this scene was made with."""
+
+    def __post_init__(self) -> None:
+        _check_effects(self)
+        _check_numbers(self)
+
+    def effect(self, name: str) -> Effect | None:
+        """The effect of that name, None where the scene does not have it."""
+        return next((effect for effect in self.effects if effect.name == name), None)
+
+    def with_effect(self, effect: Effect) -> Scene:
+        """The scene with the effect added, or put in the place of the one of the same name.
+
+        An effect that vanishes (a viscosity of zero) is left out instead.
+        """
+        if effect.absent:
+            return replace(self, effects=tuple(e for e in self.effects if e.name != effect.name))
+        if self.effect(effect.name) is None:
+            return replace(self, effects=(*self.effects, effect))
+        swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
+        return replace(self, effects=swapped)
+
+
+def _check_effects(scene: Scene) -> None:
+    """An effect and the function it calls for come together or not at all."""
+    names = [effect.name for effect in scene.effects]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{scene.name}: an effect is listed twice: {', '.join(names)}")
+    for name, cls in EFFECTS.items():
+        if cls.needs is None:
+            continue
+        given = getattr(scene, cls.needs) is not None
+        if given and name not in names:
+            raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
+        if name in names and not given:
+            raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
+    if "prescribed-wind" in names and "momentum-advection" in names:
+        raise ConfigError(f"{scene.name}: a prescribed wind cannot also be stepped")
+
+
+def _check_numbers(scene: Scene) -> None:
+    if scene.error_field not in ("h", "surface"):
+        raise ConfigError(f"{scene.name}: error_field is 'h' or 'surface'")
+    if not (math.isfinite(scene.days) and scene.days > 0.0):
+        raise ConfigError(f"{scene.name}: days must be finite and positive, not {scene.days}")
+    if scene.dt is not None and not (math.isfinite(scene.dt) and scene.dt > 0.0):
+        raise ConfigError(f"{scene.name}: dt must be finite and positive, not {scene.dt}")

@@ -1,0 +1,62 @@
+"""Formulas that several scenes share: flow about a tilted axis, distances, the conical mountain.
+
+Points are given by longitude and latitude [rad]. Everything is written so that it is finite and
+smooth at the poles and at the longitude where angles wrap around.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swe_sphere.model.scene import Array
+from swe_sphere.planet import EARTH, Planet
+
+__all__ = [
+    "cone",
+    "coriolis",
+    "solid_body",
+    "tilted_latitude",
+    "unit_vector",
+    "wrapped",
+]
+
+
+def unit_vector(lon: Array | float, lat: Array | float) -> Array:
+    """Position (..., 3) on the unit sphere."""
+    cos_lat = np.cos(lat)
+    return np.stack([cos_lat * np.cos(lon), cos_lat * np.sin(lon), np.sin(lat + 0.0 * lon)], -1)
+
+
+def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
+    """Sine of the latitude above the equator of the axis c = (-sin α, 0, cos α)."""
+    return np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
+
+
+def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
+    """Eastward and northward component of c × n, c = (-sin α, 0, cos α), n the position.
+
+    This is the solid-body wind of unit angular speed on the unit sphere (Williamson et al. 1992,
+    eqs. 75-76); its length is the cosine of the tilted latitude.
+    """
+    east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
+    return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
+
+
+def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:
+    """Coriolis parameter f = 2 Ω sin θ [s-1]."""
+    return 2.0 * planet.rotation * np.sin(lat) + 0.0 * lon
+
+
+def wrapped(angle: Array) -> Array:
+    """The angle brought into [-π, π)."""
+    return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
+
+
+def cone(lon: Array, lat: Array) -> Array:
+    """The mountain of Williamson et al. (1992), case 5: a cone of 2000 m at (3π/2, π/6) [m].
+
+    Its radius of π/9 is measured in the longitude-latitude plane, not along great circles.
+    """
+    radius = np.pi / 9.0
+    distance = np.hypot(wrapped(lon - 1.5 * np.pi), lat - np.pi / 6.0)
+    return 2000.0 * (1.0 - np.minimum(distance, radius) / radius)

@@ -1,0 +1,124 @@
+"""The test set of Williamson, Drake, Hack, Jakob & Swarztrauber (1992), J. Comput. Phys. 102.
+
+doi:10.1016/S0021-9991(05)80016-6
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swe_sphere.model.effects import DYNAMICS, PrescribedWind, Rotation
+from swe_sphere.model.scene import Array, Scene, Wind
+from swe_sphere.planet import DAY, EARTH
+from swe_sphere.testcases.formulas import solid_body, tilted_latitude, unit_vector
+
+__all__ = ["williamson1", "williamson2"]
+
+PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
+TURN = 12.0 * DAY
+"""Time in which the solid-body flow goes once around the planet [s]."""
+SPEED = 2.0 * np.pi * EARTH.radius / TURN
+"""Speed of the solid-body flow at its equator [m s-1]."""
+
+
+def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
+    """Advection of a bell once around the planet (exact).
+
+    Case 1. The wind is solid-body rotation about an axis tilted by α; the bell only moves:
+
+        h = 500 m (1 + cos(π r / R)) for r < R = a/3, r the distance from the bell's centre.
+
+    Args:
+        alpha: tilt of the axis [rad]; 0, 0.05, π/2 - 0.05, π/2, and π/4 over the cube's corners.
+        gaussian: the smooth bell 1000 m exp(-5 |n - n0|²) (TrixiAtmo) for tests of order; the
+            cosine bell has only one continuous derivative.
+    """
+    bell = _gaussian_bell if gaussian else _cosine_bell
+    wind = _solid_body_wind(alpha)
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        centre = _turned(unit_vector(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
+        return *wind(lon, lat, t), bell(unit_vector(lon, lat) - centre)
+
+    return Scene(
+        name="williamson1",
+        title="advection of a bell",
+        reference=f"{PAPER}, case 1",
+        effects=(PrescribedWind(),),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        wind=wind,
+        report="l1, l2, linf, minimum and maximum of h after 12 days",
+        ne=16,
+        np=4,
+        dt=1200.0,
+        days=12.0,
+        parameters={"alpha": alpha, "gaussian": gaussian},
+    )
+
+
+def williamson2(alpha: float = 0.0) -> Scene:
+    """Steady solid-body flow in geostrophic balance (exact).
+
+    Case 2. With θ' the latitude above the equator of the axis tilted by α:
+
+        g h = g h0 - (a Ω u0 + u0²/2) sin² θ',  f = 2 Ω sin θ',  g h0 = 2.94e4 m² s⁻²
+
+    Args:
+        alpha: tilt of the axis of flow and of rotation [rad]; 0, 0.05, π/4, π/2 - 0.05, π/2.
+    """
+    wind = _solid_body_wind(alpha)
+    fall = (EARTH.radius * EARTH.rotation * SPEED + 0.5 * SPEED**2) / EARTH.gravity
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        depth = 2.94e4 / EARTH.gravity - fall * tilted_latitude(lon, lat, alpha) ** 2
+        return *wind(lon, lat, t), depth
+
+    return Scene(
+        name="williamson2",
+        title="steady geostrophic flow",
+        reference=f"{PAPER}, case 2",
+        effects=(*DYNAMICS, Rotation()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
+        report="l1, l2, linf of h and of the wind after 5 days",
+        ne=16,
+        np=4,
+        dt=600.0,
+        days=5.0,
+        parameters={"alpha": alpha},
+    )
+
+
+def _solid_body_wind(alpha: float) -> Wind:
+    """Solid-body rotation once in 12 days about the axis tilted by alpha [rad]."""
+
+    def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+        east, north = solid_body(lon, lat, alpha)
+        return SPEED * east, SPEED * north
+
+    return wind
+
+
+def _turned(point: Array, alpha: float, angle: float) -> Array:
+    """The point (3,) turned by the angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
+    axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
+    across = np.cross(axis, point)
+    return (
+        point * np.cos(angle)
+        + across * np.sin(angle)
+        + axis * (axis @ point) * (1.0 - np.cos(angle))
+    )
+
+
+def _cosine_bell(offset: Array) -> Array:
+    """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
+    chord = np.linalg.norm(offset, axis=-1)
+    distance = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    return 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * distance, 1.0)))
+
+
+def _gaussian_bell(offset: Array) -> Array:
+    """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
+    return 1000.0 * np.exp(-5.0 * np.sum(offset**2, axis=-1))
