@@ -28,7 +28,8 @@ def gll_weights(points: Array) -> Array:
     n = points.size
     values = legendre.Legendre.basis(n - 1)(points)
     weights = 2.0 / (n * (n - 1) * values**2)
-    return 0.5 * (weights + weights[::-1])
+    mirrored: Array = 0.5 * (weights + weights[::-1])
+    return mirrored
 
 
 def derivative_matrix(points: Array) -> Array:

@@ -34,7 +34,8 @@ class Interpolator:
 
     def __call__(self, field: Array) -> Array:
         """Values of the nodal scalar field (N,) at the points, in the shape of lon and lat."""
-        return (self.matrix @ field).reshape(self.shape)
+        values: Array = self.matrix @ field
+        return values.reshape(self.shape)
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
         """Eastward and northward components at the points of the nodal wind u, v (N,).

@@ -70,6 +70,11 @@ class Mesh:
     gather_entries: Int32
     """(E np^2,) flat element-node indices (e np^2 + i np + j), node by node, ascending."""
 
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
     @property
     def elements(self) -> int:
         """Number of elements E = 6 ne^2."""
@@ -167,15 +172,12 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
     local = jacobian * weights[:, None] * weights
     area = np.bincount(nodes.ravel(), weights=local.ravel(), minlength=len(xyz))
-    arrays = (
-        *(points, weights, gll.derivative_matrix(points)),
-        *(xyz, lon, lat, east, north),
-        *(nodes, basis, jacobian, area),
-        *numbering.contributors(nodes, len(xyz)),
-    )
-    for array in arrays:
-        array.setflags(write=False)
-    return Mesh(ne, np_, radius, placement.stretch, placement.centre, placement.spin, *arrays)
+    offsets, entries = numbering.contributors(nodes, len(xyz))
+    return Mesh(
+        ne, np_, radius, placement.stretch, placement.centre, placement.spin,
+        points, weights, gll.derivative_matrix(points), xyz, lon, lat, east, north,
+        nodes, basis, jacobian, area, offsets, entries,
+    )  # fmt: skip
 
 
 def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Array, Array]:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Integers = NDArray[np.int64]
+Int32 = NDArray[np.int32]
 
-FACES: NDArray[np.int64] = np.array(
+FACES: Integers = np.array(
     [
         # outward normal, direction of xi1, direction of xi2: right-handed
         [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -25,7 +26,8 @@ FACES: NDArray[np.int64] = np.array(
 
 def line_lattice(ne: int, np_: int) -> Integers:
     """Lattice coordinate (ne, np) of node i of element a along one edge of a face."""
-    return np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
+    lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
+    return lattice
 
 
 def element_lattice(ne: int, np_: int) -> tuple[Integers, Integers, Integers]:
@@ -41,17 +43,14 @@ def element_lattice(ne: int, np_: int) -> tuple[Integers, Integers, Integers]:
 def cube_lattice(face: Integers, first: Integers, second: Integers, last: int) -> Integers:
     """Lattice triples (..., 3) in {0..last}^3 of face lattice coordinates, broadcast together."""
     shape = np.broadcast_shapes(face.shape, first.shape, second.shape)
-    doubled = np.stack([np.broadcast_to(last, shape), *_centred(first, second, last, shape)], -1)
+    # twice the coordinates, counted from the centre of the cube, are integers too
+    doubled = [np.broadcast_to(c, shape) for c in (last, 2 * first - last, 2 * second - last)]
     axes = np.broadcast_to(FACES[face], (*shape, 3, 3))
-    return (np.einsum("...a,...ak->...k", doubled, axes) + last) // 2
+    triples: Integers = np.einsum("a...,...ak->...k", np.stack(doubled), axes)
+    return (triples + last) // 2
 
 
-def _centred(first: Integers, second: Integers, last: int, shape: tuple[int, ...]) -> list:
-    """Twice the lattice coordinates counted from the centre of the face, so still integers."""
-    return [np.broadcast_to(2 * c - last, shape) for c in (first, second)]
-
-
-def number_nodes(triples: Integers) -> tuple[NDArray[np.int32], Integers]:
+def number_nodes(triples: Integers) -> tuple[Int32, Integers]:
     """Number the distinct triples (..., 3) in the order in which they first appear.
 
     Returns the node numbers (...) and the triples (N, 3) of the nodes.  That order keeps the
@@ -67,7 +66,7 @@ def number_nodes(triples: Integers) -> tuple[NDArray[np.int32], Integers]:
     return nodes, triples.reshape(-1, 3)[first[order]]
 
 
-def contributors(nodes: NDArray[np.int32], size: int) -> tuple[NDArray, NDArray]:
+def contributors(nodes: Int32, size: int) -> tuple[Int32, Int32]:
     """CSR list of the flat element-node indices of each node: offsets (size+1,), entries."""
     flat = nodes.ravel()
     counts = np.bincount(flat, minlength=size)

@@ -22,15 +22,16 @@ def schmidt(n: Array, centre: Array, stretch: float) -> Array:
     """Unit vectors n (..., 3) moved towards the unit vector centre (3,); 1/stretch undoes it."""
     plus, minus = _sides(n, centre, stretch)
     across = n - (n @ centre)[..., None] * centre
-    moved = (plus - minus)[..., None] * centre + 2.0 * stretch * across
-    return moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    moved: Array = (plus - minus)[..., None] * centre + 2.0 * stretch * across
+    moved /= np.sqrt(np.sum(moved**2, axis=-1, keepdims=True))
+    return moved
 
 
 def schmidt_tangent(n: Array, moved: Array, dn: Array, centre: Array, stretch: float) -> Array:
     """Derivative of `schmidt` at n (..., 3), moved = schmidt(n), along the tangents dn (..., 3)."""
     plus, minus = _sides(n, centre, stretch)
     dmu = (dn @ centre)[..., None]
-    change = (stretch**2 + 1.0) * dmu * centre + 2.0 * stretch * (dn - dmu * centre)
+    change: Array = (stretch**2 + 1.0) * dmu * centre + 2.0 * stretch * (dn - dmu * centre)
     change -= (stretch**2 - 1.0) * dmu * moved
     return change / (plus + minus)[..., None]
 
