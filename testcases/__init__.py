@@ -14,7 +14,10 @@ from pathlib import Path
 from swe_sphere.errors import ConfigError
 from swe_sphere.model.effects import unknown_name
 from swe_sphere.model.scene import Scene
-from swe_sphere.testcases.williamson import williamson1, williamson2
+from swe_sphere.testcases.galewsky import galewsky
+from swe_sphere.testcases.lake import lake_at_rest
+from swe_sphere.testcases.lauter import lauter
+from swe_sphere.testcases.williamson import williamson1, williamson2, williamson5, williamson6
 
 __all__ = ["SCENES", "get_scene"]
 
@@ -23,6 +26,11 @@ SceneFactory = Callable[..., Scene]
 SCENES: dict[str, SceneFactory] = {
     "williamson1": williamson1,
     "williamson2": williamson2,
+    "williamson5": williamson5,
+    "williamson6": williamson6,
+    "galewsky": galewsky,
+    "lauter": lauter,
+    "lake-at-rest": lake_at_rest,
 }
 """Factories by name; their keyword parameters are the parameters of the scene."""
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.model.effects import DYNAMICS, PrescribedWind, Rotation
+from swe_sphere.model.effects import DYNAMICS, Orography, PrescribedWind, Rotation
 from swe_sphere.model.scene import Array, Scene, Wind
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.formulas import solid_body, tilted_latitude, unit_vector
+from swe_sphere.testcases.formulas import cone, coriolis, solid_body, tilted_latitude, unit_vector
 
-__all__ = ["williamson1", "williamson2"]
+__all__ = ["williamson1", "williamson2", "williamson5", "williamson6"]
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 TURN = 12.0 * DAY
@@ -89,6 +89,81 @@ def williamson2(alpha: float = 0.0) -> Scene:
         days=5.0,
         parameters={"alpha": alpha},
     )
+
+
+def williamson5() -> Scene:
+    """Zonal flow over an isolated mountain.
+
+    Case 5: u = 20 m/s cos θ and the surface in balance with it over a cone of 2000 m,
+
+        h + b = 5960 m - (a Ω u0 + u0²/2) sin² θ / g
+
+    Errors of height are those of the free surface. The impulsive start radiates gravity waves
+    that carry about 7e-4 (relative l2) of the height, which time steps longer than they can follow
+    lose.
+    """
+    speed = 20.0
+    fall = (EARTH.radius * EARTH.rotation * speed + 0.5 * speed**2) / EARTH.gravity
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        surface = 5960.0 - fall * np.sin(lat) ** 2
+        return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), surface - cone(lon, lat)
+
+    return Scene(
+        name="williamson5",
+        title="zonal flow over a mountain",
+        reference=f"{PAPER}, case 5",
+        effects=(*DYNAMICS, Rotation(), Orography()),
+        initial=initial,
+        bottom=cone,
+        coriolis=coriolis,
+        report="l1, l2, linf of the free surface at days 5, 10, 15 against a reference; "
+        "drift of mass, energy and potential enstrophy",
+        ne=16,
+        np=4,
+        dt=600.0,
+        days=15.0,
+        error_field="surface",
+    )
+
+
+def williamson6() -> Scene:
+    """Rossby-Haurwitz wave of zonal wavenumber 4.
+
+    Case 6. The wave turns eastward by about 12 degrees a day (exactly so only without divergence)
+    and keeps its shape until truncation errors or the physical instability break it.
+    """
+    return Scene(
+        name="williamson6",
+        title="Rossby-Haurwitz wave",
+        reference=f"{PAPER}, case 6",
+        effects=(*DYNAMICS, Rotation()),
+        initial=_rossby_haurwitz,
+        coriolis=coriolis,
+        report="height at days 7 and 14 against a reference; drift of mass, energy and potential "
+        "enstrophy; loss of the fourfold symmetry",
+        ne=16,
+        np=4,
+        dt=360.0,
+        days=14.0,
+    )
+
+
+def _rossby_haurwitz(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+    """Wind [m s-1] and depth [m] of the wave of case 6 (eqs. 143-149), R = 4, ω = K."""
+    r, k, a, omega = 4, 7.848e-6, EARTH.radius, EARTH.rotation
+    c, s = np.cos(lat), np.sin(lat)
+    u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
+    v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
+    # eq. 147 with c⁻² multiplied in: nothing is infinite at the poles
+    zonal = 0.5 * k * (2.0 * omega + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
+        (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
+    )
+    once = 2.0 * (omega + k) * k / ((r + 1) * (r + 2)) * c**r
+    once = once * ((r**2 + 2 * r + 2) - (r + 1) ** 2 * c**2)
+    twice = 0.25 * k**2 * c ** (2 * r) * ((r + 1) * c**2 - (r + 2))
+    wave = zonal + once * np.cos(r * lon) + twice * np.cos(2 * r * lon)
+    return u, v, 8000.0 + a**2 * wave / EARTH.gravity
 
 
 def _solid_body_wind(alpha: float) -> Wind:

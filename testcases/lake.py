@@ -1,0 +1,60 @@
+"""A lake at rest: nothing may move over a mountain under water."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swe_sphere.model.effects import DYNAMICS, Orography, Rotation
+from swe_sphere.model.scene import Array, Scene
+from swe_sphere.testcases.formulas import cone as conical_mountain
+from swe_sphere.testcases.formulas import coriolis, unit_vector
+
+__all__ = ["lake_at_rest"]
+
+SURFACE = 5960.0
+"""Height of the free surface [m]."""
+WIDTH = np.pi / 18.0
+"""Width of the smooth mountain [rad]: half the radius of the cone."""
+
+
+def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
+    """Water at rest over a mountain (exact): nothing may move.
+
+    The surface is at 5960 m. Whatever moves shows that the gradients of bottom and depth do not
+    cancel as they must.
+
+    Args:
+        cone: over the cone of williamson5; else over the smooth 2000 m exp(-|n - n0|²/w²) with
+            w = π/18 at the same place.
+        rotating: with the Coriolis force.
+    """
+    bottom = conical_mountain if cone else _smooth_bottom
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        still = 0.0 * (lon + lat)
+        return still, still.copy(), SURFACE - bottom(lon, lat)
+
+    return Scene(
+        name="lake-at-rest",
+        title="water at rest over a mountain",
+        reference="Audusse et al. (2004), SIAM J. Sci. Comput. 25, doi:10.1137/S1064827503431090;"
+        " mountain of Williamson et al. (1992), doi:10.1016/S0021-9991(05)80016-6, case 5",
+        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Orography()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        bottom=bottom,
+        coriolis=coriolis if rotating else None,
+        report="largest wind after 5 days: round-off, below 1e-10 m/s in float64",
+        ne=16,
+        np=4,
+        dt=600.0,
+        days=5.0,
+        error_field="surface",
+        parameters={"cone": cone, "rotating": rotating},
+    )
+
+
+def _smooth_bottom(lon: Array, lat: Array) -> Array:
+    """Height [m] of a smooth mountain at (3π/2, π/6)."""
+    offset = unit_vector(lon, lat) - unit_vector(1.5 * np.pi, np.pi / 6.0)
+    return 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / WIDTH**2)
