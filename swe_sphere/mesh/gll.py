@@ -27,9 +27,9 @@ def gll_weights(points: Array) -> Array:
     """Quadrature weights (np,) of the GLL points: 2 / (n (n-1) P_{n-1}(x)^2), summing to 2."""
     n = points.size
     values = legendre.Legendre.basis(n - 1)(points)
-    weights = 2.0 / (n * (n - 1) * values**2)
-    mirrored: Array = 0.5 * (weights + weights[::-1])
-    return mirrored
+    values = 0.5 * (np.abs(values) + np.abs(values[::-1]))  # exactly symmetric
+    weights: Array = 2.0 / (n * (n - 1) * values**2)
+    return weights
 
 
 def derivative_matrix(points: Array) -> Array:
@@ -40,7 +40,7 @@ def derivative_matrix(points: Array) -> Array:
     gaps = points[:, None] - points[None, :]
     np.fill_diagonal(gaps, 1.0)
     scale = np.prod(gaps, axis=1)
-    matrix = scale[:, None] / scale[None, :] / gaps
+    matrix: Array = scale[:, None] / scale[None, :] / gaps
     np.fill_diagonal(matrix, 0.0)
     np.fill_diagonal(matrix, -matrix.sum(axis=1))
     return matrix

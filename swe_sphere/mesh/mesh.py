@@ -171,7 +171,7 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     basis = radius * _components(tangents, east[nodes], north[nodes])
     jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
     local = jacobian * weights[:, None] * weights
-    area = np.bincount(nodes.ravel(), weights=local.ravel(), minlength=len(xyz))
+    area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
     offsets, entries = numbering.contributors(nodes, len(xyz))
     return Mesh(
         ne, np_, radius, placement.stretch, placement.centre, placement.spin,
