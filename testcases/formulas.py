@@ -35,8 +35,8 @@ def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
 def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
     """Eastward and northward component of c × n, c = (-sin α, 0, cos α), n the position.
 
-    This is the solid-body wind of unit angular speed on the unit sphere (Williamson et al. 1992,
-    eqs. 75-76); its length is the cosine of the tilted latitude.
+    This is the solid-body wind of unit angular speed on the unit sphere (the wind of
+    Williamson et al. 1992, cases 1 and 2); its length is the cosine of the tilted latitude.
     """
     east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
     return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat

@@ -27,14 +27,16 @@ BOTTOM = 10.0
 
 
 def lauter(alpha: float = np.pi / 4.0) -> Scene:
-    """Unsteady nonlinear flow over orography (exact): the case to rank time integrators by.
+    """Unsteady nonlinear flow over orography (exact).
+
+    Smooth, fast and exact: the case to rank time integrators by.
 
     Solid-body flow about an axis tilted by α that is at rest among the stars, seen from the
     turning planet. With S the sine of the latitude above its equator, at longitude λ + Ω t,
 
         g (h + b) = k1 + (Ω a sin θ)²/2 - (u0 S + Ω a sin θ)²/2,  g b = (Ω a sin θ)²/2 + k2
 
-    Depth lies between 1256.5 and 13631.3 m over a bottom up to 11 km, for α = π/4. One period is
+    Depth lies between 1256.3 and 13631.3 m over a bottom up to 11 km, for α = π/4. One period is
     2 π / Ω = 86164 s.
 
     Args:

@@ -150,12 +150,12 @@ def williamson6() -> Scene:
 
 
 def _rossby_haurwitz(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Wind [m s-1] and depth [m] of the wave of case 6 (eqs. 143-149), R = 4, ω = K."""
+    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = 7.848e-6 s-1."""
     r, k, a, omega = 4, 7.848e-6, EARTH.radius, EARTH.rotation
     c, s = np.cos(lat), np.sin(lat)
     u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
     v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)
-    # eq. 147 with c⁻² multiplied in: nothing is infinite at the poles
+    # the paper's c⁻² is multiplied in: nothing is infinite at the poles
     zonal = 0.5 * k * (2.0 * omega + k) * c**2 + 0.25 * k**2 * c ** (2 * r - 2) * (
         (r + 1) * c**4 + (2 * r**2 - r - 2) * c**2 - 2 * r**2
     )

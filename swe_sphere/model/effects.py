@@ -188,8 +188,8 @@ EFFECTS: dict[str, type[Effect]] = {
 def hyperviscosity_default(ne: int, np: int, radius: float = EARTH.radius) -> float:
     """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
 
-    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod; Boville 1991, Takahashi et al. 2006,
-    doi:10.1029/2006GL026429): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
+    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and Takahashi et al.
+    2006): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
     Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)).
 
     Args:

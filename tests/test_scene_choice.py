@@ -1,0 +1,151 @@
+"""Choosing a scene and its effects: names, parameters, files, settings, and clear errors."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.model.effects import (
+    DYNAMICS,
+    EFFECTS,
+    Hyperviscosity,
+    Orography,
+    Rotation,
+    Viscosity,
+    apply_settings,
+    hyperviscosity_default,
+)
+from swe_sphere.model.scene import Scene
+from swe_sphere.planet import EARTH
+from swe_sphere.testcases import SCENES, get_scene
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scene_is_described(name: str) -> None:
+    scene, summary = get_scene(name), (SCENES[name].__doc__ or "").splitlines()[0]
+    assert scene.name == name and 20 <= len(summary) <= 80 and summary.endswith(".")
+    assert "doi:10." in scene.reference and scene.report and scene.title
+    assert scene.ne >= 4 and 4 <= scene.np <= 16 and scene.days >= 1.0
+
+
+def fails(message: str) -> pytest.RaisesExc[ConfigError]:
+    return pytest.raises(ConfigError, match=re.escape(message))
+
+
+def test_scene_names_and_parameters_are_checked() -> None:
+    with fails("unknown scene 'wiliamson2'; did you mean 'williamson2'? There are: williamson1,"):
+        get_scene("wiliamson2")
+    with fails("scene williamson2 has no parameter 'beta'; it has alpha"):
+        get_scene("williamson2", beta=1.0)
+    with fails("scene williamson5 has no parameter 'alpha'; it has no parameters"):
+        get_scene("williamson5", alpha=1.0)
+    for bad in (float("nan"), "inf"):
+        with fails("williamson2: alpha must be finite"):
+            get_scene("williamson2", alpha=bad)
+    with fails("williamson2: alpha must be a number, not 'north'"):
+        get_scene("williamson2", alpha="north")
+    with fails("galewsky: perturbed must be true or false, not 'maybe'"):
+        get_scene("galewsky", perturbed="maybe")
+
+
+def test_scene_parameters_are_read_from_text() -> None:
+    scene = get_scene("williamson1", alpha="0.5", gaussian="Yes")
+    assert scene.parameters == {"alpha": 0.5, "gaussian": True}
+    assert get_scene("galewsky", perturbed="0").parameters == {"perturbed": False}
+
+
+def test_scene_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from dataclasses import replace\nfrom swe_sphere.testcases import get_scene\n"
+        "def scene(alpha: float = 0.0):\n"
+        "    return replace(get_scene('williamson2', alpha=alpha), name='mine')\n"
+    )
+    scene = get_scene(str(file), alpha="0.25")
+    assert scene.name == "mine" and scene.parameters["alpha"] == 0.25
+    with fails("has no parameter 'depth'; it has alpha"):
+        get_scene(str(file), depth=1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1", "must define scene(**parameters) -> Scene"),
+        ("def scene(: pass", "fails: SyntaxError"),
+        ("def scene(): return 1", "must return a Scene, not int"),
+        ("def scene(): return 1 / 0", "fails: ZeroDivisionError"),
+    ],
+)
+def test_bad_scene_file(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "bad.py").write_text(text)
+    with fails(message):
+        get_scene(str(tmp_path / "bad.py"))
+    with fails("there is no scene file"):
+        get_scene(str(tmp_path / "absent.py"))
+
+
+def test_settings_switch_dissipation_on_change_it_and_off() -> None:
+    scene = get_scene("williamson5")
+    thick = apply_settings(scene, ["viscosity.nu=1e5", "hyperviscosity.nu=default"])
+    assert thick.effects == (*scene.effects, Viscosity(1e5), Hyperviscosity(None))
+    assert apply_settings(thick, ["hyperviscosity.nu=3e14"]).effect("hyperviscosity").nu == 3e14
+    assert apply_settings(thick, ["viscosity.nu=2", "hyperviscosity.nu=0"]).effects == (
+        *scene.effects,
+        Viscosity(2.0),
+    )
+    assert apply_settings(scene, ["viscosity.nu=0.0"]) == scene
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("orography.height=1", "williamson2 has no effect 'orography'; it has momentum-advection,"),
+        ("viscosty.nu=1", "unknown effect 'viscosty'; did you mean 'viscosity'? There are: mom"),
+        ("viscosity.mu=1", "effect 'viscosity' has no parameter 'mu'; it has nu"),
+        ("rotation.f=1", "effect 'rotation' has no parameter 'f'; it has no parameters"),
+        ("viscosity.nu=-1", "viscosity.nu must be finite and not negative, not -1.0"),
+        ("viscosity.nu=nan", "viscosity.nu must be finite and not negative, not nan"),
+        ("hyperviscosity.nu=inf", "hyperviscosity.nu must be finite and not negative, not inf"),
+        ("viscosity.nu=default", "viscosity.nu must be a number, not 'default'"),
+        ("hyperviscosity.nu=much", "must be a number or 'default', not 'much'"),
+        ("viscosity.nu", "a setting reads effect.parameter=value, not 'viscosity.nu'"),
+        ("viscosity=1", "a setting reads effect.parameter=value, not 'viscosity=1'"),
+    ],
+)
+def test_bad_settings(setting: str, message: str) -> None:
+    with fails(message):
+        apply_settings(get_scene("williamson2"), [setting])
+
+
+def test_hyperviscosity_default_scaling() -> None:
+    assert hyperviscosity_default(30, 4) == pytest.approx(1e15)
+    assert hyperviscosity_default(15, 4) == pytest.approx(1e16)
+    assert hyperviscosity_default(60, 4) == pytest.approx(1e14)
+    assert hyperviscosity_default(15, 7) == pytest.approx(1e15)
+    assert hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
+    assert Hyperviscosity().coefficient(15, 4) == hyperviscosity_default(15, 4)
+    assert Hyperviscosity(2.0).coefficient(15, 4) == 2.0
+
+
+def test_effects_are_a_closed_set_of_names() -> None:
+    assert all(cls.name == name for name, cls in EFFECTS.items())
+    assert {e.name for e in DYNAMICS} == {"momentum-advection", "pressure-gradient"}
+    assert {n for n, cls in EFFECTS.items() if cls.dissipation} == {"viscosity", "hyperviscosity"}
+
+
+def test_functions_and_effects_of_a_scene_go_together() -> None:
+    start = get_scene("williamson2").initial
+    given = dict(
+        name="mine", title="", reference="", initial=start, report="", ne=4, np=4, dt=None, days=1.0
+    )
+    with fails("mine: effect 'rotation' needs the function 'coriolis'"):
+        Scene(**given, effects=(*DYNAMICS, Rotation()))
+    with fails("mine: 'bottom' is given without effect 'orography'"):
+        Scene(**given, effects=DYNAMICS, bottom=lambda lon, lat: lon)
+    with fails("mine: an effect is listed twice"):
+        Scene(**given, effects=(*DYNAMICS, Orography(), Orography()), bottom=lambda lon, lat: lon)
+    with fails("mine: days must be finite and positive"):
+        Scene(**(given | {"days": 0.0}), effects=DYNAMICS)
