@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.special import sph_harm_y
 
 from swe_sphere.errors import ConfigError
@@ -14,7 +12,6 @@ from swe_sphere.mesh.cubed_sphere import lattice_tangents
 from swe_sphere.mesh.frame import frame, longitude_latitude, position
 from swe_sphere.mesh.gll import derivative_matrix, gll_points, gll_weights
 from swe_sphere.mesh.numbering import FACES
-from swe_sphere.mesh.schmidt import Placement
 
 TILTED = {"centre": (0.7, 0.4), "spin": 0.3}
 STRETCHED = {"stretch": 2.5, "centre": (-1.9, 0.8), "spin": -0.2}
@@ -190,31 +187,6 @@ def test_stretching_is_conformal() -> None:
         return np.sum(first * second, axis=-1) / lengths
 
     assert np.abs(cosine(mesh) - cosine(plain)).max() < 1e-13
-
-
-@settings(max_examples=60, deadline=None)
-@given(
-    lon=st.floats(-7.0, 7.0),
-    lat=st.floats(-math.pi / 2, math.pi / 2),
-    spin=st.floats(-4.0, 4.0),
-    stretch=st.floats(1.0, 100.0),
-)
-def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretch: float) -> None:
-    placement = Placement((lon, lat), spin, stretch)
-    points = build_mesh(2, 3).xyz
-    placed = placement.place(points)
-    assert np.abs(np.linalg.norm(placed, axis=-1) - 1.0).max() < 1e-15
-    # a round trip loses at most the s^2 between refined and coarsened side
-    assert np.abs(placement.lift(placed) - points).max() < 1e-14 * stretch**2
-    centre = position(np.asarray(lon), np.asarray(lat))
-    assert np.abs(placement.place(np.array([1.0, 0.0, 0.0])) - centre).max() < 1e-14
-
-
-def test_spin_turns_the_cube_anticlockwise_about_its_centre() -> None:
-    placement = Placement((0.5, -0.4), spin=0.3)
-    ahead = placement.place(np.array([0.0, 1.0, 0.0]))
-    east, north = frame(np.asarray(0.5), np.asarray(-0.4))
-    assert math.atan2(ahead @ north, ahead @ east) == pytest.approx(0.3, abs=1e-14)
 
 
 @pytest.mark.parametrize("placement", [*PLACEMENTS, {"centre": (0.0, -math.pi / 2)}])

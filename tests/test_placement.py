@@ -1,0 +1,60 @@
+"""Rotation and Schmidt stretching of the cube: inverse, derivative, direction of the turn."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh.frame import frame, position
+from swe_sphere.mesh.schmidt import Placement
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    lon=st.floats(-7.0, 7.0),
+    lat=st.floats(-math.pi / 2, math.pi / 2),
+    spin=st.floats(-4.0, 4.0),
+    stretch=st.floats(1.0, 100.0),
+)
+def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretch: float) -> None:
+    placement = Placement((lon, lat), spin, stretch)
+    points = build_mesh(2, 3).xyz
+    placed = placement.place(points)
+    assert np.abs(np.linalg.norm(placed, axis=-1) - 1.0).max() < 1e-15
+    # a round trip loses at most the s^2 between refined and coarsened side
+    assert np.abs(placement.lift(placed) - points).max() < 1e-14 * stretch**2
+    centre = position(np.asarray(lon), np.asarray(lat))
+    assert np.abs(placement.place(np.array([1.0, 0.0, 0.0])) - centre).max() < 1e-14
+
+
+def test_spin_turns_the_cube_anticlockwise_about_its_centre() -> None:
+    placement = Placement((0.5, -0.4), spin=0.3)
+    ahead = placement.place(np.array([0.0, 1.0, 0.0]))
+    east, north = frame(np.asarray(0.5), np.asarray(-0.4))
+    assert math.atan2(ahead @ north, ahead @ east) == pytest.approx(0.3, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    "placement",
+    [Placement(), Placement((0.7, 0.4), 0.3), Placement((-1.9, 0.8), -0.2, 3.0)],
+)
+def test_tangents_are_the_derivative_of_the_placed_points(placement: Placement) -> None:
+    points = build_mesh(2, 4).xyz
+    tangents = np.cross([0.3, -0.8, 0.5], points)
+    step = 1e-5
+
+    def along(angle: float) -> np.ndarray:
+        moved = points + math.tan(angle) * tangents
+        return placement.place(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+
+    difference = (along(step) - along(-step)) / (2.0 * step)
+    assert np.abs(placement.place_tangent(points, tangents) - difference).max() < 2e-9
+
+
+def test_no_placement_keeps_every_bit() -> None:
+    points = build_mesh(2, 4).xyz
+    assert np.array_equal(Placement().place(points), points)
+    assert np.array_equal(Placement().lift(points), points)
