@@ -30,10 +30,10 @@ def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretc
     assert np.abs(placement.place(np.array([1.0, 0.0, 0.0])) - centre).max() < 1e-14
 
 
-def test_spin_turns_the_cube_anticlockwise_about_its_centre() -> None:
-    placement = Placement((0.5, -0.4), spin=0.3)
-    ahead = placement.place(np.array([0.0, 1.0, 0.0]))
-    east, north = frame(np.asarray(0.5), np.asarray(-0.4))
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.5, -0.4)])
+def test_spin_turns_the_cube_anticlockwise_about_its_centre(centre: tuple[float, float]) -> None:
+    ahead = Placement(centre, spin=0.3).place(np.array([0.0, 1.0, 0.0]))
+    east, north = frame(*map(np.asarray, centre))
     assert math.atan2(ahead @ north, ahead @ east) == pytest.approx(0.3, abs=1e-14)
 
 
