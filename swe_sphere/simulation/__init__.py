@@ -1,0 +1,1 @@
+"""A whole run: configuration, time plan, loop, health check, result."""
