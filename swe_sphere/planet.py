@@ -1,0 +1,24 @@
+"""Planetary constants, the same for every Williamson scene."""
+
+from dataclasses import dataclass
+
+HOUR = 3600.0
+"""One hour [s]."""
+
+DAY = 86400.0
+"""One day [s]."""
+
+
+@dataclass(frozen=True)
+class Planet:
+    """Radius [m], gravity [m s-2] and angular speed [s-1] of the planet.
+
+    The defaults are those of Williamson et al. (1992), doi:10.1016/S0021-9991(05)80016-6.
+    """
+
+    radius: float = 6.37122e6
+    gravity: float = 9.80616
+    rotation: float = 7.292e-5
+
+
+EARTH = Planet()
