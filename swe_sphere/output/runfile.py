@@ -1,0 +1,135 @@
+"""Reading a file of this program back: its mesh, frames and series."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Interpolator, Mesh, build_mesh
+from swe_sphere.output.fields import derive, evaluate
+from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES
+from swe_sphere.planet import DAY
+
+__all__ = ["RunFile", "attributes", "reading"]
+
+Array = NDArray[np.float64]
+
+POINTS = 20_000
+"""Points evaluated at once: bounds the memory of the interpolation matrix."""
+
+TOLERANCE = 1e-6 * DAY
+"""How far [s] a frame may be from the time asked for."""
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
+    """An open netCDF file; ConfigError, in one line, for what is wrong with it in the block."""
+    if not Path(path).is_file():
+        raise ConfigError(f"there is no file {path}")
+    try:
+        with netCDF4.Dataset(path) as dataset:
+            dataset.set_auto_maskandscale(False)
+            yield dataset
+    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        raise ConfigError(
+            f"cannot read {path}: being written, damaged, or not a file of this kind ({why})"
+        ) from error
+
+
+def attributes(dataset: netCDF4.Dataset) -> dict[str, object]:
+    """The global attributes as plain numbers, texts and lists of numbers."""
+    values = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
+    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+
+
+class RunFile:
+    """A file written by `FrameWriter`: points, area weights and values at the nodes of its mesh.
+
+    Raises ConfigError if the file is missing, damaged, or of another kind.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        with reading(path) as dataset:
+            self.attributes = attributes(dataset)
+            self._mesh_arguments = {name: self.attributes[name] for name in MESH_ATTRIBUTES}
+            times = dataset["time"][:]
+            # a frame that was not finished has no time, as the time is written last
+            self.times: Array = times[times < netCDF4.default_fillvals["f8"]]
+            self.bottom: Array = dataset["b"][:]
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh, made again from the attributes of the file."""
+        mesh = build_mesh(**self._mesh_arguments)
+        if mesh.size != self.bottom.size:
+            raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
+        return mesh
+
+    @property
+    def title(self) -> str:
+        """What was run."""
+        return str(self.attributes.get("title", self.attributes.get("scene", self.path.stem)))
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude (N,) [rad] of the nodes."""
+        return self.mesh.lon, self.mesh.lat
+
+    @property
+    def area(self) -> Array:
+        """Area weights (N,) [m2] of the nodes."""
+        return self.mesh.area
+
+    def nearest(self, time: float | None) -> float:
+        """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
+        if self.times.size == 0:
+            raise ConfigError(f"{self.path} holds no frame yet")
+        if time is None:
+            return float(self.times[-1])
+        found = float(self.times[np.argmin(np.abs(self.times - time))])
+        if not abs(found - time) <= TOLERANCE:
+            days = ", ".join(f"{t / DAY:g}" for t in self.times[-8:])
+            raise ConfigError(
+                f"{self.path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
+            )
+        return found
+
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence."""
+        index = int(np.argmin(np.abs(self.times - self.nearest(time))))
+        with reading(self.path) as dataset:
+            return {"b": self.bottom} | {name: dataset[name][index] for name in FRAME_FIELDS}
+
+    def values(self, field: str, time: float | None = None) -> Array:
+        """A field at the nodes: (N,), or (2, N) for "wind"."""
+        return derive(self.frame(time), field)
+
+    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
+        frame = self.frame(time)
+        pieces = [slice(start, start + POINTS) for start in range(0, lon.size, POINTS)]
+        parts = [
+            evaluate(Interpolator(self.mesh, lon[piece], lat[piece]), frame, field)
+            for piece in pieces
+        ]
+        return np.concatenate(parts, axis=-1)
+
+    def series(self) -> tuple[Array, dict[str, Array]]:
+        """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
+        with reading(self.path) as dataset:
+            names = [
+                name
+                for name, variable in dataset.variables.items()
+                if variable.dimensions == ("diagnostic_time",) and name != "diagnostic_time"
+            ]
+            return dataset["diagnostic_time"][:], {name: dataset[name][:] for name in names}
