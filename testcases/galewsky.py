@@ -25,7 +25,7 @@ SOUTH = np.pi / 7.0
 NORTH = np.pi / 2.0 - SOUTH
 """The jet blows between these latitudes [rad]."""
 PANELS = 128
-POINTS = 16
+POINTS = 8
 """Gauss-Legendre panels over the jet and points a panel: the integral is right to round-off."""
 
 

@@ -198,7 +198,7 @@ def hyperviscosity_default(ne: int, np: int, radius: float = EARTH.radius) -> fl
         radius: of the planet [m].
     """
     spacing = (30.0 * 3.0) / (ne * (np - 1))
-    return 1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0))
+    return float(1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
 
 
 def apply_settings(scene: Scene, settings: Sequence[str]) -> Scene:
