@@ -57,11 +57,11 @@ def get_scene(name: str, **parameters: float | bool | str) -> Scene:
 
 def _checked(
     name: str, factory: SceneFactory, given: dict[str, float | bool | str]
-) -> dict[str, float | bool]:
+) -> dict[str, float | bool | str]:
     """The parameters in the types that the factory's annotations ask for."""
     known = inspect.signature(factory, eval_str=True).parameters
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in known.values()):
-        return dict(given)  # the file takes anything and must check it itself
+        return given  # the file takes anything and must check it itself
     for key in given:
         if key not in known:
             has = ", ".join(known) or "no parameters"

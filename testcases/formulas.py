@@ -23,8 +23,9 @@ __all__ = [
 
 def unit_vector(lon: Array | float, lat: Array | float) -> Array:
     """Position (..., 3) on the unit sphere."""
-    cos_lat = np.cos(lat)
-    return np.stack([cos_lat * np.cos(lon), cos_lat * np.sin(lon), np.sin(lat + 0.0 * lon)], -1)
+    lon, lat = np.broadcast_arrays(lon, lat)
+    around = np.cos(lat)
+    return np.stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)], axis=-1)
 
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:

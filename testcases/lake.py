@@ -57,4 +57,5 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
 def _smooth_bottom(lon: Array, lat: Array) -> Array:
     """Height [m] of a smooth mountain at (3π/2, π/6)."""
     offset = unit_vector(lon, lat) - unit_vector(1.5 * np.pi, np.pi / 6.0)
-    return 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / WIDTH**2)
+    height: Array = 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / WIDTH**2)
+    return height

@@ -180,20 +180,23 @@ def _turned(point: Array, alpha: float, angle: float) -> Array:
     """The point (3,) turned by the angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     across = np.cross(axis, point)
-    return (
+    turned: Array = (
         point * np.cos(angle)
         + across * np.sin(angle)
         + axis * (axis @ point) * (1.0 - np.cos(angle))
     )
+    return turned
 
 
 def _cosine_bell(offset: Array) -> Array:
     """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
     chord = np.linalg.norm(offset, axis=-1)
     distance = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-    return 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * distance, 1.0)))
+    depth: Array = 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * distance, 1.0)))
+    return depth
 
 
 def _gaussian_bell(offset: Array) -> Array:
     """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
-    return 1000.0 * np.exp(-5.0 * np.sum(offset**2, axis=-1))
+    depth: Array = 1000.0 * np.exp(-5.0 * np.sum(offset**2, axis=-1))
+    return depth
