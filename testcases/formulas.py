@@ -25,7 +25,8 @@ def unit_vector(lon: Array | float, lat: Array | float) -> Array:
     """Position (..., 3) on the unit sphere."""
     lon, lat = np.broadcast_arrays(lon, lat)
     around = np.cos(lat)
-    return np.stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)], axis=-1)
+    point: Array = np.stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)], axis=-1)
+    return point
 
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
