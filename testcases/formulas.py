@@ -31,7 +31,8 @@ def unit_vector(lon: Array | float, lat: Array | float) -> Array:
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
     """Sine of the latitude above the equator of the axis c = (-sin α, 0, cos α)."""
-    return np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
+    sine: Array = np.sin(lat) * np.cos(alpha) - np.cos(lat) * np.cos(lon) * np.sin(alpha)
+    return sine
 
 
 def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
