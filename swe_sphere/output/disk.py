@@ -16,7 +16,7 @@ from pathlib import Path
 
 from swe_sphere.errors import ConfigError, SweError
 
-__all__ = ["Room", "allocate", "clear_errors"]
+__all__ = ["Room", "allocate", "clear_errors", "in_use"]
 
 REFUSED = "the disk refused it (full, over quota, or gone)"
 UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
@@ -73,13 +73,31 @@ def _hdf5_end(file: int) -> int:
 
     HDF5 File Format Specification 3.0, section II.A: byte 40 in versions 0 and 1, 28 in 2 and 3.
     """
-    head = os.pread(file, 48, 0)
+    os.lseek(file, 0, os.SEEK_SET)
+    head = os.read(file, 48)
     size = os.fstat(file).st_size
     if len(head) < 48 or head[:8] != b"\x89HDF\r\n\x1a\n" or head[8] > 3:
         return size
     offset = 40 if head[8] < 2 else 28
     end = int.from_bytes(head[offset : offset + 8], "little")
     return end if end < 2**63 else size
+
+
+def in_use(file: int) -> bool:
+    """Whether another open file holds HDF5's lock on the one given by its descriptor.
+
+    HDF5 itself looks at the lock only after it has cut the file to nothing.
+    """
+    try:
+        import fcntl  # not on every system
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_UN)
+    except BlockingIOError:
+        return True
+    except (ImportError, OSError):
+        return False
+    return False
 
 
 @contextmanager

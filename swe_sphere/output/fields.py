@@ -1,4 +1,4 @@
-"""The fields a file can be asked for: names, units, colours, and how they follow from u, v, h, b."""
+"""The fields a file can be asked for: names, units, colours, and how to derive them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Streaming a run to netCDF: CF-1.11, with the nodes and sub-quads of the mesh as UGRID topology."""
+"""Streaming a run to netCDF: CF-1.11, and the nodes and sub-quads of the mesh as UGRID."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.output.checkpoint import Slots, read_checkpoint
-from swe_sphere.output.disk import Room, allocate, clear_errors
+from swe_sphere.output.disk import Room, allocate, clear_errors, in_use
 from swe_sphere.output.layout import (
     FRAME_FIELDS,
     LAYOUT_BYTES,
@@ -73,6 +73,8 @@ class FrameWriter:
         existed = self.path.exists()
         file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
+            if in_use(file):
+                raise ConfigError(f"cannot write {self.path}: another program has it open")
             allocate(file, self.path, 0, self._static_bytes + self._frame_bytes)
         except OSError:
             if not existed:
@@ -80,8 +82,7 @@ class FrameWriter:
             raise
         finally:
             os.close(file)
-        with clear_errors(f"cannot write {self.path}, is it open elsewhere?"):
-            return netCDF4.Dataset(self.path, "w", format="NETCDF4")
+        return netCDF4.Dataset(self.path, "w", format="NETCDF4")
 
     def write(
         self,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh
+from swe_sphere.output.disk import in_use
 from swe_sphere.output.fields import derive, evaluate
 from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES
 from swe_sphere.planet import DAY
@@ -39,10 +40,18 @@ def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
             dataset.set_auto_maskandscale(False)
             yield dataset
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
-        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-        raise ConfigError(
-            f"cannot read {path}: being written, damaged, or not a file of this kind ({why})"
-        ) from error
+        raise ConfigError(f"cannot read {path}: {_cause(path, error)}") from error
+
+
+def _cause(path: str | os.PathLike[str], error: Exception) -> str:
+    try:
+        with Path(path).open("rb") as file:
+            if in_use(file.fileno()):
+                return "a run is writing it (HDF5_USE_FILE_LOCKING=FALSE reads it all the same)"
+    except OSError as refusal:
+        return str(refusal.strerror)
+    why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+    return f"it is damaged, cut short, or not a file of this kind ({why})"
 
 
 def attributes(dataset: netCDF4.Dataset) -> dict[str, object]:
