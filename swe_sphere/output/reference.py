@@ -86,6 +86,10 @@ class Reference:
         day = re.search(r"day (\d+(?:\.\d+)?)", self.title)
         return float(day[1]) * DAY if day else None
 
+    def nearest(self, time: float | None) -> float | None:
+        """The one time there is, whatever is asked for."""
+        return self.time
+
     @property
     def points(self) -> tuple[Array, Array]:
         """Longitude and latitude [rad] of the M K grid points."""
