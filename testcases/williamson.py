@@ -48,6 +48,7 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         wind=wind,
+        steady_wind=True,
         report="l1, l2, linf, minimum and maximum of h after 12 days",
         ne=16,
         np=4,

@@ -1,1 +1,18 @@
 """What is solved: the effects, the scenes and the right-hand side."""
+
+from .scene import Scene
+
+__all__ = ["Model", "Scene", "Spectrum"]
+
+
+def __getattr__(name: str) -> object:
+    """Import the parts that need Warp only when they are asked for: scenes are data."""
+    if name == "Model":
+        from .model import Model
+
+        return Model
+    if name == "Spectrum":
+        from .spectrum import Spectrum
+
+        return Spectrum
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -63,6 +63,8 @@ class Scene:
     """Coriolis parameter [s-1]; there if and only if the scene has rotation."""
     wind: Wind | None = None
     """The wind, if and only if it is prescribed."""
+    steady_wind: bool = False
+    """Whether the prescribed wind is the same at all times, so that it need be evaluated once."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
     parameters: Mapping[str, float | bool] = field(default_factory=dict)

@@ -1,0 +1,91 @@
+"""What a kernel is compiled for: the terms, and the arrays those terms need.
+
+A term that is not named here leaves no array, no load and no branch in the generated code.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+LANE_BYTES = 64
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The terms compiled into one kernel.
+
+    `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation, with
+    the kinetic energy and relative vorticity, and the surface height, respectively.
+    `bottom`: the surface height is depth plus bottom height.
+    `wind`: the wind is prescribed and depth, which it carries, is the only unknown.
+    `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
+    `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
+    `still`: with a prescribed wind, diffusion alone.
+    `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
+    """
+
+    advection: bool = False
+    pressure: bool = False
+    bottom: bool = False
+    wind: bool = False
+    diffusion: bool = False
+    biharmonic: bool = False
+    tangent: bool = False
+    still: bool = False
+
+    @property
+    def unknowns(self) -> int:
+        """Fields a node carries: depth alone under a prescribed wind, else two winds and depth."""
+        return 1 if self.wind else 3
+
+    @property
+    def dynamics(self) -> bool:
+        """Whether there is anything but diffusion."""
+        return self.gradient or (self.wind and not self.still)
+
+    @property
+    def diffuses(self) -> bool:
+        """Whether any weak Laplacian is taken."""
+        return self.diffusion or self.biharmonic
+
+    @property
+    def gradient(self) -> bool:
+        """Whether the gradient of a Bernoulli function drives the wind."""
+        return self.advection or self.pressure
+
+
+def lanes_of(real: type) -> int:
+    """Elements handled side by side in one SIMD register for the number type `real`."""
+    return LANE_BYTES // wp.types.type_size_in_bytes(real)
+
+
+def geometry_struct(
+    terms: Terms, value: type, index: type, real: type, fluxes: bool = False
+) -> type:
+    """Warp structure with just the arrays and scalars that `terms` reads.
+
+    `value` is a number, or one SIMD register of numbers (one an element); `index` its integer
+    companion; `real` the number type.  Arrays on element nodes have shape (group, np*np, ...),
+    arrays on unique nodes (unknowns*N,).
+    """
+    on_nodes = wp.array(dtype=real)
+    members: dict[str, object] = {
+        "nodes": wp.array2d(dtype=index),
+        "basis": wp.array3d(dtype=value),
+        "derivative": wp.array2d(dtype=real),
+        "weight": wp.array2d(dtype=real),
+        "size": wp.int32,
+    }
+    optional = {
+        "gravity": (terms.pressure, real),
+        "bottom": (terms.bottom, on_nodes),
+        "wind": (terms.wind and not terms.still, on_nodes),
+        "base": (terms.tangent and terms.gradient, on_nodes),
+        "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),
+        "nu": (terms.diffusion, real),
+        "nu4": (terms.biharmonic, real),
+        "laplacian": (terms.biharmonic, on_nodes),
+        "fluxes": (terms.diffuses and fluxes, wp.array3d(dtype=value)),
+    }
+    members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
+    return wp.struct(type("Geometry", (), {"__annotations__": members}))

@@ -1,0 +1,100 @@
+"""Extent of the spectrum of the discrete operator, from which stable steps follow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .model import Model
+
+Operator = Callable[[wp.array, wp.array], None]
+
+TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Largest eigenvalue in modulus [s-1] of the waves (imaginary) and the dissipation (negative)."""
+
+    wave: float
+    dissipation: float = 0.0
+
+
+def estimate_spectrum(
+    model: "Model", state: wp.array, waves: Operator, dissipation: Operator | None = None
+) -> Spectrum:
+    """Spectral radii of the two parts of the right-hand side at a state, to about 1 %.
+
+    The largest eigenvalue is found by Arnoldi iteration on the exact Jacobian-vector product
+    [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).
+    """
+    wave = _radius(model, state, waves)
+    return Spectrum(wave, 0.0 if dissipation is None else _radius(model, state, dissipation))
+
+
+def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+    product = _scaled_product(model, state, operator)
+    start = np.random.default_rng(0).standard_normal(model.size)
+    matrix = LinearOperator((model.size, model.size), matvec=product, dtype=np.float64)
+    try:
+        values = eigs(
+            matrix, k=1, which="LM", v0=start, tol=TOLERANCE, ncv=24, maxiter=10,
+            return_eigenvectors=False,
+        )  # fmt: skip
+    except ArpackNoConvergence as error:
+        values = error.eigenvalues
+        if len(values) == 0:
+            return _power_iteration(product, start)
+    return float(np.abs(values).max())
+
+
+def _scaled_product(
+    model: "Model", state: wp.array, operator: Operator
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+    """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
+    base = state.numpy().astype(np.float64)
+    scale = _units(model, base)
+    size = np.abs(base / scale).max()
+    plus, minus = model.zeros(), model.zeros()
+
+    def product(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+        d = direction.ravel()
+        step = size / max(np.abs(d).max(), np.finfo(float).tiny)
+        for sign, out in ((1.0, plus), (-1.0, minus)):
+            operator(model.device_mesh.upload(base + sign * step * d * scale), out)
+        difference = plus.numpy().astype(np.float64) - minus.numpy()
+        return difference / (2.0 * step * scale)
+
+    return product
+
+
+def _units(model: "Model", base: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
+    n = model.mesh.size
+    scale = np.ones(model.size)
+    if len(model.names) == 3:
+        depth = np.average(base[-n:], weights=model.mesh.area)
+        scale[-n:] = np.sqrt(depth / model.scene.planet.gravity)
+    return scale
+
+
+def _power_iteration(
+    product: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    d: NDArray[np.float64],
+    steps: int = 40,
+) -> float:
+    """Growth of the square of the operator, for a spectrum that Arnoldi iteration cannot separate."""
+    growth = 0.0
+    for _ in range(steps):
+        d = d / np.linalg.norm(d)
+        d = product(product(d))
+        growth = float(np.sqrt(np.linalg.norm(d)))
+        if growth == 0.0:
+            break
+    return growth

@@ -1,0 +1,44 @@
+"""Relative vorticity and divergence of a wind on the nodes, for diagnostics and output."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+def assemble(mesh: Mesh, weighted: Array) -> Array:
+    """DSS: sum of the mass-weighted element values (E, np, np) at each node over its area (N,)."""
+    return np.bincount(mesh.nodes.ravel(), weighted.ravel(), mesh.size) / mesh.area
+
+
+def vorticity(mesh: Mesh, u: Array, v: Array) -> Array:
+    """Relative vorticity (N,) [s-1] of the eastward and northward wind (N,) [m s-1].
+
+    (D1 u_2 - D2 u_1)/J, made continuous by DSS (Taylor & Fournier 2010,
+    doi:10.1016/j.jcp.2010.04.008, eq. 33).
+    """
+    covariant = np.einsum("eijak,keij->aeij", mesh.basis, np.stack([u, v])[:, mesh.nodes])
+    curl = _along_1(mesh, covariant[1]) - _along_2(mesh, covariant[0])
+    return assemble(mesh, _weights(mesh) * curl)
+
+
+def divergence(mesh: Mesh, u: Array, v: Array) -> Array:
+    """Divergence (N,) [s-1] of the eastward and northward wind (N,) [m s-1], like `vorticity`."""
+    b, wind_u, wind_v = mesh.basis, u[mesh.nodes], v[mesh.nodes]
+    flux_1 = b[..., 1, 1] * wind_u - b[..., 1, 0] * wind_v
+    flux_2 = b[..., 0, 0] * wind_v - b[..., 0, 1] * wind_u
+    return assemble(mesh, _weights(mesh) * (_along_1(mesh, flux_1) + _along_2(mesh, flux_2)))
+
+
+def _weights(mesh: Mesh) -> Array:
+    return np.outer(mesh.gll_weights, mesh.gll_weights)
+
+
+def _along_1(mesh: Mesh, field: Array) -> Array:
+    return np.einsum("im,emj->eij", mesh.derivative, field)
+
+
+def _along_2(mesh: Mesh, field: Array) -> Array:
+    return np.einsum("jm,eim->eij", mesh.derivative, field)

@@ -1,0 +1,97 @@
+"""What every stepper does: it owns its state and moves it forward by one step at a time."""
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..kernels import combine_kernel
+from ..kernels.vectors import MAX_TERMS
+from ..model.model import Model
+
+
+class Stepper(ABC):
+    """Time integrator of a model with a fixed step dt [s].
+
+    The stepper owns the state; `memory` returns all it needs to go on from there bit for bit.
+    Raises ConfigError for a step that is not positive and finite.
+    """
+
+    name: ClassVar[str]
+    order: ClassVar[int]
+    safety: ClassVar[float] = 0.85
+    """Part of the stability limit that an automatic step uses: winds grow during a run."""
+
+    def __init__(self, model: Model, dt: float) -> None:
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ConfigError(f"the time step must be positive and finite, not {dt} s")
+        self.model, self.dt = model, float(dt)
+        self.state: wp.array = model.zeros()
+        self.steps = 0
+        self.counters: dict[str, int] = {}
+        self._origin = 0.0
+
+    @property
+    def time(self) -> float:
+        """Time of `state` [s]."""
+        return self._origin + self.steps * self.dt
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        wp.copy(self.state, state)
+        self._origin, self.steps = t, 0
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        self._advance()
+        self.steps += 1
+
+    @abstractmethod
+    def _advance(self) -> None: ...
+
+    @classmethod
+    @abstractmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run."""
+        arrays = {name: array.numpy().copy() for name, array in self._remembered().items()}
+        return arrays | {"origin": np.array(self._origin)}
+
+    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps.
+
+        Raises ConfigError when the memory is of another stepper or another size.
+        """
+        for name, array in self._remembered().items():
+            if name not in memory or memory[name].shape != array.shape:
+                raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
+            wp.copy(array, wp.array(memory[name], dtype=array.dtype, device=self.model.device))
+        self._origin, self.steps = float(memory["origin"]), steps
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state}
+
+
+class Combiner:
+    """out = x + sum_s c[s] stack[s] with coefficients fixed at construction, for recorded launches."""
+
+    def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
+        self._model, self._stack = model, stack
+        real = model.device_mesh.real
+        used = np.flatnonzero(coefficients)
+        self._count = int(used[-1]) + 1 if len(used) else 0
+        padded = np.zeros(MAX_TERMS)
+        padded[: len(coefficients)] = coefficients
+        self._row = wp.types.vector(MAX_TERMS, real)(*padded.tolist())
+        self._kernel = combine_kernel(real)
+        model.launch.load(self._kernel)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        self._model.launch(
+            self._kernel, self._model.size, x, self._stack, self._row, self._count, out
+        )

@@ -1,0 +1,50 @@
+"""Largest stable steps from amplification factors."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Complex = NDArray[np.complex128]
+TOLERANCE = 1e-7
+
+
+def largest_step(
+    growth: Callable[[Complex, Complex], NDArray[np.float64]],
+    wave: float,
+    dissipation: float,
+    reach: float,
+) -> float:
+    """Largest dt [s] up to which no mode grows.
+
+    `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
+    of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral radii
+    `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both.
+    """
+    if wave + dissipation == 0.0:
+        return np.inf
+    share = np.linspace(0.0, 1.0, 65)
+    damping = share[::8] if dissipation else share[:1]
+    z_wave, z_dissipation = np.meshgrid(1j * wave * share, -dissipation * damping + 0j)
+    low, high = 0.0, reach / (wave + dissipation)
+    while high - low > 1e-4 * high:
+        middle = 0.5 * (low + high)
+        stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + TOLERANCE
+        low, high = (middle, high) if stable else (low, middle)
+    return low
+
+
+def runge_kutta_growth(
+    a: NDArray[np.float64], b: NDArray[np.float64]
+) -> Callable[[Complex, Complex], NDArray[np.float64]]:
+    """|R(z)|, R(z) = 1 + z b^T (I - zA)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2)."""
+    ones = np.ones(len(b))
+
+    def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+        z = (z_wave + z_dissipation)[..., None, None]
+        stages = np.linalg.solve(
+            np.eye(len(b)) - z * a, np.broadcast_to(ones[:, None], (*z.shape[:-2], len(b), 1))
+        )
+        return np.abs(1.0 + z[..., 0, 0] * (stages[..., 0] @ b))
+
+    return growth
