@@ -1,1 +1,28 @@
-"""A whole run: configuration, time plan, loop, health check, result."""
+"""Stepping a scene: configuration, time plan, loop, health check, interruption."""
+
+from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.simulation.interrupt import Interrupted, Interruption
+from swe_sphere.simulation.loop import Loop
+from swe_sphere.simulation.moment import Moment, Observer
+from swe_sphere.simulation.plan import TimePlan, continued_plan, time_plan
+from swe_sphere.simulation.setup import identity, make_mesh, make_model, make_scene
+
+__all__ = [
+    "HealthCheck",
+    "Interrupted",
+    "Interruption",
+    "Loop",
+    "Moment",
+    "Observer",
+    "RunConfig",
+    "TimePlan",
+    "continued_plan",
+    "identity",
+    "load_config",
+    "make_config",
+    "make_mesh",
+    "make_model",
+    "make_scene",
+    "time_plan",
+]

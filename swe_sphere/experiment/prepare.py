@@ -1,0 +1,167 @@
+"""From a configuration to a run that is ready for its first step; cheap checks come first."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.experiment.restart import adopt, carried_counts, check_identity, check_step
+from swe_sphere.experiment.sampler import ReferenceErrors
+from swe_sphere.mesh import Mesh
+from swe_sphere.model.scene import Scene
+from swe_sphere.simulation import (
+    RunConfig,
+    TimePlan,
+    continued_plan,
+    identity,
+    make_mesh,
+    make_model,
+    make_scene,
+    time_plan,
+)
+
+if TYPE_CHECKING:
+    import warp as wp
+
+    from swe_sphere.model.model import Model
+    from swe_sphere.output.checkpoint import Checkpoint
+    from swe_sphere.steppers import Stepper
+
+__all__ = ["Prepared", "prepare"]
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A run before its first step."""
+
+    config: RunConfig
+    """As asked for, with what a restart file adds."""
+    days: float
+    """Length of the whole run [days]."""
+    scene: Scene
+    model: Model
+    stepper: Stepper
+    plan: TimePlan
+    stable_dt: float
+    """Largest stable step at the start [s], about."""
+    counts: dict[str, float]
+    """Counters of the part of the run before a restart."""
+    before: dict[str, int]
+    """Counters of the model before the run, which do not belong to it."""
+    reference: ReferenceErrors | None
+
+    def attributes(self) -> dict[str, object]:
+        """The resolved configuration, for the file."""
+        config, scene = self.config, self.scene
+        return {
+            "title": scene.title,
+            "references": scene.reference,
+            **identity(config, scene, self.model.mesh),
+            "identity": identity(config, scene, self.model.mesh),
+            "configuration": config.model_dump(mode="json"),
+            "dt": self.plan.dt,
+            "stable_dt": self.stable_dt,
+            "days": self.days,
+            "device": self.model.device,
+            "launch": self.model.shape,
+            "start_step": self.stepper.steps,
+        }
+
+
+def prepare(config: RunConfig) -> Prepared:
+    """Everything up to the first step.
+
+    Raises:
+        ConfigError: whatever cannot be done as asked for.
+    """
+    checkpoint = None if config.restart is None else _read(config)
+    config = config if checkpoint is None else adopt(config, checkpoint)
+    scene = make_scene(config)
+    days = scene.days if config.days is None else config.days
+    mesh = make_mesh(config, scene)
+    _check_paths(config)
+    if checkpoint is not None:
+        check_identity(config, checkpoint, identity(config, scene, mesh))
+    reference = _reference(config, scene, days)
+    return _built(config, days, scene, mesh, checkpoint, reference)
+
+
+def _built(
+    config: RunConfig,
+    days: float,
+    scene: Scene,
+    mesh: Mesh,
+    checkpoint: Checkpoint | None,
+    reference: ReferenceErrors | None,
+) -> Prepared:
+    from swe_sphere.steppers import get_stepper
+
+    kind = get_stepper(config.stepper)
+    model = make_model(config, scene, mesh)
+    state = model.initial_state()
+    spectrum = model.spectrum(state)
+    stable_dt = kind.stable_dt(spectrum.wave, spectrum.dissipation)
+    plan = _plan(config, days, checkpoint, stable_dt, kind.safety)
+    before = dict(model.counters)
+    stepper = kind(model, plan.dt)
+    counts = _begin(stepper, state, checkpoint)
+    return Prepared(config, days, scene, model, stepper, plan, stable_dt, counts, before, reference)
+
+
+def _plan(
+    config: RunConfig, days: float, checkpoint: Checkpoint | None, stable_dt: float, safety: float
+) -> TimePlan:
+    if checkpoint is not None:
+        return continued_plan(days, config.every, check_step(config, checkpoint), checkpoint.steps)
+    dt = None if config.dt == "auto" else config.dt
+    return time_plan(days, config.every, dt, stable_dt, safety)
+
+
+def _begin(stepper: Stepper, state: wp.array, checkpoint: Checkpoint | None) -> dict[str, float]:
+    """Start from the state, or restore from the checkpoint and return its counters."""
+    if checkpoint is None:
+        stepper.start(state)
+        return {}
+    counts = carried_counts(checkpoint)
+    stepper.restore(checkpoint.memory, checkpoint.steps)
+    return counts
+
+
+def _read(config: RunConfig) -> Checkpoint:
+    from swe_sphere.output.checkpoint import read_checkpoint
+
+    assert config.restart is not None
+    if config.out is not None and config.out.exists() and config.out.samefile(config.restart):
+        raise ConfigError(f"out and restart are both {config.out}: write to another file")
+    return read_checkpoint(config.restart)
+
+
+def _reference(config: RunConfig, scene: Scene, days: float) -> ReferenceErrors | None:
+    if config.reference is None:
+        return None
+    return ReferenceErrors(config.reference, scene.error_field, days)
+
+
+def _check_paths(config: RunConfig) -> None:
+    """Complain of a place that cannot be written to before anything is computed."""
+    for name, path in (("out", config.out), ("plot", config.plot)):
+        if path is not None:
+            _check_path(name, path)
+
+    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
+        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
+
+
+def _check_path(name: str, path: Path) -> None:
+    if path.is_dir():
+        raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
+    target = path if path.exists() else path.parent
+    if not os.access(target, os.W_OK):
+        raise ConfigError(f"{name}: {target} cannot be written to: choose another place")

@@ -1,0 +1,78 @@
+"""Going on where another run stopped, bit for bit."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation import RunConfig, make_config
+
+if TYPE_CHECKING:
+    from swe_sphere.output.checkpoint import Checkpoint
+
+__all__ = ["adopt", "carried_counts", "check_identity", "check_step"]
+
+INHERITED = frozenset({
+    "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
+    "device", "precision", "launch", "settings",
+})  # fmt: skip
+"""What a restarted run takes from the file unless it is told."""
+
+COUNTER = "counter_"
+
+
+def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
+    """The configuration, with the file's values for what it leaves open.
+
+    Raises:
+        ConfigError: the file does not hold the configuration of its run.
+    """
+    before = _stored(config, checkpoint, "configuration")
+    kept = {name: value for name, value in before.items() if name in INHERITED}
+    return make_config(kept | config.given())
+
+
+def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
+    """ConfigError naming the first thing in which the run in the file differs from this one."""
+    theirs = _stored(config, checkpoint, "identity")
+    for name, ours in json.loads(json.dumps(identity)).items():
+        if theirs.get(name) != ours:
+            raise ConfigError(
+                f"{config.restart} is of another run: {name} is {theirs.get(name)!r} there and"
+                f" {ours!r} here"
+            )
+
+
+def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
+    """The step [s] of the run in the file; ConfigError if another one is asked for."""
+    dt = float(checkpoint.attributes.get("dt", 0.0))  # type: ignore[arg-type]
+    before = _stored(config, checkpoint, "configuration").get("dt")
+    if config.dt not in ("auto", dt, before) or not dt > 0.0:
+        raise ConfigError(
+            f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
+            " leave dt out"
+        )
+    return dt
+
+
+def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
+    """Take the counters of the run so far out of the checkpoint's memory."""
+    names = [name for name in checkpoint.memory if name.startswith(COUNTER)]
+    return {
+        name.removeprefix(COUNTER): np.asarray(checkpoint.memory.pop(name)).item() for name in names
+    }
+
+
+def _stored(config: RunConfig, checkpoint: Checkpoint, name: str) -> dict[str, object]:
+    try:
+        values = json.loads(str(checkpoint.attributes[name]))
+    except (KeyError, ValueError):
+        raise ConfigError(
+            f"{config.restart} does not say its {name}: it cannot be restarted"
+        ) from None
+    if not isinstance(values, dict):
+        raise ConfigError(f"{config.restart} does not say its {name}: it cannot be restarted")
+    return values

@@ -1,0 +1,142 @@
+"""What a run is asked to be: one frozen object, from flags, a TOML file, or Python."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+)
+
+from swe_sphere.errors import ConfigError
+
+__all__ = ["RunConfig", "load_config", "make_config"]
+
+
+def _time_step(value: object) -> object:
+    if isinstance(value, str) and value.strip().lower() == "auto":
+        return "auto"
+    try:
+        seconds = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise ValueError("must be a number of seconds or 'auto'") from None
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise ValueError("must be a positive number of seconds or 'auto'")
+    return seconds
+
+
+Positive = Annotated[float, Field(gt=0.0)]
+TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
+
+
+class RunConfig(BaseModel):
+    """Everything `swe-sphere run` can be told; None means: as the scene recommends.
+
+    The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`.
+    Whether scene, stepper, mesh and device exist is checked where they are made.
+    """
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_by_name=True
+    )
+
+    scene: str
+    """Name of a scene, or path of a .py file that defines `scene(**parameters)`."""
+    stepper: str = "rk4"
+    dt: TimeStep = "auto"
+    """Time step [s]."""
+    days: Positive | None = None
+    """Length of the run from its very start [days]."""
+    ne: int | None = None
+    """Elements along the edge of a cube face."""
+    np: int | None = None
+    """Nodes along the edge of an element."""
+    stretch: float = 1.0
+    """Schmidt refinement factor at the centre."""
+    centre_lon: float = 0.0
+    """Longitude of the refined point [rad]."""
+    centre_lat: float = 0.0
+    """Latitude of the refined point [rad]."""
+    spin: float = 0.0
+    """Turn of the cube about that point [rad]."""
+    alpha: float | None = None
+    """Scene parameter alpha: angle between the flow and the equator [rad]."""
+    device: str = "cpu"
+    precision: Literal["float64", "float32"] = "float64"
+    launch: Literal["element", "node"] | None = None
+    """Shape of kernel launches: a thread for each element or for each node."""
+    settings: tuple[str, ...] = Field(default=(), alias="set")
+    """"effect.parameter=value" and "scene.parameter=value"."""
+    out: Path | None = None
+    every: Positive | None = None
+    """Time between frames [h]."""
+    plot: Path | None = None
+    restart: Path | None = None
+    reference: Path | None = None
+    """Reference solution on a latitude-longitude grid, for the time at the end of the run."""
+    as_json: bool = Field(default=False, alias="json")
+    quiet: bool = False
+
+    @field_validator("settings", mode="before")
+    @classmethod
+    def _flatten(cls, value: object) -> object:
+        """A TOML table [set.effect] says the same as strings."""
+        if not isinstance(value, Mapping):
+            return value
+        if not all(isinstance(values, Mapping) for values in value.values()):
+            raise ValueError("must be tables [set.EFFECT] of parameters, or a list of strings")
+        return tuple(f"{e}.{p}={v}" for e, values in value.items() for p, v in values.items())
+
+    def given(self) -> dict[str, Any]:
+        """The values that were asked for, without the defaults."""
+        return {name: getattr(self, name) for name in sorted(self.model_fields_set)}
+
+
+def make_config(values: Mapping[str, object]) -> RunConfig:
+    """The configuration of these values.
+
+    Raises:
+        ConfigError: an unknown name or an unfit value, in one line that names the field.
+    """
+    try:
+        return RunConfig.model_validate(dict(values))
+    except ValidationError as error:
+        raise ConfigError(_first_line(error)) from None
+
+
+def load_config(path: Path) -> dict[str, object]:
+    """The values in a TOML file, with the names of the flags.
+
+    Raises:
+        ConfigError: the file is not there or is no TOML.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    return {key.replace("-", "_"): value for key, value in table.items()}
+
+
+def _first_line(error: ValidationError) -> str:
+    """The first complaint as "field: what is wrong, not value"."""
+    first = error.errors(include_url=False)[0]
+    name = str(first["loc"][0]).replace("_", "-") if first["loc"] else "configuration"
+    name = {"settings": "set", "as-json": "json"}.get(name, name)
+    if first["type"] == "extra_forbidden":
+        names = (field.alias or key for key, field in RunConfig.model_fields.items())
+        return f"there is no option {name!r}; there are {', '.join(sorted(names))}"
+    if first["type"] == "missing":
+        return f"{name}: say which one to run (swe-sphere list shows what there is)"
+    message = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
+    return f"{name}: {message}, not {first['input']!r}"

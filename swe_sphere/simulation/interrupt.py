@@ -1,0 +1,51 @@
+"""Ctrl-C and SIGTERM end a run between two steps, so that its file is closed in good order."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+__all__ = ["Interrupted", "Interruption"]
+
+
+class Interrupted(Exception):
+    """The user asked the run to stop; the message says how."""
+
+
+class Interruption:
+    """Within the block the first signal only raises a flag; the second acts at once as ever.
+
+    Outside the main thread, where Python delivers no signals, it does nothing.
+    """
+
+    SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        self._received: str | None = None
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._note) for number in self.SIGNALS}
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        self._restore()
+
+    def check(self) -> None:
+        """Raise Interrupted if a signal has come."""
+        if self._received is not None:
+            raise Interrupted(self._received)
+
+    def _note(self, number: int, _: FrameType | None) -> None:
+        self._received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        self._restore()
+
+    def _restore(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before = {}

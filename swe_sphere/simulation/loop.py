@@ -1,0 +1,97 @@
+"""The run loop: steps, and between them the observers; only the steps are on the clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.simulation.moment import Moment, Observer
+from swe_sphere.simulation.plan import TimePlan
+
+if TYPE_CHECKING:
+    from swe_sphere.model.model import Model
+    from swe_sphere.steppers import Stepper
+
+__all__ = ["Loop"]
+
+TICK = 0.1
+"""Seconds between two calls of the progress report."""
+
+
+class Loop:
+    """Steps a model along a plan.
+
+    observers: each sees the state after the steps it is due at, in their order, and always the
+    last one.  tick: told the number of steps done, about ten times a second.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        stepper: Stepper,
+        plan: TimePlan,
+        observers: Sequence[Observer],
+        tick: Callable[[int], None] | None = None,
+    ) -> None:
+        self._model, self._stepper, self._plan = model, stepper, plan
+        self._observers, self._tick = observers, tick
+        self.wall_seconds = 0.0
+        """Time spent stepping [s], without compiling, observing and writing."""
+        self._last_tick = 0.0
+
+    def moment(self) -> Moment:
+        """The state as it stands."""
+        return Moment(self._model, self._stepper, self._plan.time(self._stepper.steps))
+
+    def run(self, interruption: Interruption) -> None:
+        """Step to the end.
+
+        Raises:
+            RunFailed: a stepper or an observer cannot go on.
+            Interrupted: the user asked to stop; the state is that after a whole step.
+        """
+        while self._stepper.steps < self._plan.steps:
+            self._advance(self._next_stop(), interruption)
+            self._observe()
+            interruption.check()
+
+    def _next_stop(self) -> int:
+        """The next step after which anyone is due."""
+        following = range(self._stepper.steps + 1, self._plan.steps)
+        return next((step for step in following if self._due(step)), self._plan.steps)
+
+    def _due(self, step: int) -> list[Observer]:
+        last = step == self._plan.steps
+        return [observer for observer in self._observers if last or observer.due(step)]
+
+    def _advance(self, stop: int, interruption: Interruption) -> None:
+        """Take steps up to that number, with the clock running."""
+        compiled, start = self._model.compile_seconds, time.perf_counter()
+        try:
+            while self._stepper.steps < stop:
+                self._stepper.step()
+                interruption.check()
+                self._report()
+            self._finish_device()
+        finally:
+            elapsed = time.perf_counter() - start
+            self.wall_seconds += elapsed - (self._model.compile_seconds - compiled)
+
+    def _finish_device(self) -> None:
+        import warp as wp
+
+        wp.synchronize_device(self._model.device)
+
+    def _observe(self) -> None:
+        observers = self._due(self._stepper.steps)
+        moment = self.moment()
+        for observer in observers:
+            observer.observe(moment)
+
+    def _report(self) -> None:
+        now = time.perf_counter()
+        if self._tick is not None and now - self._last_tick >= TICK:
+            self._last_tick = now
+            self._tick(self._stepper.steps)

@@ -1,0 +1,128 @@
+"""How many steps of which length: frames and the end fall on whole steps, all of one length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY, HOUR
+
+__all__ = ["TimePlan", "continued_plan", "time_plan"]
+
+MOST_STEPS = 10**9
+SHORTEST = Fraction(1, 2)
+"""A given step may be shortened to no less than this part of it."""
+
+
+@dataclass(frozen=True)
+class TimePlan:
+    """Equal steps from the start to the end of a run."""
+
+    dt: float
+    """Length of a step [s]."""
+    steps: int
+    """Steps from the very start to the end."""
+    frame_steps: int
+    """Steps between frames."""
+    wanted: float
+    """Length of a step asked for, or chosen, before it was fitted to the frames [s]."""
+
+    def time(self, step: int) -> float:
+        """Time after so many steps [s], to the microsecond."""
+        return round(step * self.dt, 6)
+
+    def is_frame(self, step: int) -> bool:
+        """Whether a frame is due after so many steps."""
+        return step % self.frame_steps == 0 or step == self.steps
+
+
+def time_plan(
+    days: float, every: float | None, dt: float | None, stable_dt: float, safety: float
+) -> TimePlan:
+    """The plan of a new run.
+
+    Args:
+        days: length of the run [days].
+        every: time between frames [h]; None: about a day.
+        dt: time step [s]; None: `safety` times `stable_dt`.
+        stable_dt: largest stable step [s]; infinite where there is no limit.
+        safety: part of the limit to use.
+
+    Raises:
+        ConfigError: no step can be chosen, or it does not go with the length or the frames.
+    """
+    length = _milliseconds(days * DAY)
+    wanted = _chosen(stable_dt, safety) if dt is None else dt
+    if wanted > length * (1 + 1e-9) and dt is not None:
+        raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")
+    if length / Fraction(wanted) > MOST_STEPS:
+        raise ConfigError(
+            f"dt={wanted:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt"
+        )
+    interval = _interval(length, every, wanted)
+    common = _common_measure(length, interval)
+    count = max(1, math.ceil(common / Fraction(wanted) - Fraction(1, 10**9)))
+    step = common / count
+    if step < SHORTEST * Fraction(min(wanted, float(length))):
+        raise ConfigError(
+            f"no step near {wanted:g} s fits both {float(length / 3600):g} h of run and frames"
+            f" every {float(interval / 3600):g} h: change every, or take dt={float(step):g} or less"
+        )
+    return TimePlan(float(step), int(length / step), int(interval / step), wanted)
+
+
+def continued_plan(days: float, every: float | None, dt: float, done: int) -> TimePlan:
+    """The plan of a run that goes on with steps of dt [s], `done` of which lie behind it.
+
+    Raises:
+        ConfigError: the length or the frames are no whole number of those steps, or the end
+            has been reached.
+    """
+    steps = _whole("days", days * DAY, dt)
+    if steps <= done:
+        raise ConfigError(
+            f"the restart file stands at day {done * dt / DAY:g} already: give more than"
+            f" days={days:g} (the length counts from the very start)"
+        )
+    interval = _interval(_milliseconds(days * DAY), every, dt)
+    frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
+    return TimePlan(dt, steps, min(frames, steps), dt)
+
+
+def _chosen(stable_dt: float, safety: float) -> float:
+    if not math.isfinite(stable_dt):
+        raise ConfigError("this stepper has no stability limit to choose dt by: give dt in seconds")
+    return safety * stable_dt
+
+
+def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
+    """Time between frames [s]: as asked, else the part of the run that is nearest to a day."""
+    if every is not None:
+        return min(length, _milliseconds(every * HOUR))
+    return length / max(1, round(length / max(Fraction(DAY), Fraction(dt))))
+
+
+def _milliseconds(seconds: float) -> Fraction:
+    """The time as a fraction of seconds with a denominator of at most a thousand."""
+    fraction = Fraction(seconds).limit_denominator(1000)
+    if fraction <= 0:
+        raise ConfigError(f"a time of {seconds:g} s is too short: give at least a millisecond")
+    return fraction
+
+
+def _common_measure(a: Fraction, b: Fraction) -> Fraction:
+    """The largest time of which both are whole multiples."""
+    numerator = math.gcd(a.numerator * b.denominator, b.numerator * a.denominator)
+    return Fraction(numerator, a.denominator * b.denominator)
+
+
+def _whole(name: str, length: float, dt: float) -> int:
+    steps = round(length / dt)
+    if steps < 1 or abs(steps * dt - length) > 1e-6 * dt:
+        raise ConfigError(
+            f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the"
+            " restarted run took; choose a multiple"
+        )
+    return steps

@@ -1,0 +1,90 @@
+"""From a configuration to the things that are stepped: scene, mesh and model."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.model.effects import apply_settings
+from swe_sphere.model.scene import Scene
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.testcases import get_scene
+
+if TYPE_CHECKING:
+    from swe_sphere.model.model import Model
+
+__all__ = ["identity", "make_mesh", "make_model", "make_scene"]
+
+SCENE_PREFIX = "scene."
+
+
+def make_scene(config: RunConfig) -> Scene:
+    """The scene with the parameters and effects the configuration asks for.
+
+    Raises:
+        ConfigError: unknown scene, parameter or effect, or a value that does not fit.
+    """
+    parameters = _scene_parameters(config)
+    scene = get_scene(config.scene, **parameters)
+    effects = [text for text in config.settings if not _of_scene(text)]
+    return apply_settings(scene, effects)
+
+
+def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
+    """The mesh; ConfigError for a number out of range."""
+    return build_mesh(
+        scene.ne if config.ne is None else config.ne,
+        scene.np if config.np is None else config.np,
+        radius=scene.planet.radius,
+        stretch=config.stretch,
+        centre=(config.centre_lon, config.centre_lat),
+        spin=config.spin,
+    )
+
+
+def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
+    """The compiled right-hand side; ConfigError for a device that is not there."""
+    import warp as wp  # takes its time to import: after the cheap checks
+
+    from swe_sphere.model.model import Model
+
+    wp.config.quiet = True  # or it prints what it finds to the output that --json shares
+    return Model(mesh, scene, config.device, config.precision, config.launch)
+
+
+def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
+    """All that two runs must share for one to go on where the other stopped."""
+    return {
+        "scene": scene.name,
+        "stepper": config.stepper,
+        "ne": mesh.ne,
+        "np": mesh.np,
+        "stretch": mesh.stretch,
+        "centre": [*mesh.centre],
+        "spin": mesh.spin,
+        "precision": config.precision,
+        "scene_parameters": dict(scene.parameters),
+        "effects": {effect.name: asdict(effect) for effect in scene.effects},
+        "planet": asdict(scene.planet),
+    }
+
+
+def _scene_parameters(config: RunConfig) -> dict[str, float | bool | str]:
+    parameters: dict[str, float | bool | str] = {}
+    for text in filter(_of_scene, config.settings):
+        key, equals, value = text.partition("=")
+        name = key.strip().removeprefix(SCENE_PREFIX).strip()
+        if not (equals and name and value.strip()):
+            raise ConfigError(f"a setting reads scene.parameter=value, not {text!r}")
+        parameters[name] = value.strip()
+    if config.alpha is not None:
+        if "alpha" in parameters:
+            raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
+        parameters["alpha"] = config.alpha
+    return parameters
+
+
+def _of_scene(setting: str) -> bool:
+    return setting.strip().startswith(SCENE_PREFIX)
