@@ -14,6 +14,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -97,7 +98,7 @@ def _add_slot(slot: netCDF4.Group, memory: Memory) -> netCDF4.Group:
     return slot
 
 
-def _storable(array: NDArray[np.generic]) -> NDArray[np.generic]:
+def _storable(array: NDArray[np.generic]) -> NDArray[Any]:
     """The array's numbers in a row of a type that netCDF has; one byte where there are none."""
     flat = np.ascontiguousarray(array).reshape(-1)
     if flat.size == 0:
@@ -105,7 +106,7 @@ def _storable(array: NDArray[np.generic]) -> NDArray[np.generic]:
     return flat if flat.dtype.str in NATIVE else flat.view(np.uint8)
 
 
-def _restored(variable: netCDF4.Variable) -> NDArray[np.generic]:
+def _restored(variable: netCDF4.Variable[Any]) -> NDArray[np.generic]:
     """The array that `_storable` was given."""
     shape = json.loads(variable.array_shape)
     kind = np.dtype(variable.array_type)
@@ -113,14 +114,14 @@ def _restored(variable: netCDF4.Variable) -> NDArray[np.generic]:
     return np.frombuffer(variable[:].tobytes()[:size], dtype=kind).reshape(shape).copy()
 
 
-def _checksum(numbers: Mapping[str, float], stepper: str, memory: Memory) -> np.uint64:
+def _checksum(numbers: Mapping[str, float], stepper: str, memory: Memory) -> int:
     digest = hashlib.blake2b(digest_size=8)
     digest.update(f"{stepper} {numbers['sequence']:d} {numbers['steps']:d}".encode())
     digest.update(np.float64(numbers["time"]).tobytes())
     for name, array in sorted(memory.items()):
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).data)
-    return np.frombuffer(digest.digest(), dtype=np.uint64)[0]
+    return int.from_bytes(digest.digest(), "little")
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:

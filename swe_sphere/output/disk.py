@@ -83,15 +83,15 @@ def _hdf5_end(file: int) -> int:
     return end if end < 2**63 else size
 
 
-def in_use(file: int) -> bool:
-    """Whether another open file holds HDF5's lock on the one given by its descriptor.
+def in_use(file: int, *, for_writing: bool) -> bool:
+    """Whether HDF5 has the file of a descriptor open elsewhere so that it cannot be read (written).
 
     HDF5 itself looks at the lock only after it has cut the file to nothing.
     """
     try:
         import fcntl  # not on every system
 
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, (fcntl.LOCK_EX if for_writing else fcntl.LOCK_SH) | fcntl.LOCK_NB)
         fcntl.flock(file, fcntl.LOCK_UN)
     except BlockingIOError:
         return True

@@ -6,7 +6,7 @@ Savric, Patterson and Jenny (2018), The Equal Earth map projection, Int. J. Geog
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,14 +50,14 @@ def draw_graticule(axes: Axes) -> None:
         np.concatenate([left, right[::-1], left[:1]]) for left, right in zip(*side, strict=True)
     ]
     axes.plot(*outline, color="0.25", linewidth=0.9, clip_on=False, zorder=5)
-    line = {"color": "0.4", "linewidth": 0.4, "alpha": 0.5, "zorder": 4}
+    line: dict[str, Any] = {"color": "0.4", "linewidth": 0.4, "alpha": 0.5, "zorder": 4}
     for degrees in range(-120, 121, 60):
         axes.plot(*equal_earth(np.full_like(lat, np.radians(degrees)), lat), **line)
-        _label(axes, degrees, -90, "EW", (0, -4), "center", "top")
+        _label(axes, degrees, -90, "EW", (0, -5), "center", "top")
     for degrees in range(-60, 61, 30):
         ends = np.array([-np.pi, np.pi])
         axes.plot(*equal_earth(ends, np.full(2, np.radians(degrees))), **line)
-        _label(axes, -180, degrees, "NS", (-4, 0), "right", "center")
+        _label(axes, -180, degrees, "NS", (-7, 0), "right", "center")
     axes.margins(0.004)
 
 

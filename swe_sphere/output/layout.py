@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from numbers import Real
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -133,7 +133,7 @@ def _add_nodal(dataset: netCDF4.Dataset, mesh: Mesh, bottom: ArrayLike) -> None:
         variable.setncatts(attributes | ON_NODES | {"cell_measures": "area: area"})
 
 
-def add_diagnostic(dataset: netCDF4.Dataset, name: str) -> netCDF4.Variable:
+def add_diagnostic(dataset: netCDF4.Dataset, name: str) -> netCDF4.Variable[np.float64]:
     """A new series of numbers along `diagnostic_time`, missing so far.
 
     Raises ValueError if the name is one of the file's own.
@@ -148,7 +148,7 @@ def add_diagnostic(dataset: netCDF4.Dataset, name: str) -> netCDF4.Variable:
     return variable
 
 
-def attribute(value: object) -> str | Real | np.ndarray:
+def attribute(value: object) -> Any:
     """A value as netCDF can hold it: numbers, texts and rows of numbers; the rest as JSON."""
     if isinstance(value, (str, float, int, np.number)) and not isinstance(value, bool):
         return value

@@ -59,7 +59,7 @@ class FrameWriter:
         self._records = 0
         self._frame_bytes = (len(FRAME_FIELDS) + 1) * 8 * mesh.size
         self._static_bytes = LAYOUT_BYTES * mesh.size + MARGIN
-        self._series: dict[str, netCDF4.Variable] = {}
+        self._series: dict[str, netCDF4.Variable[np.float64]] = {}
         with clear_errors(f"cannot write {self.path}"):
             self._dataset = self._create()
             self._room = Room(self.path)
@@ -73,7 +73,7 @@ class FrameWriter:
         existed = self.path.exists()
         file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            if in_use(file):
+            if in_use(file, for_writing=True):
                 raise ConfigError(f"cannot write {self.path}: another program has it open")
             allocate(file, self.path, 0, self._static_bytes + self._frame_bytes)
         except OSError:

@@ -21,14 +21,18 @@ Array = NDArray[np.float64]
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Okabe and Ito's palette, told apart by colour-blind readers too."""
 STYLES = ("-", "--", "-.", ":", "-", "--")
-NORMS = {"l1_h": "$l_1$", "l2_h": "$l_2$", "linf_h": r"$l_\infty$"}
-WIND_NORMS = {"l1_v": "$l_1$ wind", "l2_v": "$l_2$ wind", "linf_v": r"$l_\infty$ wind"}
+ERRORS = {
+    "l2_h": "$l_2$ height",
+    "linf_h": r"$l_\infty$ height",
+    "l2_v": "$l_2$ wind",
+    "linf_v": r"$l_\infty$ wind",
+}
 CONSERVED = {
     "mass": "mass",
     "energy": "energy",
     "potential_enstrophy": "potential enstrophy",
 }
-ROUND_OFF = 1e-17
+ROUND_OFF = 2.0**-53
 """Relative drifts below this, zero among them, are drawn here."""
 
 
@@ -52,12 +56,7 @@ def panels(run: RunFile) -> list[Panel]:
 
 
 def _errors(series: dict[str, Array]) -> dict[str, Array]:
-    names = {
-        name: label + ("" if "wind" in label else " depth")
-        for name, label in {**NORMS, **WIND_NORMS}.items()
-        if name in ("l2_h", "linf_h", "l2_v", "linf_v")
-    }
-    return _several({label: series[name] for name, label in names.items() if name in series})
+    return _several({label: series[name] for name, label in ERRORS.items() if name in series})
 
 
 def _drifts(series: dict[str, Array]) -> dict[str, Array]:

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 ROWS = 361
 """Latitudes of the grid a field is evaluated on: every half degree."""
 
-LEVELS = 12
+LEVELS, DIVERGING_LEVELS = 14, 8
 """At most about so many contour lines."""
 
 DOTS_PER_INCH = 160
@@ -52,13 +52,14 @@ def plot_file(
     field or frame, or if the picture cannot be written.
     """
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     source = open_source(path)
     field = check_field(field or _default_field(source))
     out = Path(out) if out is not None else source.path.with_suffix(".png")
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .png, .pdf or .svg")
-    figure = Figure(layout="constrained")
+    figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))
     _compose(figure, source, field, source.nearest(time))
     with clear_errors(f"cannot write {out}"):
         figure.savefig(out, dpi=DOTS_PER_INCH)
@@ -74,7 +75,7 @@ def _compose(figure: Figure, source: Source, field: str, time: float | None) -> 
     curves = panels(source) if isinstance(source, RunFile) else []
     figure.set_size_inches(9.6, 9.0 if curves else 6.1)
     parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.1, 1.0][: 1 + bool(curves)])
-    globe, *rest = np.atleast_1d(parts)
+    globe, *rest = np.ravel(np.array(parts, dtype=object))
     _draw_globe(globe, source, field, time)
     for part in rest:
         for axes, panel in zip(np.atleast_1d(part.subplots(1, len(curves))), curves, strict=True):
@@ -82,6 +83,8 @@ def _compose(figure: Figure, source: Source, field: str, time: float | None) -> 
 
 
 def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | None) -> None:
+    from matplotlib.ticker import ScalarFormatter
+
     axes = figure.subplots()
     kind = FIELDS[field]
     lon, lat = globe_grid(ROWS)
@@ -96,11 +99,13 @@ def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | Non
         bottom = source.at("b", lon.ravel(), lat.ravel(), time).reshape(lon.shape)
         _draw_orography(axes, x, y, bottom)
     draw_graticule(axes)
-    bar = figure.colorbar(image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.03)
+    numbers = ScalarFormatter(useMathText=True)
+    numbers.set_powerlimits((-3, 5))
+    bar = figure.colorbar(
+        image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.03, format=numbers
+    )
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)
-    bar.formatter.set_powerlimits((-3, 5))
-    bar.formatter.set_useMathText(True)
     bar.set_label(f"{kind.title} [{kind.units}]", fontsize=10)
     _write_titles(axes, source, kind, time)
 
@@ -119,7 +124,8 @@ def _colours(kind: Field) -> Colormap:
     import cmocean
 
     colours: Colormap = getattr(cmocean.cm, kind.colours)
-    return colours
+    # the darkest end hides the contour lines
+    return colours if kind.diverging else cmocean.tools.crop_by_percent(colours, 28, which="max")
 
 
 def _draw_contours(
@@ -127,7 +133,7 @@ def _draw_contours(
 ) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    levels = MaxNLocator(LEVELS).tick_values(*limits)
+    levels = MaxNLocator(DIVERGING_LEVELS if kind.diverging else LEVELS).tick_values(*limits)
     levels = levels[(levels > values.min()) & (levels < values.max())]
     if kind.diverging:
         levels = levels[levels != 0.0]  # the zero line of a nearly still region is all noise
@@ -138,7 +144,7 @@ def _draw_contours(
 
 
 def _draw_orography(axes: Axes, x: Array, y: Array, bottom: Array) -> None:
-    levels = bottom.min() + np.ptp(bottom) * np.array([0.02, 0.25, 0.5, 0.75])
+    levels = bottom.min() + np.ptp(bottom) * np.array([0.04, 0.25, 0.5, 0.75])
     for colour, width in (("white", 2.2), ("#5b3a1e", 1.0)):
         axes.contour(
             x, y, bottom, levels=levels, colors=colour, linewidths=width, linestyles="solid",

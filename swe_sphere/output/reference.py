@@ -121,7 +121,9 @@ class Reference:
         y = self.lat[rows]
         y = np.concatenate([-np.pi - y[RIM - 1 :: -1], y, np.pi - y[: -RIM - 1 : -1]])
         x = 2.0 * np.pi / self.lon.size * np.arange(-RIM, self.lon.size + RIM)
-        return RectBivariateSpline(y, x, grid, kx=5, ky=5).ev(lat, (lon - start) % (2.0 * np.pi))
+        spline = RectBivariateSpline(y, x, grid, kx=5, ky=5)
+        found: Array = spline.ev(lat, (lon - start) % (2.0 * np.pi))
+        return found
 
 
 def _frame(lon: Array, lat: Array) -> tuple[Array, Array]:

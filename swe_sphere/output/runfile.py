@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -46,7 +47,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
 def _cause(path: str | os.PathLike[str], error: Exception) -> str:
     try:
         with Path(path).open("rb") as file:
-            if in_use(file.fileno()):
+            if in_use(file.fileno(), for_writing=False):
                 return "a run is writing it (HDF5_USE_FILE_LOCKING=FALSE reads it all the same)"
     except OSError as refusal:
         return str(refusal.strerror)
@@ -54,9 +55,9 @@ def _cause(path: str | os.PathLike[str], error: Exception) -> str:
     return f"it is damaged, cut short, or not a file of this kind ({why})"
 
 
-def attributes(dataset: netCDF4.Dataset) -> dict[str, object]:
+def attributes(dataset: netCDF4.Dataset) -> dict[str, Any]:
     """The global attributes as plain numbers, texts and lists of numbers."""
-    values = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
+    values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 

@@ -1,0 +1,192 @@
+"""Errors against references and between files on different grids."""
+
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.output.compare import compare
+from swe_sphere.output.netcdf import FrameWriter
+from swe_sphere.output.norms import norms
+from swe_sphere.output.reference import Reference, latitude_weights, reference_errors
+from swe_sphere.planet import DAY
+
+DATA = Path(__file__).parent / "data"
+REFERENCES = sorted(DATA.glob("*_day*.nc"))
+
+
+def smooth(lon, lat):
+    """A flow across the poles and a height, both smooth on the sphere."""
+    u = 20.0 * np.cos(lat) + 10.0 * np.sin(lat) * np.cos(lon)
+    v = -10.0 * np.sin(lon)
+    h = 5000.0 + 300.0 * np.sin(lat) * np.cos(lat) ** 4 * np.cos(4.0 * lon) - 200.0 * np.sin(lat)
+    return {"u": u, "v": v, "h": h - 200.0 * np.cos(lat) ** 2, "vorticity": 1e-5 * np.sin(lat)}
+
+
+def nodal(mesh):
+    return smooth(mesh.lon, mesh.lat) | {"divergence": np.zeros(mesh.size)}
+
+
+def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY):
+    with FrameWriter(path, mesh, {"title": "smooth"}, bottom) as writer:
+        writer.write(0.0, {name: 0.5 * values for name, values in fields.items()})
+        writer.write(time, fields)
+    return path
+
+
+def write_grid(path, rows=64, extra=0.0, title="smooth, day 5"):
+    """The smooth state on a Gaussian grid, as a reference of the free surface."""
+    lat = np.arcsin(np.polynomial.legendre.leggauss(rows)[0])[::-1]
+    lon = 2.0 * np.pi / (2 * rows) * np.arange(2 * rows)
+    fields = smooth(*np.meshgrid(lon, lat))
+    fields["surface_height"] = fields.pop("h") + extra
+    with netCDF4.Dataset(path, "w") as data:
+        data.title = title
+        for name, values in {"lat": np.degrees(lat), "lon": np.degrees(lon)}.items():
+            data.createDimension(name, values.size)
+            data.createVariable(name, "f8", (name,))[:] = values
+        for name, values in fields.items():
+            data.createVariable(name, "f8", ("lat", "lon"))[:] = values
+    return path
+
+
+def test_gauss_weights_are_recognised():
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    lat = np.arcsin(nodes)
+    np.testing.assert_allclose(latitude_weights(lat), weights / 2.0, rtol=1e-12)
+    np.testing.assert_allclose(latitude_weights(lat[::-1]), weights[::-1] / 2.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_weights_of_other_latitudes_are_zones(order):
+    lat = np.radians(np.linspace(-88.0, 88.0, 45))[::order]
+    edges = np.radians(np.linspace(-90.0, 90.0, 46))[::order]
+    bounds = np.stack([edges[:-1], edges[1:]], axis=1)
+    exact = np.abs(np.diff(np.sin(edges))) / 2.0
+    np.testing.assert_allclose(latitude_weights(lat, bounds), exact, rtol=1e-12)
+    assert latitude_weights(lat).sum() == pytest.approx(1.0)
+    # second order: (4°)²/3 = 1.6e-3
+    assert latitude_weights(lat) @ np.sin(lat) ** 2 == pytest.approx(1.0 / 3.0, rel=2e-3)
+
+
+def test_a_grid_is_evaluated_anywhere(tmp_path):
+    reference = Reference(write_grid(tmp_path / "grid.nc"))
+    generator = np.random.default_rng(1)
+    lon, lat = generator.uniform(-4.0, 8.0, 500), np.arcsin(generator.uniform(-1.0, 1.0, 500))
+    lat[:3] = [0.5 * np.pi, -0.5 * np.pi, 1.5707]
+    expected = smooth(lon, lat)
+    assert np.abs(reference.at("surface", lon, lat) - expected["h"]).max() < 1e-5
+    for name in "uv":
+        assert np.abs(reference.at(name, lon, lat) - expected[name]).max() < 1e-9
+    assert reference.time == 5.0 * DAY
+
+
+def test_errors_of_a_spectral_element_solution(tmp_path):
+    path = write_grid(tmp_path / "grid.nc")
+    mesh = build_mesh(6, 8, stretch=1.3, centre=(0.4, 0.5))
+    fields = nodal(mesh)
+    for name in ("h", "vorticity", "wind", "u", "speed"):
+        assert reference_errors(path, mesh, fields, name)["linf"] < 1e-8, name
+    wrong = fields | {"h": 1.01 * fields["h"]}
+    for value in reference_errors(path, mesh, wrong).values():
+        assert value == pytest.approx(0.01, rel=1e-5)
+
+
+def test_surface_is_compared_over_orography(tmp_path):
+    path = write_grid(tmp_path / "grid.nc", extra=700.0)
+    mesh = build_mesh(4, 8)
+    fields = nodal(mesh) | {"b": np.full(mesh.size, 700.0)}
+    assert reference_errors(path, mesh, fields, "surface")["l2"] < 1e-6
+    with pytest.raises(ConfigError, match="'surface'"):
+        reference_errors(path, mesh, fields, "h")
+
+
+@pytest.mark.parametrize("path", REFERENCES, ids=lambda path: path.stem)
+def test_bundled_references(path):
+    reference = Reference(path)
+    assert reference.title.startswith(path.stem.split("_day")[0])
+    assert f"{reference.time / DAY:g}" == path.stem.split("_day")[1]
+    assert reference.area.sum() == pytest.approx(1.0, rel=1e-12)
+    assert all(name in reference.attributes for name in ("source", "uncertainty", "reduction"))
+    surface, vorticity = reference.values("surface"), reference.values("vorticity")
+    assert 4900.0 < surface.min() < surface.max() < 10900.0
+    assert abs(reference.area @ vorticity) < 1e-3 * np.abs(vorticity).max()
+
+
+def test_there_are_all_references():
+    assert len(REFERENCES) == 7
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The same state on two meshes, and on the second also with a height 1 % larger."""
+    folder = tmp_path_factory.mktemp("runs")
+    first, second = build_mesh(6, 6), build_mesh(5, 8, stretch=1.4, centre=(1.0, 0.3), spin=0.2)
+    larger = nodal(second) | {"h": 1.01 * nodal(second)["h"]}
+    return {
+        "first": write_run(folder / "first.nc", first, nodal(first)),
+        "second": write_run(folder / "second.nc", second, nodal(second)),
+        "larger": write_run(folder / "larger.nc", second, larger),
+        "grid": write_grid(folder / "grid.nc"),
+    }
+
+
+@pytest.mark.parametrize("field", ["h", "wind", "u", "speed", "vorticity"])
+def test_the_same_state_on_two_meshes(runs, field):
+    for pair in (("first", "second"), ("second", "first")):
+        found = compare(*(runs[name] for name in pair), field)
+        assert found["field"] == field and found["time"] == 5.0 * DAY
+        assert 0.0 < found["linf"] < 2e-7, pair
+
+
+def test_one_per_cent_is_seen(runs):
+    for a, b, sign in (("larger", "first", 1.0), ("first", "larger", 1.0 / 1.01)):
+        found = compare(runs[a], runs[b])
+        for norm in ("l1", "l2", "linf"):
+            assert found[norm] == pytest.approx(0.01 * sign, rel=1e-5)
+
+
+def test_the_same_mesh_is_not_interpolated(runs):
+    assert compare(runs["second"], runs["second"])["linf"] == 0.0
+
+
+def test_runs_and_grids_compare_both_ways(runs):
+    for pair in (("first", "grid"), ("grid", "first"), ("grid", "grid")):
+        found = compare(*(runs[name] for name in pair))
+        assert found["field"] == "surface" and found["time"] == 5.0 * DAY
+        assert found["linf"] < 2e-7, pair
+
+
+def test_time_is_that_asked_for(runs):
+    assert compare(runs["first"], runs["grid"], "h", time=0.0)["l2"] == pytest.approx(0.5, rel=1e-4)
+    with pytest.raises(ConfigError, match="no frame at day 3: the last ones are at day 0, 5"):
+        compare(runs["first"], runs["second"], time=3.0 * DAY)
+
+
+def test_fields_that_are_not_there(runs):
+    with pytest.raises(ConfigError, match="did you mean 'vorticity'"):
+        compare(runs["first"], runs["second"], "vortisity")
+    with pytest.raises(ConfigError, match="'divergence' is not there"):
+        compare(runs["first"], runs["grid"], "divergence")
+
+
+def test_a_grid_that_is_not_global(tmp_path):
+    path = tmp_path / "part.nc"
+    with netCDF4.Dataset(path, "w") as data:
+        for name, values in {"lat": [-10.0, 0.0, 10.0], "lon": [0.0, 10.0, 20.0, 30.0]}.items():
+            data.createDimension(name, len(values))
+            data.createVariable(name, "f8", (name,))[:] = values
+        data.createVariable("surface_height", "f8", ("lat", "lon"))[:] = 1.0
+    with pytest.raises(ConfigError, match="round the globe"):
+        Reference(path)
+
+
+def test_williamson5_references_differ_in_time():
+    """The reduced files give the norms of the full ones (l2 1.46991e-2, linf 6.7463e-2)."""
+    early, late = (Reference(DATA / f"williamson5_day{day}.nc") for day in (5, 15))
+    found = norms(early.area, early.values("surface"), late.values("surface"))
+    assert found["l2"] == pytest.approx(1.46991e-2, rel=1e-3)
+    assert found["linf"] == pytest.approx(6.7463e-2, rel=1e-3)
