@@ -1,0 +1,217 @@
+"""Flexible GMRES: the Krylov solver under every implicit step.
+
+Saad (1993), A flexible inner-outer preconditioned GMRES algorithm, SIAM J. Sci. Comput. 14,
+461-469, doi:10.1137/0914028.  Preconditioned from the right, so that the residual it watches is the
+one of the problem itself, and flexible, so that the preconditioner may change from one iteration to
+the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+
+from .least_squares import HessenbergLeastSquares
+from .result import LinearResult, Status
+from .space import VectorSpace
+
+__all__ = ["FlexibleGMRES", "Operator"]
+
+# An operator reads its first vector and writes its second.
+Operator = Callable[[wp.array, wp.array], None]
+
+# Below this many round-offs of the right-hand side the Arnoldi residual is not believed: it goes on
+# falling where the true one cannot.
+UNTRUSTED = 1e4
+# A residual of so few round-offs of the terms it is the difference of is as small as it gets; a
+# larger one, of up to the second number, is when it no longer falls.
+FEWEST_ROUNDOFFS, MOST_ROUNDOFFS = 1.0, 1e3
+
+
+class _End(Enum):
+    """Why a cycle ended."""
+
+    TARGET = auto()
+    FULL = auto()
+    LIMIT = auto()
+    BREAKDOWN = auto()
+    NOT_FINITE = auto()
+
+
+@dataclass
+class _Progress:
+    """One solve under way."""
+
+    operator: Operator
+    precondition: Operator | None
+    rhs: wp.array
+    x: wp.array
+    scale: float
+    target: float
+    limit: int
+    iterations: int = 0
+    terms: float = 0.0
+    history: list[float] = field(default_factory=list)
+
+    def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
+        """The result, its message led by the size of the residual."""
+        relative = self.history[-1] / (self.scale or 1.0)
+        line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
+        return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
+
+
+class FlexibleGMRES:
+    """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
+
+    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on.
+    """
+
+    def __init__(self, space: VectorSpace, size: int = 30) -> None:
+        """Raises ConfigError for a size below 1."""
+        if size < 1:
+            raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
+        self.space, self.size = space, size
+        self._basis = space.stack(size + 1)
+        self._rows = [self._basis[i] for i in range(size + 1)]
+        self._images: wp.array | None = None
+        self._image_rows: list[wp.array] = []
+
+    def solve(
+        self,
+        operator: Operator,
+        rhs: wp.array,
+        x: wp.array,
+        precondition: Operator | None = None,
+        rtol: float = 1e-6,
+        atol: float = 0.0,
+        max_iterations: int = 200,
+    ) -> LinearResult:
+        """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
+
+        operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
+        may vary.  Both see vectors of this solver: they must not write to the first nor keep
+        either. Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
+        tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
+        size, and the result then says `roundoff`.  After anything not finite, x is as it was at the
+        last restart.
+        """
+        scale = self.space.norm(rhs)
+        p = _Progress(
+            operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
+        )
+        if scale == 0.0:
+            self.space.clear(x)
+            p.history.append(0.0)
+            return p.end(Status.CONVERGED, "the right-hand side is zero")
+        p.history.append(self._residual(p, fresh=True) if math.isfinite(scale) else scale)
+        p.terms = max(scale, p.history[0])
+        return self._iterate(p)
+
+    def _iterate(self, p: _Progress) -> LinearResult:
+        """Cycles until the target is met or nothing more is to be gained."""
+        if not math.isfinite(p.history[0]):
+            return p.end(Status.NOT_A_NUMBER, "the right-hand side or the guess is not finite")
+        if p.history[0] <= p.target:
+            return p.end(Status.CONVERGED, "the guess is good enough")
+        while True:
+            start = p.history[-1]
+            end = self._cycle(p)
+            if end is _End.NOT_FINITE:
+                return p.end(Status.NOT_A_NUMBER, "a product or the preconditioner is not finite")
+            trusted = p.target >= UNTRUSTED * self.space.epsilon * p.scale
+            if end is _End.TARGET and trusted and p.history[-1] <= p.target:
+                return p.end(Status.CONVERGED, "converged")
+            p.history[-1] = self._residual(p)
+            result = self._judge(p, end, start)
+            if result is not None:
+                return result
+
+    def _judge(self, p: _Progress, end: _End, start: float) -> LinearResult | None:
+        """What to make of the true residual after a cycle that began at `start`; None = go on."""
+        residual = p.history[-1]
+        if not math.isfinite(residual):
+            return p.end(Status.NOT_A_NUMBER, "the solution is not finite")
+        if residual <= p.target:
+            return p.end(Status.CONVERGED, "converged")
+        if residual > 10.0 * p.history[0]:
+            return p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
+        # A full basis may creep; any other cycle promised to gain far more than a half.
+        stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
+        roundoffs = MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS
+        if residual <= roundoffs * self.space.epsilon * p.terms:
+            return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        if stuck:
+            singular = ": the operator is singular" if end is _End.BREAKDOWN else ""
+            return p.end(Status.STAGNATED, f"stagnated{singular}")
+        if p.iterations >= p.limit:
+            return p.end(Status.STAGNATED, "out of iterations")
+        return None
+
+    def _residual(self, p: _Progress, fresh: bool = False) -> float:
+        """Put rhs - A x in the first row of the basis; returns its norm."""
+        row = self._rows[0]
+        if fresh and self.space.norm(p.x) == 0.0:
+            self.space.copy(p.rhs, row)
+            return p.scale
+        p.operator(p.x, row)
+        self.space.axpby(1.0, p.rhs, -1.0, row)
+        return self.space.norm(row)
+
+    def _cycle(self, p: _Progress) -> _End:
+        """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
+        start = p.history[-1]
+        self.space.scale(1.0 / start, self._rows[0])
+        small = HessenbergLeastSquares(start, self.space.epsilon)
+        goal = max(p.target, self.space.epsilon * start)
+        sizes: list[float] = []
+        end = _End.LIMIT
+        for k in range(min(self.size, p.limit - p.iterations)):
+            column, size, below = self._expand(p, k)
+            if not math.isfinite(size) or not math.isfinite(below):
+                return _End.NOT_FINITE
+            sizes.append(size)
+            p.history.append(small.append(column.tolist(), below))
+            p.iterations += 1
+            end = self._check(p, goal, below, k)
+            if end in (_End.TARGET, _End.BREAKDOWN):
+                break
+        self._update(p, small.solve(), sizes)
+        return end
+
+    def _check(self, p: _Progress, goal: float, below: float, k: int) -> _End:
+        if p.history[-1] <= goal:
+            return _End.TARGET
+        if below == 0.0:
+            return _End.BREAKDOWN
+        return _End.FULL if k + 1 == self.size else _End.LIMIT
+
+    def _expand(self, p: _Progress, k: int) -> tuple[NDArray[np.float64], float, float]:
+        """Next basis vector, from A M v_k: its components, its length and the part that is new."""
+        direction, product = self._rows[k], self._rows[k + 1]
+        if p.precondition is not None:
+            image = self._image_row(k)
+            p.precondition(direction, image)
+            direction = image
+        p.operator(direction, product)
+        return self.space.orthonormalise(self._basis, k + 1, product)
+
+    def _image_row(self, k: int) -> wp.array:
+        """Where M v_k is kept: a flexible method cannot find it again."""
+        if self._images is None:
+            self._images = self.space.stack(self.size)
+            self._image_rows = [self._images[i] for i in range(self.size)]
+        return self._image_rows[k]
+
+    def _update(self, p: _Progress, y: NDArray[np.float64], sizes: list[float]) -> None:
+        """x = x + sum_k y_k M v_k."""
+        stack = self._basis if p.precondition is None or self._images is None else self._images
+        self.space.combine(p.x, stack, y, p.x)
+        p.terms += float(np.abs(y) @ np.array(sizes))

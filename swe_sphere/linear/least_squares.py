@@ -1,0 +1,51 @@
+"""The small least-squares problem of GMRES, factored column by column with Givens rotations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["HessenbergLeastSquares"]
+
+
+class HessenbergLeastSquares:
+    """min_y |beta e_1 - H y| for an upper Hessenberg H (k + 1, k) that grows by a column at a time.
+
+    Saad, Iterative Methods for Sparse Linear Systems (2003), section 6.5.3.  Plain floats: at the
+    sizes of a Krylov basis they are faster than numpy.  A diagonal of the triangle that cancelled
+    to round-off (epsilon) counts as zero, and its component of y as open.
+    """
+
+    def __init__(self, beta: float, epsilon: float) -> None:
+        self._smallest = 8.0 * epsilon
+        self._columns: list[list[float]] = []
+        self._rotations: list[tuple[float, float]] = []
+        self._rhs = [beta]
+
+    def append(self, column: Sequence[float], below: float) -> float:
+        """Add the column H[:k, k-1] with H[k, k-1] = below; returns the smallest |beta e_1 - H
+        y|."""
+        c = list(column)
+        for i, (cosine, sine) in enumerate(self._rotations):
+            c[i], c[i + 1] = cosine * c[i] + sine * c[i + 1], cosine * c[i + 1] - sine * c[i]
+        diagonal = math.hypot(c[-1], below)
+        cosine, sine = (c[-1] / diagonal, below / diagonal) if diagonal > 0.0 else (0.0, 1.0)
+        c[-1] = diagonal if diagonal > self._smallest * math.hypot(*column, below) else 0.0
+        self._columns.append(c)
+        self._rotations.append((cosine, sine))
+        last = self._rhs[-1]
+        self._rhs[-1:] = [cosine * last, -sine * last]
+        return abs(self._rhs[-1])
+
+    def solve(self) -> NDArray[np.float64]:
+        """The minimising y (k,); components that a singular H leaves open are zero."""
+        y = self._rhs[:-1]
+        for k in range(len(y) - 1, -1, -1):
+            column = self._columns[k]
+            y[k] = y[k] / column[k] if column[k] > 0.0 else 0.0
+            for i in range(k):
+                y[i] -= column[i] * y[k]
+        return np.array(y)
