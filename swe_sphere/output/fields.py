@@ -19,12 +19,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Field:
-    """What to call a field, its units, its cmocean colour map, and whether zero is its middle."""
+    """What to call a field, its units, its cmocean colour map, and how to draw it."""
 
     title: str
     units: str
     colours: str
     diverging: bool = False
+    """Zero is the middle of the scale."""
+    contours: bool = True
+    """Drawn with contour lines; not where derivatives make them all loops and islands."""
 
 
 FIELDS = {
@@ -34,8 +37,8 @@ FIELDS = {
     "u": Field("eastward wind", "m s$^{-1}$", "balance", diverging=True),
     "v": Field("northward wind", "m s$^{-1}$", "balance", diverging=True),
     "speed": Field("wind speed", "m s$^{-1}$", "speed"),
-    "vorticity": Field("relative vorticity", "s$^{-1}$", "balance", diverging=True),
-    "divergence": Field("divergence", "s$^{-1}$", "balance", diverging=True),
+    "vorticity": Field("relative vorticity", "s$^{-1}$", "balance", diverging=True, contours=False),
+    "divergence": Field("divergence", "s$^{-1}$", "balance", diverging=True, contours=False),
 }
 """Scalar fields by name.  Besides these, errors can be asked for of the vector "wind"."""
 

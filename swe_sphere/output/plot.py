@@ -94,7 +94,8 @@ def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | Non
     image = axes.pcolormesh(
         x, y, values, cmap=_colours(kind), vmin=low, vmax=high, shading="gouraud", rasterized=True
     )
-    _draw_contours(axes, x, y, values, kind, (low, high))
+    if kind.contours:
+        _draw_contours(axes, x, y, values, kind, (low, high))
     if field != "b" and isinstance(source, RunFile) and source.bottom.any():
         bottom = source.at("b", lon.ravel(), lat.ravel(), time).reshape(lon.shape)
         _draw_orography(axes, x, y, bottom)
