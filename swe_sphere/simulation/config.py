@@ -134,7 +134,8 @@ def _first_line(error: ValidationError) -> str:
     name = str(first["loc"][0]).replace("_", "-") if first["loc"] else "configuration"
     name = {"settings": "set", "as-json": "json"}.get(name, name)
     if first["type"] == "extra_forbidden":
-        names = (field.alias or key for key, field in RunConfig.model_fields.items())
+        fields = RunConfig.model_fields.items()
+        names = (field.alias or key.replace("_", "-") for key, field in fields)
         return f"there is no option {name!r}; there are {', '.join(sorted(names))}"
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"

@@ -108,7 +108,9 @@ def _milliseconds(seconds: float) -> Fraction:
     """The time as a fraction of seconds with a denominator of at most a thousand."""
     fraction = Fraction(seconds).limit_denominator(1000)
     if fraction <= 0:
-        raise ConfigError(f"a time of {seconds:g} s is too short: give at least a millisecond")
+        raise ConfigError(
+            f"days or every of {seconds:g} s is too short: give at least a millisecond"
+        )
     return fraction
 
 

@@ -10,6 +10,7 @@ from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model.effects import apply_settings
 from swe_sphere.model.scene import Scene
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
 
 if TYPE_CHECKING:
@@ -46,11 +47,9 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
 
 def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
     """The compiled right-hand side; ConfigError for a device that is not there."""
-    import warp as wp  # takes its time to import: after the cheap checks
-
+    start_warp()  # takes its time: after the cheap checks
     from swe_sphere.model.model import Model
 
-    wp.config.quiet = True  # or it prints what it finds to the output that --json shares
     return Model(mesh, scene, config.device, config.precision, config.launch)
 
 

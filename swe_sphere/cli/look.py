@@ -1,0 +1,76 @@
+"""`swe-sphere list`, `plot` and `compare`: looking at what there is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swe_sphere.planet import DAY
+
+__all__ = ["compare", "list_all", "plot"]
+
+Field = Annotated[
+    str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
+]
+Day = Annotated[
+    float | None, typer.Option("--time", metavar="DAYS", help="Time of the frame (the last).")
+]
+
+
+def list_all() -> None:
+    """List the scenes and steppers, one line each."""
+    from swe_sphere.steppers import STEPPERS
+    from swe_sphere.testcases import SCENES
+
+    _list("Scenes", SCENES.items())
+    _list("Steppers", STEPPERS.items())
+
+
+def plot(
+    file: Annotated[Path, typer.Argument(help="File of a run, or a lat-lon reference.")],
+    field: Field = None,
+    time: Day = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="The picture (beside the file).")
+    ] = None,
+) -> None:
+    """Draw a field of a file on the globe."""
+    from swe_sphere.output.plot import plot_file
+
+    typer.echo(plot_file(file, field, _seconds(time), out))
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="File whose errors are wanted.")],
+    b: Annotated[Path, typer.Argument(help="File taken for right; any other grid.")],
+    field: Field = None,
+    time: Day = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
+) -> None:
+    """Print l1, l2 and linf of A against B."""
+    from swe_sphere.output.compare import compare as compare_files
+
+    result = compare_files(a, b, field, _seconds(time))
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    when = "" if result["time"] is None else f" at day {float(result['time']) / DAY:g}"
+    typer.echo(f"{result['field']}{when}")
+    for norm in ("l1", "l2", "linf"):
+        typer.echo(f"  {norm:5} {result[norm]:.6e}")
+
+
+def _list(title: str, things: Iterable[tuple[str, object]]) -> None:
+    rows = [(name, (thing.__doc__ or "").strip().split("\n")[0]) for name, thing in things]
+    width = max(len(name) for name, _ in rows)
+    typer.echo(f"{title}:")
+    for name, text in rows:
+        typer.echo(f"  {name:{width}}  {text}")
+
+
+def _seconds(days: float | None) -> float | None:
+    return None if days is None else days * DAY

@@ -1,0 +1,43 @@
+"""The program `swe-sphere`: its commands and its exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import typer
+
+from swe_sphere.cli.errors import explain, show_traceback
+from swe_sphere.cli.look import compare, list_all, plot
+from swe_sphere.cli.run import run
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("list")(list_all)
+app.command("run")(run)
+app.command("plot")(plot)
+app.command("compare")(compare)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the program and leave with its exit status.
+
+    0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
+    """
+    sys.exit(_status(sys.argv[1:] if arguments is None else arguments))
+
+
+def _status(arguments: Sequence[str]) -> int:
+    try:
+        return app(arguments, prog_name="swe-sphere", standalone_mode=False) or 0
+    except Exception as error:
+        show_traceback()
+        line, status = explain(error)
+    sys.stderr.write(f"swe-sphere: {line}\n")
+    return status

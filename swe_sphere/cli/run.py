@@ -1,0 +1,112 @@
+"""`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from swe_sphere.cli.errors import Stopped, explain
+from swe_sphere.cli.show import Terminal, show_summary
+from swe_sphere.experiment import Summary, failed_summary
+from swe_sphere.experiment import run as run_scene
+from swe_sphere.simulation import RunConfig, load_config, make_config
+
+__all__ = ["run"]
+
+
+def _number(flag: str, unit: str, text: str) -> typer.models.OptionInfo:
+    return typer.Option(flag, metavar=unit, help=text)
+
+
+def run(
+    context: typer.Context,
+    scene: Annotated[
+        str | None, typer.Argument(help="Name of a scene, or a .py file that defines scene().")
+    ] = None,
+    stepper: Annotated[str | None, typer.Option(metavar="NAME", help="Time integrator.")] = None,
+    dt: Annotated[str | None, _number("--dt", "SECONDS|auto", "Time step.")] = None,
+    days: Annotated[
+        float | None, _number("--days", "D", "Length of the run, from the very start.")
+    ] = None,
+    ne: Annotated[int | None, _number("--ne", "N", "Elements along an edge of the cube.")] = None,
+    np: Annotated[int | None, _number("--np", "N", "Nodes along an edge of an element.")] = None,
+    stretch: Annotated[
+        float | None, _number("--stretch", "S", "Refine the mesh S times at the centre.")
+    ] = None,
+    centre_lon: Annotated[
+        float | None, _number("--centre-lon", "RADIANS", "Longitude of the centre.")
+    ] = None,
+    centre_lat: Annotated[
+        float | None, _number("--centre-lat", "RADIANS", "Latitude of the centre.")
+    ] = None,
+    spin: Annotated[
+        float | None, _number("--spin", "RADIANS", "Turn of the cube about the centre.")
+    ] = None,
+    alpha: Annotated[
+        float | None, _number("--alpha", "RADIANS", "Angle between flow and equator.")
+    ] = None,
+    device: Annotated[str | None, typer.Option(metavar="cpu|cuda:0", help="Where to run.")] = None,
+    precision: Annotated[
+        str | None, typer.Option(metavar="float64|float32", help="Number type of the state.")
+    ] = None,
+    launch: Annotated[
+        str | None, typer.Option(metavar="element|node", help="Threads of the kernels.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="EFFECT.PARAMETER=VALUE",
+            help="Change an effect (viscosity.nu=1e5) or the scene (scene.alpha=0.5); repeatable.",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE.nc", help="Write frames here.")] = None,
+    every: Annotated[
+        float | None, _number("--every", "HOURS", "Time between frames (about a day).")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the last frame.")
+    ] = None,
+    restart: Annotated[
+        Path | None, typer.Option(metavar="FILE.nc", help="Go on where that run stopped.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE.nc", help="Lat-lon reference for the errors.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Options by name; flags go first.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the result as one line of JSON.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+) -> int:
+    """Run a scene and report errors, conservation and cost."""
+    try:
+        asked = _configuration(context, config)
+        summary = _run(asked)
+    except Exception as error:
+        if as_json:
+            typer.echo(failed_summary(context.params, *explain(error)).as_json())
+        raise
+    show_summary(summary, asked)
+    return summary.exit_status
+
+
+def _run(asked: RunConfig) -> Summary:
+    try:
+        return run_scene(asked, Terminal(asked))
+    except KeyboardInterrupt:
+        raise Stopped("interrupted by Ctrl-C") from None
+
+
+def _configuration(context: typer.Context, file: Path | None) -> RunConfig:
+    """What the flags say, and for the rest the file."""
+    flags = {
+        name: value
+        for name, value in context.params.items()
+        if name != "config" and not (value is None or value is False or value == [])
+    }
+    return make_config((load_config(file) if file is not None else {}) | flags)

@@ -1,0 +1,140 @@
+"""What a run shows on the terminal: warnings, progress, the table at the end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from swe_sphere.experiment import Prepared, Summary, Watcher
+from swe_sphere.planet import DAY
+from swe_sphere.simulation import RunConfig
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+__all__ = ["Terminal", "show_summary"]
+
+GROUPS = {
+    "error of depth": {"l1": "l1_h", "l2": "l2_h", "linf": "linf_h"},
+    "error of wind": {"l1": "l1_v", "l2": "l2_v", "linf": "linf_v"},
+    "drift": {"mass": "mass_drift", "energy": "energy_drift", "enstrophy": "enstrophy_drift"},
+    "mean": {"vorticity": "total_vorticity", "divergence": "total_divergence"},
+    "Courant number": {"gravity": "courant_gravity", "advective": "courant_advective"},
+    "largest wind [m/s]": {"": "max_wind"},
+}
+"""Rows of the table: what stands in them, and the names in the JSON line."""
+
+
+class Terminal(Watcher):
+    """Warnings on stderr; a progress bar there too if it is a terminal and nobody minds."""
+
+    def __init__(self, config: RunConfig) -> None:
+        self._quiet = config.quiet
+        self._wants_bar = not (config.quiet or config.as_json) and sys.stderr.isatty()
+        self._bar: Progress | None = None
+        self._task: Any = None
+
+    def warn(self, text: str) -> None:
+        """Print it, unless asked to be quiet."""
+        if not self._quiet:
+            sys.stderr.write(f"swe-sphere: warning: {text}\n")
+
+    def begin(self, prepared: Prepared) -> None:
+        """Show the bar."""
+        if not self._wants_bar:
+            return
+        plan, self._dt = prepared.plan, prepared.plan.dt
+        self._end = plan.time(plan.steps) / DAY
+        self._bar = _progress_bar()
+        done = prepared.stepper.steps
+        label = f"{prepared.scene.name}  dt {plan.dt:.4g} s"
+        self._task = self._bar.add_task(label, total=plan.steps, completed=done, day="", rate="")
+        self._bar.start()
+
+    def tick(self, step: int) -> None:
+        """Move the bar."""
+        if self._bar is not None:
+            day = f"day {step * self._dt / DAY:.2f} of {self._end:g}"
+            speed = self._bar.tasks[0].speed
+            rate = "" if speed is None else f"{speed:.0f} steps/s"
+            self._bar.update(self._task, completed=step, day=day, rate=rate)
+
+    def end(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def show_summary(summary: Summary, config: RunConfig) -> None:
+    """The result as a table or a line of JSON; why it stopped early in one line on stderr."""
+    if summary.reason is not None:
+        kept = "" if config.out is None else f"; {config.out} keeps what was written"
+        sys.stderr.write(f"swe-sphere: {' '.join(summary.reason.split())}{kept}\n")
+    if config.as_json:
+        sys.stdout.write(summary.as_json() + "\n")
+    elif not config.quiet:
+        _print_table(summary, config)
+
+
+def _progress_bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[day]}"),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+
+
+def _print_table(summary: Summary, config: RunConfig) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False, title=f"{summary['scene']} with {summary['stepper']}")
+    for name, text in _rows(summary.as_dict(), config):
+        table.add_row(name, text)
+    Console(markup=False, highlight=False).print(table)
+
+
+def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
+    """The lines of the table from the numbers of the JSON line."""
+    ended = "completed" if n["completed"] else "stopped early"
+    yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
+    yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
+    yield "time step", _step(n)
+    yield "machine", f"{n['device']}, {n['precision']}"
+    yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
+    yield "right-hand sides", str(n["rhs_evaluations"])
+    if n["newton_iterations"] or n["krylov_iterations"]:
+        yield "iterations", f"{n['newton_iterations']} Newton, {n['krylov_iterations']} Krylov"
+    for title, names in GROUPS.items():
+        values = [
+            f"{label} {n[name]:.3g}".strip() for label, name in names.items() if _there(n, name)
+        ]
+        if values:
+            yield title, ", ".join(values)
+    for path in (config.out, config.plot):
+        if path is not None and n["steps"]:
+            yield "written", str(path)
+
+
+def _there(numbers: dict[str, Any], name: str) -> bool:
+    return numbers.get(name) is not None
+
+
+def _stretched(factor: float) -> str:
+    return "" if factor == 1.0 else f", refined {factor:g} times"
+
+
+def _step(n: dict[str, Any]) -> str:
+    limit = "no stability limit" if n["stable_dt"] is None else f"limit {n['stable_dt']:.5g} s"
+    text = f"{n['dt']:.6g} s ({limit})"
+    if abs(n["dt"] - n["dt_wanted"]) > 1e-9 * n["dt"]:
+        text += f", shortened from {n['dt_wanted']:.6g} s to fit the frames"
+    return text
