@@ -28,8 +28,8 @@ __all__ = ["FlexibleGMRES", "Operator"]
 # An operator reads its first vector and writes its second.
 Operator = Callable[[wp.array, wp.array], None]
 
-# Below this many round-offs of the right-hand side the Arnoldi residual is not believed: it goes on
-# falling where the true one cannot.
+# Below this many round-offs of the terms that cancel in it, the residual of the Arnoldi process is
+# not believed: it goes on falling where the true one cannot.
 UNTRUSTED = 1e4
 # A residual of so few round-offs of the terms it is the difference of is as small as it gets; a
 # larger one, of up to the second number, is when it no longer falls.
@@ -98,7 +98,7 @@ class FlexibleGMRES:
 
         operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
         may vary.  Both see vectors of this solver: they must not write to the first nor keep
-        either. Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
+        either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
         tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
         size, and the result then says `roundoff`.  After anything not finite, x is as it was at the
         last restart.
@@ -126,8 +126,8 @@ class FlexibleGMRES:
             end = self._cycle(p)
             if end is _End.NOT_FINITE:
                 return p.end(Status.NOT_A_NUMBER, "a product or the preconditioner is not finite")
-            trusted = p.target >= UNTRUSTED * self.space.epsilon * p.scale
-            if end is _End.TARGET and trusted and p.history[-1] <= p.target:
+            trusted = p.target >= UNTRUSTED * self.space.epsilon * p.terms
+            if end is _End.TARGET and trusted:
                 return p.end(Status.CONVERGED, "converged")
             p.history[-1] = self._residual(p)
             result = self._judge(p, end, start)
@@ -145,8 +145,8 @@ class FlexibleGMRES:
             return p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
         # A full basis may creep; any other cycle promised to gain far more than a half.
         stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
-        roundoffs = MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS
-        if residual <= roundoffs * self.space.epsilon * p.terms:
+        roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
+        if residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
             return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
         if stuck:
             singular = ": the operator is singular" if end is _End.BREAKDOWN else ""

@@ -7,6 +7,7 @@ that alternate between the two were seen to take 100 times as long.
 from __future__ import annotations
 
 import ctypes
+import functools
 
 import numpy as np
 import warp as wp
@@ -21,6 +22,8 @@ Floats = NDArray[np.floating]
 # cache.
 STRIP = 4096
 MOST_VIEWS = 512
+# What is not finite shows in the sums; the solvers report it.
+QUIETLY = functools.partial(np.errstate, invalid="ignore", over="ignore")
 
 
 class HostVectors:
@@ -74,17 +77,19 @@ class HostVectors:
         np.multiply(target, self.dtype.type(a), out=target)
 
     def dot(self, a: wp.array, b: wp.array) -> float:
-        weighted = np.multiply(self._weights, self.view(a), out=self._weighted)
-        if self._double:
-            return float(np.dot(weighted, self.view(b)))
-        return float(self._strips(self.view(b)[None, :], weighted, self._room(1))[0])
+        with QUIETLY():
+            weighted = np.multiply(self._weights, self.view(a), out=self._weighted)
+            if self._double:
+                return float(np.dot(weighted, self.view(b)))
+            return float(self._strips(self.view(b)[None, :], weighted, self._room(1))[0])
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        weighted = np.multiply(self._weights, self.view(v), out=self._weighted)
-        rows, out = self.view(stack)[:count], self._room(count)
-        if self._double:
-            return np.dot(rows, weighted, out=out)
-        return self._strips(rows, weighted, out)
+        with QUIETLY():
+            weighted = np.multiply(self._weights, self.view(v), out=self._weighted)
+            rows, out = self.view(stack)[:count], self._room(count)
+            if self._double:
+                return np.dot(rows, weighted, out=out)
+            return self._strips(rows, weighted, out)
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array

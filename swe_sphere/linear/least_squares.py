@@ -20,20 +20,23 @@ class HessenbergLeastSquares:
     """
 
     def __init__(self, beta: float, epsilon: float) -> None:
-        self._smallest = 8.0 * epsilon
+        self._epsilon = epsilon
         self._columns: list[list[float]] = []
         self._rotations: list[tuple[float, float]] = []
         self._rhs = [beta]
 
     def append(self, column: Sequence[float], below: float) -> float:
-        """Add the column H[:k, k-1] with H[k, k-1] = below; returns the smallest |beta e_1 - H
-        y|."""
+        """Add the column H[:k, k-1], H[k, k-1] = below; returns the least |beta e_1 - H y|."""
         c = list(column)
         for i, (cosine, sine) in enumerate(self._rotations):
             c[i], c[i + 1] = cosine * c[i] + sine * c[i + 1], cosine * c[i + 1] - sine * c[i]
         diagonal = math.hypot(c[-1], below)
-        cosine, sine = (c[-1] / diagonal, below / diagonal) if diagonal > 0.0 else (0.0, 1.0)
-        c[-1] = diagonal if diagonal > self._smallest * math.hypot(*column, below) else 0.0
+        # at a breakdown (below = 0) what an ill-conditioned H leaves there is its noise
+        smallest = self._epsilon ** (1.0 / 3.0) if below == 0.0 else 8.0 * self._epsilon
+        if diagonal > smallest * math.hypot(*column, below):
+            cosine, sine, c[-1] = c[-1] / diagonal, below / diagonal, diagonal
+        else:
+            cosine, sine, c[-1] = 0.0, 1.0, 0.0
         self._columns.append(c)
         self._rotations.append((cosine, sine))
         last = self._rhs[-1]

@@ -23,8 +23,9 @@ class LinearResult:
 
     history: norm of the residual, in the norm of the space, at the start and after each iteration;
     within a cycle it is the one of the Arnoldi process, at a restart and where a tolerance comes
-    near round-off it is recomputed from the solution. roundoff: the solution is as good as the
-    arithmetic allows, and that missed the tolerance; the status is CONVERGED then.
+    near round-off it is recomputed from the solution.
+    roundoff: the solution is as good as the arithmetic allows, which missed the tolerance; the
+    status is CONVERGED then.
     """
 
     status: Status

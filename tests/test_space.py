@@ -1,0 +1,169 @@
+"""The vector space: weighted sums, orthonormalisation, and its two ways of computing."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+import warp as wp
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.linear import VectorSpace
+
+N = 9001  # neither a multiple of the strips of the host nor of the blocks of the kernels
+WAYS = list(product((False, True), (wp.float64, wp.float32)))
+
+
+@pytest.fixture(params=WAYS, ids=lambda way: f"{'warp' if way[0] else 'numpy'}-{way[1].__name__}")
+def space(request: pytest.FixtureRequest) -> VectorSpace:
+    kernels, real = request.param
+    weights = np.random.default_rng(1).uniform(0.5, 2.0, N)
+    return VectorSpace(weights, real=real, kernels=kernels)
+
+
+def weights_of(space: VectorSpace) -> np.ndarray:
+    """The weights, found from the products of unit vectors."""
+    return np.random.default_rng(1).uniform(0.5, 2.0, space.n)
+
+
+def vector(space: VectorSpace, values: np.ndarray) -> wp.array:
+    return wp.array(values, dtype=space.real, device="cpu")
+
+
+def random_stack(space: VectorSpace, rows: int, seed: int = 0) -> tuple[wp.array, np.ndarray]:
+    """A stack and its values in float64."""
+    stack = vector(space, np.random.default_rng(seed).standard_normal((rows, space.n)))
+    return stack, stack.numpy().astype(np.float64)
+
+
+def test_products_are_weighted_sums(space: VectorSpace) -> None:
+    stack, values = random_stack(space, 5)
+    expected = values[:4] @ (weights_of(space) * values[4])
+    assert space.project(stack, 4, stack[4]) == pytest.approx(expected, abs=1e-11)
+    assert space.dot(stack[0], stack[4]) == pytest.approx(expected[0], abs=1e-11)
+    assert space.norm(stack[2]) == pytest.approx(
+        math.sqrt(np.sum(weights_of(space) * values[2] ** 2)), rel=1e-14
+    )
+
+
+def test_sums_are_accurate_when_the_vectors_are_not() -> None:
+    n = 200_000
+    for kernels in (False, True):
+        space = VectorSpace(np.ones(n), real=wp.float32, kernels=kernels)
+        x = wp.full(n, 0.1, dtype=wp.float32, device="cpu")
+        assert space.dot(x, x) == pytest.approx(n * float(np.float32(0.1)) ** 2, rel=1e-12)
+
+
+def test_combinations(space: VectorSpace) -> None:
+    stack, values = random_stack(space, 4)
+    x, out, c = vector(space, values[3]), space.zeros(), np.array([0.5, -2.0, 3.0])
+    small = 20.0 * space.epsilon
+    space.combine(x, stack, c, out)
+    assert out.numpy() == pytest.approx(values[3] + c @ values[:3], abs=small)
+    space.combine(x, stack, c[:2], x)
+    assert x.numpy() == pytest.approx(values[3] + c[:2] @ values[:2], abs=small)
+    space.combine(x, stack, c[:0], out)
+    assert np.array_equal(x.numpy(), out.numpy())
+
+
+def test_sums_of_two_and_copies(space: VectorSpace) -> None:
+    stack, values = random_stack(space, 2)
+    x, y = stack[0], stack[1]
+    space.axpy(-0.3, x, y)
+    assert y.numpy() == pytest.approx(values[1] - 0.3 * values[0], abs=9.0 * space.epsilon)
+    space.axpby(2.0, x, -1.0, y)
+    expected = 2.3 * values[0] - values[1]
+    assert y.numpy() == pytest.approx(expected, abs=30.0 * space.epsilon)
+    space.scale(-0.5, x)
+    assert np.array_equal(x.numpy(), (-0.5 * values[0]).astype(x.numpy().dtype))
+    space.copy(x, y)
+    space.clear(x)
+    assert np.array_equal(y.numpy(), (-0.5 * values[0]).astype(x.numpy().dtype))
+    assert not x.numpy().any()
+
+
+def test_orthonormalise_reproduces_the_vector(space: VectorSpace) -> None:
+    stack, values = random_stack(space, 6)
+    for count in range(6):
+        c, before, length = space.orthonormalise(stack, count, stack[count])
+        rows = stack.numpy().astype(np.float64)
+        assert before == pytest.approx(math.sqrt(weights_of(space) @ values[count] ** 2))
+        rebuilt = c @ rows[:count] + length * rows[count]
+        assert rebuilt == pytest.approx(values[count], abs=1e2 * space.epsilon)
+    gram = np.array([space.project(stack, 6, stack[i]).copy() for i in range(6)])
+    assert gram == pytest.approx(np.eye(6), abs=10.0 * space.epsilon)
+
+
+def test_orthonormalise_survives_cancellation(space: VectorSpace) -> None:
+    """One pass of Gram-Schmidt would leave an error of round-off / 1e-4."""
+    stack, values = random_stack(space, 3)
+    for count in range(2):
+        space.orthonormalise(stack, count, stack[count])
+    rows = stack.numpy()
+    rows[2] = rows[0] + rows[1] + 1e-4 * rows[2] / np.sqrt(space.n)
+    _, before, length = space.orthonormalise(stack, 2, stack[2])
+    assert 0.0 < length < 1e-3 * before
+    assert np.abs(space.project(stack, 2, stack[2])).max() < 10.0 * space.epsilon
+    assert space.norm(stack[2]) == pytest.approx(1.0, abs=50.0 * space.epsilon)
+
+
+def test_orthonormalise_knows_its_own_span(space: VectorSpace) -> None:
+    stack, _ = random_stack(space, 3)
+    for count in range(2):
+        space.orthonormalise(stack, count, stack[count])
+    rows = stack.numpy()
+    rows[2] = 3.0 * rows[0] - 4.0 * rows[1]
+    coefficients, before, length = space.orthonormalise(stack, 2, stack[2])
+    assert coefficients == pytest.approx([3.0, -4.0], abs=40.0 * space.epsilon)
+    assert before == pytest.approx(5.0, rel=1e-5)
+    assert length == 0.0
+    rows[2] = 0.0
+    assert space.orthonormalise(stack, 2, stack[2])[1:] == (0.0, 0.0)
+
+
+def test_what_is_not_a_number_shows(space: VectorSpace) -> None:
+    for bad in (np.nan, np.inf):
+        stack, _ = random_stack(space, 2)
+        space.orthonormalise(stack, 0, stack[0])
+        stack.numpy()[1, 17] = bad
+        assert not math.isfinite(space.norm(stack[1]))
+        _, before, length = space.orthonormalise(stack, 1, stack[1])
+        assert not (math.isfinite(before) and math.isfinite(length))
+
+
+@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+def test_kernels_agree_with_numpy_and_repeat_bit_by_bit(real: type) -> None:
+    weights = np.random.default_rng(1).uniform(0.5, 2.0, N)
+    host, device, again = (
+        VectorSpace(weights, real=real, kernels=kernels) for kernels in (False, True, True)
+    )
+    stacks = [random_stack(space, 40)[0] for space in (host, device, again)]
+    found = []
+    for space, stack in zip((host, device, again), stacks, strict=True):
+        sums = space.project(stack, 40, stack[7]).copy()
+        space.combine(stack[1], stack, sums[:35] / N, stack[1])
+        found.append(np.append(sums, space.norm(stack[1])))
+    assert found[0] == pytest.approx(found[1], rel=2.0 * host.epsilon, abs=1e-11)
+    difference = stacks[0].numpy() - stacks[1].numpy()
+    assert np.abs(difference).max() < 50.0 * host.epsilon
+    assert found[1].tobytes() == found[2].tobytes()
+    assert stacks[1].numpy().tobytes() == stacks[2].numpy().tobytes()
+
+
+def test_views_follow_the_memory() -> None:
+    """An address that comes back with other contents, or another size, is not taken for the old."""
+    space = VectorSpace(np.ones(50))
+    for value in range(700):
+        x = wp.full(50, float(value), dtype=wp.float64, device="cpu")
+        assert space.dot(x, x) == 50.0 * value**2
+        del x
+    with pytest.raises(TypeError, match="50"):
+        space.norm(wp.zeros(49, dtype=wp.float64, device="cpu"))
+    with pytest.raises(TypeError, match="float64"):
+        space.norm(wp.zeros(50, dtype=wp.float32, device="cpu"))
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_weights_must_be_positive(bad: float) -> None:
+    with pytest.raises(ConfigError, match="positive"):
+        VectorSpace([1.0, bad])
