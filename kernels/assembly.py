@@ -1,8 +1,8 @@
 """Direct stiffness summation (DSS) as a gather, and the terms that need no derivative.
 
-Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit on
-any device.  A pointwise term commutes with the mass-weighted average, so it is added here, once a
-unique node instead of once an element node.
+Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit
+on any device.  A pointwise term commutes with the mass-weighted average, so it is added here, once
+a unique node instead of once an element node.
 """
 
 from types import SimpleNamespace
@@ -13,9 +13,9 @@ import warp as wp
 def assembly_kernel(unknowns: int, real: type, rotation: bool) -> SimpleNamespace:
     """Kernel (struct, local (entries,), state, out): tendency of each unique node.
 
-    The structure holds `offsets` (N+1,), `entries` (positions of the first field of the contributors in
-    the local tendencies), `stride` (distance between two fields there), `inverse_area` (N,) and, with
-    rotation, the Coriolis parameter `coriolis` (N,) [s-1].
+    The structure holds `offsets` (N+1,), `entries` (positions of the contributors' first field in
+    the local tendencies), `stride` (distance between two fields there), `inverse_area` (N,) and,
+    with rotation, the Coriolis parameter `coriolis` (N,) [s-1].
     """
     members: dict[str, object] = {
         "offsets": wp.array(dtype=wp.int32),

@@ -15,9 +15,9 @@ from .terms import Terms, geometry_struct, lanes_of
 def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     """Kernel for the mass-weighted tendencies of each element, before DSS.
 
-    `np_` GLL nodes an edge, `real` the number type.  Returns a namespace with `kernel`, launched with
-    (geometry, state of shape (unknowns*N,), out of shape (groups, np*np, unknowns) of SIMD registers)
-    over one thread a group, and the types `geometry`, `value`, `index`, and `lanes`.
+    `np_` GLL nodes an edge, `real` the number type.  Returns a namespace with `kernel`, launched
+    with (geometry, state of shape (unknowns*N,), out of shape (groups, np*np, unknowns) of SIMD
+    registers) over one thread a group, and the types `geometry`, `value`, `index`, and `lanes`.
     """
     lanes = lanes_of(real)
     value, index = wp.types.vector(lanes, real), wp.types.vector(lanes, wp.int32)
@@ -54,7 +54,7 @@ def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
 
 
 def _line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
-    """Derivative of a field of one element along each coordinate (d1, d2) and its transpose (t1, t2)."""
+    """Derivative of an element's field along each coordinate (d1, d2), and transposes (t1, t2)."""
     matrix, field = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
     @wp.func
@@ -90,7 +90,7 @@ def _line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
 
 def _transport(
     t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace, line: SimpleNamespace
-):
+) -> wp.Function:
     """-div(h V) of depth alone, carried by the prescribed wind; linear, so its own tangent."""
     np_, value = t.np, t.value
     mul, load, wedge, d1, d2 = ops.mul, ops.load, ops.wedge, line.d1, line.d2
@@ -118,7 +118,7 @@ def _transport(
 
 def _shallow_water(
     t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace, line: SimpleNamespace
-):
+) -> wp.Function:
     """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent.
 
     The equations are quadratic, so the tangent at `base` along x is the same sum with each product
@@ -198,7 +198,7 @@ def _shallow_water(
 
 def _diffusion_of_wind(
     t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace, line: SimpleNamespace
-):
+) -> wp.Function:
     """Weak Hodge Laplacian, -(div phi, div V) - (curl phi, curl V) for each nodal test wind phi."""
     np_, value, adds = t.np, t.value, t.terms.dynamics
     mul, load, dot, wedge = ops.mul, ops.load, ops.dot, ops.wedge
@@ -253,8 +253,8 @@ def _diffusion_of_wind(
 
 def _diffusion_of_height(
     t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace, line: SimpleNamespace
-):
-    """Weak Laplacian of the surface height, -(grad phi, grad s) for each nodal test function phi."""
+) -> wp.Function:
+    """Weak Laplacian of the surface height, -(grad phi, grad s) for each nodal test function."""
     np_, value, adds, last = t.np, t.value, t.terms.dynamics, t.terms.unknowns - 1
     mul, load, wedge = ops.mul, ops.load, ops.wedge
     d1, d2, t1, t2 = line.d1, line.d2, line.t1, line.t2

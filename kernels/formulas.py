@@ -1,12 +1,12 @@
 """Pointwise formulas of the vector-invariant shallow-water equations, written once.
 
-Both launch shapes call them: with plain numbers (one thread a node) or with SIMD registers that hold
-one node of several elements (one thread a group of elements).
+Both launch shapes call them: with plain numbers (one thread a node) or with SIMD registers that
+hold one node of several elements (one thread a group of elements).
 
-With the 2x2 matrix a[i, k] = dx/dxi_i . e_k (frame e_k, reference coordinates xi_i) and J = det a, the
-covariant wind is u_i = a[i, k] V_k, and J times the contravariant wind as well as J times a gradient
-need only the adjugate of a, so that no division is needed (formulas: Taylor & Fournier 2010,
-doi:10.1016/j.jcp.2010.04.008, section 4).
+With the 2x2 matrix a[i, k] = dx/dxi_i . e_k (frame e_k, reference coordinates xi_i) and J = det a,
+the covariant wind is u_i = a[i, k] V_k, and J times the contravariant wind as well as J times a
+gradient need only the adjugate of a, so that no division is needed (formulas: Taylor & Fournier
+2010, doi:10.1016/j.jcp.2010.04.008, section 4).
 """
 
 from types import SimpleNamespace
@@ -43,7 +43,7 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
 
 def physics(
     terms: Terms, geometry: type, value: type, index: type, real: type, ops: SimpleNamespace
-):
+) -> SimpleNamespace:
     """Warp functions for the surface height, the Bernoulli function and the diffused fields."""
     load, dot = ops.load, ops.dot
 

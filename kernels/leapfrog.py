@@ -9,9 +9,10 @@ import warp as wp
 def leapfrog_kernel(real: type) -> wp.Kernel:
     """Kernel (previous, state, tendency, two_dt, displacement, share): one filtered leapfrog step.
 
-    With x- the filtered past, x the present and k the tendency, x+ = x- + 2 dt k and the displacement
-    d = (nu/2)(x- - 2x + x+), where `displacement` is nu/2; `previous` becomes x + share d and `state`
-    becomes x+ - (1 - share) d (Williams 2009, doi:10.1175/2009MWR2724.1, eqs. 7-9).
+    With x- the filtered past, x the present and k the tendency, x+ = x- + 2 dt k and the
+    displacement d = (nu/2)(x- - 2x + x+), where `displacement` is nu/2; `previous` becomes
+    x + share d and `state` becomes x+ - (1 - share) d (Williams 2009, doi:10.1175/2009MWR2724.1,
+    eqs. 7-9).
     """
 
     @wp.kernel(module="unique", enable_backward=False)

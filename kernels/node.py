@@ -1,8 +1,8 @@
 """One thread an element node: the launch shape for GPUs.
 
-Each thread sums along the two lines of nodes through its own node.  Neighbouring threads read the same
-lines, so the repeated loads come from the cache.  A weak Laplacian needs two nested line sums: a first
-kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
+Each thread sums along the two lines of nodes through its own node.  Neighbouring threads read the
+same lines, so the repeated loads come from the cache.  A weak Laplacian needs two nested line sums:
+a first kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
 """
 
 from types import SimpleNamespace
@@ -17,9 +17,9 @@ def node_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     """Kernels for the mass-weighted tendencies of each element node, before DSS.
 
     The same formulas, arguments and results as `element_kernel` with one lane: `kernel` is launched
-    over (E, np*np) threads with (geometry, state, out of shape (E, np*np, unknowns)).  With diffusion,
-    `flux_kernel` (geometry, state) goes before it over the same threads and fills `geometry.fluxes`
-    of shape (E, np*np, 4): w div V, w curl V and the two contravariant height fluxes.
+    over (E, np*np) threads with (geometry, state, out of shape (E, np*np, unknowns)).  With
+    diffusion, `flux_kernel` (geometry, state) goes before it over the same threads and fills
+    `geometry.fluxes` of shape (E, np*np, 4): two contravariant height fluxes, w div V, w curl V.
     """
     geometry = geometry_struct(terms, real, wp.int32, real, fluxes=True)
     t = SimpleNamespace(
@@ -49,7 +49,7 @@ def node_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     )
 
 
-def _transport(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace):
+def _transport(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace) -> wp.Function:
     """-div(h V) of depth alone, carried by the prescribed wind; linear, so its own tangent."""
     np_, real, wedge = t.np, t.real, ops.wedge
 
@@ -76,7 +76,7 @@ def _transport(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace):
     return transport
 
 
-def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace):
+def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace) -> wp.Function:
     """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent."""
     np_, real = t.np, t.real
     advection, tangent = t.terms.advection, t.terms.tangent
@@ -200,7 +200,7 @@ def _flux_kernel(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace
     return flux
 
 
-def _weak_divergence(t: SimpleNamespace, ops: SimpleNamespace):
+def _weak_divergence(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Function:
     """Adds the weak Laplacians from the fluxes that `_flux_kernel` left."""
     np_, real, adds, last = t.np, t.real, t.terms.dynamics, t.terms.unknowns - 1
     wedge = ops.wedge

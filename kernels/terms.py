@@ -14,8 +14,8 @@ LANE_BYTES = 64
 class Terms:
     """The terms compiled into one kernel.
 
-    `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation, with
-    the kinetic energy and relative vorticity, and the surface height, respectively.
+    `advection`, `pressure`: the vector-invariant momentum equation and the continuity equation,
+    with the kinetic energy and relative vorticity, and the surface height, respectively.
     `bottom`: the surface height is depth plus bottom height.
     `wind`: the wind is prescribed and depth, which it carries, is the only unknown.
     `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
@@ -78,7 +78,7 @@ def geometry_struct(
     }
     optional = {
         "gravity": (terms.pressure, real),
-        "bottom": (terms.bottom, on_nodes),
+        "bottom": (terms.bottom and not terms.tangent, on_nodes),
         "wind": (terms.wind and not terms.still, on_nodes),
         "base": (terms.tangent and terms.gradient, on_nodes),
         "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),

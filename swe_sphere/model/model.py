@@ -24,9 +24,9 @@ SHAPES = ("element", "node")
 class Model:
     """Tendencies of the shallow-water equations with exactly the effects of one scene.
 
-    A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or the
-    depths alone where the wind is prescribed.  `shape` chooses the launch shape of the kernels; by
-    default one thread a group of elements on a CPU and one thread a node elsewhere.
+    A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
+    the depths alone where the wind is prescribed.  `shape` chooses the launch shape of the kernels;
+    by default one thread a group of elements on a CPU and one thread a node elsewhere.
 
     Raises ConfigError for an unknown device, precision or launch shape.
     """

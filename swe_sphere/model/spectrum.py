@@ -18,7 +18,7 @@ TOLERANCE = 1e-2
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Largest eigenvalue in modulus [s-1] of the waves (imaginary) and the dissipation (negative)."""
+    """Largest modulus of eigenvalues [s-1]: of waves (imaginary) and of dissipation (negative)."""
 
     wave: float
     dissipation: float = 0.0
@@ -89,7 +89,7 @@ def _power_iteration(
     d: NDArray[np.float64],
     steps: int = 40,
 ) -> float:
-    """Growth of the square of the operator, for a spectrum that Arnoldi iteration cannot separate."""
+    """Growth of the operator's square, for a spectrum that Arnoldi iteration cannot separate."""
     growth = 0.0
     for _ in range(steps):
         d = d / np.linalg.norm(d)

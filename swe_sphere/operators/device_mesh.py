@@ -17,9 +17,9 @@ class DeviceMesh:
     """Element data of a mesh on a device, `lanes` elements side by side.
 
     Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with
-    copies of the last element, which DSS never reads.  Metric terms are computed in float64 and only
-    then rounded to `real`: a geometry in float32 would grow a spurious wave (Nakano et al. 2018,
-    doi:10.1175/MWR-D-17-0257.1).
+    copies of the last element, which DSS never reads.  Metric terms are computed in float64 and
+    only then rounded to `real`: a geometry in float32 would grow a spurious wave (Nakano et al.
+    2018, doi:10.1175/MWR-D-17-0257.1).
     """
 
     def __init__(self, mesh: Mesh, device: str, real: Any, shape: str) -> None:

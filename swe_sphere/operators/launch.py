@@ -13,8 +13,8 @@ REMEMBERED = 512
 class Launcher:
     """Launches kernels on one device through recorded commands.
 
-    A plain `wp.launch` costs about as much as the whole right-hand side of a small mesh; a recorded one
-    a fifth of it.  Commands are remembered by kernel and arguments (arrays by address), which
+    A plain `wp.launch` costs about as much as the whole right-hand side of a small mesh; a recorded
+    one a fifth of it.  Commands are remembered by kernel and arguments (arrays by address), which
     steppers reuse all the time.
     """
 

@@ -12,9 +12,9 @@ from .launch import Launcher
 class TendencyOperator:
     """out = DSS of the terms at x, for state vectors of shape (unknowns*N,).
 
-    `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4 [m4 s-1]
-    and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base and laplacian (unknowns*N,).
-    `coriolis` (N,) [s-1], if given, adds -f k x V.
+    `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
+    [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base and laplacian
+    (unknowns*N,).  `coriolis` (N,) [s-1], if given, adds -f k x V.
     """
 
     def __init__(

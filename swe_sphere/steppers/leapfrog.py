@@ -17,7 +17,7 @@ SHARE = 0.7
 
 
 class Leapfrog(Stepper):
-    """Leapfrog with Robert-Asselin-Williams filter, started by a Runge-Kutta step; one slope a step.
+    """Leapfrog with Robert-Asselin-Williams filter: one right-hand side a step, started by rk4.
 
     Williams 2009 (doi:10.1175/2009MWR2724.1).  Dissipation is taken at the past level, where it is
     stable.

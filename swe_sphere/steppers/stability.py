@@ -18,8 +18,8 @@ def largest_step(
     """Largest dt [s] up to which no mode grows.
 
     `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
-    of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral radii
-    `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both.
+    of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral
+    radii `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both.
     """
     if wave + dissipation == 0.0:
         return np.inf
