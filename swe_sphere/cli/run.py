@@ -104,9 +104,12 @@ def _run(asked: RunConfig) -> Summary:
 
 def _configuration(context: typer.Context, file: Path | None) -> RunConfig:
     """What the flags say, and for the rest the file."""
-    flags = {
-        name: value
-        for name, value in context.params.items()
-        if name != "config" and not (value is None or value is False or value == [])
-    }
-    return make_config((load_config(file) if file is not None else {}) | flags)
+    flags = {name: value for name, value in context.params.items() if _given(value)}
+    flags.pop("config", None)
+    values = load_config(file) if file is not None else {}
+    return make_config(values | flags)
+
+
+def _given(value: object) -> bool:
+    """Whether a flag was given: none of them can be given as nothing, false or an empty list."""
+    return value is not None and value is not False and value != [] and value != ()

@@ -69,7 +69,8 @@ class Terminal(Watcher):
 def show_summary(summary: Summary, config: RunConfig) -> None:
     """The result as a table or a line of JSON; why it stopped early in one line on stderr."""
     if summary.reason is not None:
-        kept = "" if config.out is None else f"; {config.out} keeps what was written"
+        named = config.out is None or str(config.out) in summary.reason
+        kept = "" if named else f"; {config.out} keeps what was written"
         sys.stderr.write(f"swe-sphere: {' '.join(summary.reason.split())}{kept}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")

@@ -38,16 +38,19 @@ Positive = Annotated[float, Field(gt=0.0)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
 
 
+_FIELDS = {"set": "settings", "json": "as_json"}
+"""Flags whose fields are called otherwise."""
+
+
 class RunConfig(BaseModel):
     """Everything `swe-sphere run` can be told; None means: as the scene recommends.
 
-    The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`.
+    The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`, but
+    for two that Python cannot call so: `settings` is `--set`, `as_json` is `--json`.
     Whether scene, stepper, mesh and device exist is checked where they are made.
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, validate_by_name=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     scene: str
     """Name of a scene, or path of a .py file that defines `scene(**parameters)`."""
@@ -74,7 +77,7 @@ class RunConfig(BaseModel):
     precision: Literal["float64", "float32"] = "float64"
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
-    settings: tuple[str, ...] = Field(default=(), alias="set")
+    settings: tuple[str, ...] = ()
     """"effect.parameter=value" and "scene.parameter=value"."""
     out: Path | None = None
     every: Positive | None = None
@@ -83,7 +86,7 @@ class RunConfig(BaseModel):
     restart: Path | None = None
     reference: Path | None = None
     """Reference solution on a latitude-longitude grid, for the time at the end of the run."""
-    as_json: bool = Field(default=False, alias="json")
+    as_json: bool = False
     quiet: bool = False
 
     @field_validator("settings", mode="before")
@@ -125,19 +128,23 @@ def load_config(path: Path) -> dict[str, object]:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not valid TOML: {error}") from None
-    return {key.replace("-", "_"): value for key, value in table.items()}
+    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table.items()}
 
 
 def _first_line(error: ValidationError) -> str:
     """The first complaint as "field: what is wrong, not value"."""
     first = error.errors(include_url=False)[0]
-    name = str(first["loc"][0]).replace("_", "-") if first["loc"] else "configuration"
-    name = {"settings": "set", "as-json": "json"}.get(name, name)
+    name = _flag(str(first["loc"][0])) if first["loc"] else "configuration"
     if first["type"] == "extra_forbidden":
-        fields = RunConfig.model_fields.items()
-        names = (field.alias or key.replace("_", "-") for key, field in fields)
-        return f"there is no option {name!r}; there are {', '.join(sorted(names))}"
+        names = ", ".join(sorted(map(_flag, RunConfig.model_fields)))
+        return f"there is no option {name!r}; there are {names}"
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"
     message = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
     return f"{name}: {message}, not {first['input']!r}"
+
+
+def _flag(field: str) -> str:
+    """Name of a field on the command line."""
+    flags = {own: flag for flag, own in _FIELDS.items()}
+    return flags.get(field, field.replace("_", "-"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,9 @@ __all__ = ["identity", "make_mesh", "make_model", "make_scene"]
 
 SCENE_PREFIX = "scene."
 
+NODE_BYTES = 300
+"""Memory of a run for each node of each element, measured with rk4 in float64."""
+
 
 def make_scene(config: RunConfig) -> Scene:
     """The scene with the parameters and effects the configuration asks for.
@@ -34,10 +38,13 @@ def make_scene(config: RunConfig) -> Scene:
 
 
 def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
-    """The mesh; ConfigError for a number out of range."""
+    """The mesh; ConfigError for a number out of range, or a mesh that memory cannot hold."""
+    ne = scene.ne if config.ne is None else config.ne
+    np = scene.np if config.np is None else config.np
+    _check_memory(ne, np)
     return build_mesh(
-        scene.ne if config.ne is None else config.ne,
-        scene.np if config.np is None else config.np,
+        ne,
+        np,
         radius=scene.planet.radius,
         stretch=config.stretch,
         centre=(config.centre_lon, config.centre_lat),
@@ -68,6 +75,20 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
     }
+
+
+def _check_memory(ne: int, np: int) -> None:
+    """Refuse what would otherwise be killed by the system without a word."""
+    try:
+        installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # not on this system
+        return
+    needed = NODE_BYTES * 6 * (ne * np) ** 2
+    if needed > installed:
+        raise ConfigError(
+            f"ne={ne} with np={np} needs about {needed / 2**30:.3g} GiB of memory, this machine"
+            f" has {installed / 2**30:.3g}: take a smaller ne"
+        )
 
 
 def _scene_parameters(config: RunConfig) -> dict[str, float | bool | str]:
