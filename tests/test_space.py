@@ -9,6 +9,7 @@ import warp as wp
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.linear import VectorSpace
+from swe_sphere.linear.basis import OrthonormalBasis
 
 N = 9001  # neither a multiple of the strips of the host nor of the blocks of the kernels
 WAYS = list(product((False, True), (wp.float64, wp.float32)))
@@ -82,53 +83,74 @@ def test_sums_of_two_and_copies(space: VectorSpace) -> None:
     assert not x.numpy().any()
 
 
-def test_orthonormalise_reproduces_the_vector(space: VectorSpace) -> None:
-    stack, values = random_stack(space, 6)
-    for count in range(6):
-        c, before, length = space.orthonormalise(stack, count, stack[count])
-        rows = stack.numpy().astype(np.float64)
-        assert before == pytest.approx(math.sqrt(weights_of(space) @ values[count] ** 2))
+def filled_basis(space: VectorSpace, size: int, done: int) -> tuple[OrthonormalBasis, np.ndarray]:
+    """A basis with random rows, the first `done` of them orthonormal; and all as they were."""
+    basis = OrthonormalBasis(space, size)
+    rows = np.random.default_rng(0).standard_normal((size, space.n))
+    np.copyto(basis.stack.numpy(), rows, casting="same_kind")
+    basis.start(space.norm(basis.rows[0]))
+    for count in range(1, done):
+        basis.extend(count)
+    return basis, rows
+
+
+def gram(basis: OrthonormalBasis, count: int) -> np.ndarray:
+    """Products of the first rows with each other."""
+    space, rows = basis.space, basis.rows
+    return np.array([space.project(basis.stack, count, row).copy() for row in rows[:count]])
+
+
+def test_basis_reproduces_the_vectors(space: VectorSpace) -> None:
+    basis, values = filled_basis(space, 6, 1)
+    for count in range(1, 6):
+        c, before, length = basis.extend(count)
+        rows = basis.stack.numpy().astype(np.float64)
+        assert before == pytest.approx(math.sqrt(weights_of(space) @ values[count] ** 2), rel=1e-6)
         rebuilt = c @ rows[:count] + length * rows[count]
         assert rebuilt == pytest.approx(values[count], abs=1e2 * space.epsilon)
-    gram = np.array([space.project(stack, 6, stack[i]).copy() for i in range(6)])
-    assert gram == pytest.approx(np.eye(6), abs=10.0 * space.epsilon)
+    assert gram(basis, 6) == pytest.approx(np.eye(6), abs=10.0 * space.epsilon)
 
 
-def test_orthonormalise_survives_cancellation(space: VectorSpace) -> None:
+def test_basis_survives_cancellation(space: VectorSpace) -> None:
     """One pass of Gram-Schmidt would leave an error of round-off / 1e-4."""
-    stack, values = random_stack(space, 3)
-    for count in range(2):
-        space.orthonormalise(stack, count, stack[count])
-    rows = stack.numpy()
+    basis, _ = filled_basis(space, 3, 2)
+    rows = basis.stack.numpy()
     rows[2] = rows[0] + rows[1] + 1e-4 * rows[2] / np.sqrt(space.n)
-    _, before, length = space.orthonormalise(stack, 2, stack[2])
+    _, before, length = basis.extend(2)
     assert 0.0 < length < 1e-3 * before
-    assert np.abs(space.project(stack, 2, stack[2])).max() < 10.0 * space.epsilon
-    assert space.norm(stack[2]) == pytest.approx(1.0, abs=50.0 * space.epsilon)
+    assert gram(basis, 3) == pytest.approx(np.eye(3), abs=50.0 * space.epsilon)
 
 
-def test_orthonormalise_knows_its_own_span(space: VectorSpace) -> None:
-    stack, _ = random_stack(space, 3)
-    for count in range(2):
-        space.orthonormalise(stack, count, stack[count])
-    rows = stack.numpy()
+def test_basis_does_not_lose_orthogonality_little_by_little(space: VectorSpace) -> None:
+    """Each vector loses some digits to the others, never so much as to call for a second pass."""
+    basis, _ = filled_basis(space, 30, 1)
+    for count in range(1, 30):
+        rows = basis.stack.numpy()
+        rows[count] = rows[:count].sum(axis=0) + 0.3 * math.sqrt(count / space.n) * rows[count]
+        _, before, length = basis.extend(count)
+        assert 0.1 * before < length < 0.5 * before
+    assert gram(basis, 30) == pytest.approx(np.eye(30), abs=2.0 * math.sqrt(space.epsilon))
+
+
+def test_basis_knows_its_own_span(space: VectorSpace) -> None:
+    basis, _ = filled_basis(space, 3, 2)
+    rows = basis.stack.numpy()
     rows[2] = 3.0 * rows[0] - 4.0 * rows[1]
-    coefficients, before, length = space.orthonormalise(stack, 2, stack[2])
+    coefficients, before, length = basis.extend(2)
     assert coefficients == pytest.approx([3.0, -4.0], abs=40.0 * space.epsilon)
     assert before == pytest.approx(5.0, rel=1e-5)
     assert length == 0.0
     rows[2] = 0.0
-    assert space.orthonormalise(stack, 2, stack[2])[1:] == (0.0, 0.0)
+    assert basis.extend(2)[1:] == (0.0, 0.0)
 
 
-def test_what_is_not_a_number_shows(space: VectorSpace) -> None:
-    for bad in (np.nan, np.inf):
-        stack, _ = random_stack(space, 2)
-        space.orthonormalise(stack, 0, stack[0])
-        stack.numpy()[1, 17] = bad
-        assert not math.isfinite(space.norm(stack[1]))
-        _, before, length = space.orthonormalise(stack, 1, stack[1])
-        assert not (math.isfinite(before) and math.isfinite(length))
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_shows(space: VectorSpace, bad: float) -> None:
+    basis, _ = filled_basis(space, 2, 1)
+    basis.stack.numpy()[1, 17] = bad
+    assert not math.isfinite(space.norm(basis.rows[1]))
+    _, before, length = basis.extend(1)
+    assert not (math.isfinite(before) and math.isfinite(length))
 
 
 @pytest.mark.parametrize("real", [wp.float64, wp.float32])

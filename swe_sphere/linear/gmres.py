@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 
+from .basis import OrthonormalBasis
 from .least_squares import HessenbergLeastSquares
 from .result import LinearResult, Status
 from .space import VectorSpace
@@ -79,8 +80,7 @@ class FlexibleGMRES:
         if size < 1:
             raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
         self.space, self.size = space, size
-        self._basis = space.stack(size + 1)
-        self._rows = [self._basis[i] for i in range(size + 1)]
+        self._basis = OrthonormalBasis(space, size + 1)
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
 
@@ -157,7 +157,7 @@ class FlexibleGMRES:
 
     def _residual(self, p: _Progress, fresh: bool = False) -> float:
         """Put rhs - A x in the first row of the basis; returns its norm."""
-        row = self._rows[0]
+        row = self._basis.rows[0]
         if fresh and self.space.norm(p.x) == 0.0:
             self.space.copy(p.rhs, row)
             return p.scale
@@ -168,7 +168,7 @@ class FlexibleGMRES:
     def _cycle(self, p: _Progress) -> _End:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
         start = p.history[-1]
-        self.space.scale(1.0 / start, self._rows[0])
+        self._basis.start(start)
         small = HessenbergLeastSquares(start, self.space.epsilon)
         goal = max(p.target, self.space.epsilon * start)
         sizes: list[float] = []
@@ -195,13 +195,13 @@ class FlexibleGMRES:
 
     def _expand(self, p: _Progress, k: int) -> tuple[NDArray[np.float64], float, float]:
         """Next basis vector, from A M v_k: its components, its length and the part that is new."""
-        direction, product = self._rows[k], self._rows[k + 1]
+        direction, product = self._basis.rows[k : k + 2]
         if p.precondition is not None:
             image = self._image_row(k)
             p.precondition(direction, image)
             direction = image
         p.operator(direction, product)
-        return self.space.orthonormalise(self._basis, k + 1, product)
+        return self._basis.extend(k + 1)
 
     def _image_row(self, k: int) -> wp.array:
         """Where M v_k is kept: a flexible method cannot find it again."""
@@ -212,6 +212,7 @@ class FlexibleGMRES:
 
     def _update(self, p: _Progress, y: NDArray[np.float64], sizes: list[float]) -> None:
         """x = x + sum_k y_k M v_k."""
-        stack = self._basis if p.precondition is None or self._images is None else self._images
+        preconditioned = p.precondition is not None and self._images is not None
+        stack = self._images if preconditioned else self._basis.stack
         self.space.combine(p.x, stack, y, p.x)
-        p.terms += float(np.abs(y) @ np.array(sizes))
+        p.terms += float(np.abs(y) @ np.array(sizes[: y.size]))

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 __all__ = ["HessenbergLeastSquares"]
 
+# Columns that lower the residual by less than this part are not used.
+GAIN = 1e-6
+
 
 class HessenbergLeastSquares:
     """min_y |beta e_1 - H y| for an upper Hessenberg H (k + 1, k) that grows by a column at a time.
@@ -24,6 +27,7 @@ class HessenbergLeastSquares:
         self._columns: list[list[float]] = []
         self._rotations: list[tuple[float, float]] = []
         self._rhs = [beta]
+        self._residuals = [beta]
 
     def append(self, column: Sequence[float], below: float) -> float:
         """Add the column H[:k, k-1], H[k, k-1] = below; returns the least |beta e_1 - H y|."""
@@ -41,12 +45,18 @@ class HessenbergLeastSquares:
         self._rotations.append((cosine, sine))
         last = self._rhs[-1]
         self._rhs[-1:] = [cosine * last, -sine * last]
-        return abs(self._rhs[-1])
+        self._residuals.append(abs(self._rhs[-1]))
+        return self._residuals[-1]
 
     def solve(self) -> NDArray[np.float64]:
-        """The minimising y (k,); components that a singular H leaves open are zero."""
-        y = self._rhs[:-1]
-        for k in range(len(y) - 1, -1, -1):
+        """The minimising y, without the last columns if these gain nothing.
+
+        Where they gain nothing, as for a singular operator, they would bring large components.
+        """
+        enough = (1.0 + GAIN) * self._residuals[-1]
+        count = next(k for k, residual in enumerate(self._residuals) if residual <= enough)
+        y = self._rhs[:count]
+        for k in range(count - 1, -1, -1):
             column = self._columns[k]
             y[k] = y[k] / column[k] if column[k] > 0.0 else 0.0
             for i in range(k):

@@ -22,10 +22,6 @@ __all__ = ["VectorSpace"]
 
 Array = NDArray[np.float64]
 
-# Daniel, Gragg, Kaufman & Stewart (1976): a second orthogonalisation is due when the first left
-# less than this part of a vector.  0.1 bounds the loss of orthogonality at 10 round-offs.
-REMAINDER = 0.1
-
 
 class VectorSpace:
     """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>)."""
@@ -92,48 +88,14 @@ class VectorSpace:
         """<stack[s], v> for s < count, as numpy array (count,) that the next call overwrites."""
         return self._do.project(stack, count, v)
 
-    def combine(self, x: wp.array, stack: wp.array, coefficients: ArrayLike, out: wp.array) -> None:
-        """out = x + sum_s c_s stack[s] over the first len(c) rows; `out` may be `x`."""
+    def combine(
+        self,
+        x: wp.array,
+        stack: wp.array,
+        coefficients: ArrayLike,
+        out: wp.array,
+        scale: float = 1.0,
+    ) -> None:
+        """out = scale (x + sum_s c_s stack[s]) over the first len(c) rows; `out` may be `x`."""
         c = np.asarray(coefficients, dtype=np.float64)
-        self._do.combine_rows(1.0, x, stack, c, out)
-
-    def orthonormalise(
-        self, stack: wp.array, count: int, v: wp.array
-    ) -> tuple[Array, float, float]:
-        """Make v = stack[count] orthonormal to the orthonormal rows before it.
-
-        Returns (c (count,), |v| at entry, r) with v at entry = sum_s c_s stack[s] + r v at exit.  r
-        is 0, and v at exit without meaning, when v lies in the span of the rows to round-off; both
-        lengths are not finite when v is not.  Classical Gram-Schmidt, repeated where cancellation
-        calls for it ("twice is enough": Parlett, The Symmetric Eigenvalue Problem, 6.9; Daniel,
-        Gragg, Kaufman & Stewart 1976).  The remaining length follows from Pythagoras, which is
-        exact enough where there was no cancellation, so that a pass reads the stack twice and v
-        little more.
-        """
-        products = self._do.project(stack, count + 1, v)
-        square = float(products[count])
-        coefficients = products[:count].copy()
-        rest = square - float(coefficients.dot(coefficients))
-        if rest >= REMAINDER**2 * square > 0.0:
-            length = math.sqrt(rest)
-            self._do.combine_rows(1.0 / length, v, stack, -coefficients, v)
-            return coefficients, math.sqrt(square), length
-        if not 0.0 < square < math.inf:
-            return coefficients, math.sqrt(square), 0.0 if square == 0.0 else math.nan
-        self._do.combine_rows(1.0, v, stack, -coefficients, v)
-        return self._again(stack, count, v, coefficients, math.sqrt(square))
-
-    def _again(
-        self, stack: wp.array, count: int, v: wp.array, coefficients: Array, before: float
-    ) -> tuple[Array, float, float]:
-        """The second pass of `orthonormalise`."""
-        products = self._do.project(stack, count + 1, v)
-        square = float(products[count])
-        correction = products[:count].copy()
-        coefficients += correction
-        rest = square - float(correction.dot(correction))
-        if rest <= max(REMAINDER**2 * square, (10.0 * self.epsilon * before) ** 2):
-            return coefficients, before, 0.0
-        length = math.sqrt(rest)
-        self._do.combine_rows(1.0 / length, v, stack, -correction, v)
-        return coefficients, before, length
+        self._do.combine_rows(scale, x, stack, c, out)
