@@ -34,8 +34,9 @@ class Execution:
         self._health = HealthCheck(model, start, _advice(prepared))
         stepper = prepared.config.stepper
         self._recorder = Recorder(self._sampler, plan, writer, stepper, self._counts)
-        observers = (self._health, self._recorder)
-        self._loop = Loop(model, prepared.stepper, plan, observers, watcher.tick)
+        self._loop = Loop(
+            model, prepared.stepper, plan, self._health, [self._recorder], watcher.tick
+        )
         self._reason: str | None = None
         self._exit_status = 0
 

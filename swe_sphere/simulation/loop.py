@@ -23,8 +23,9 @@ TICK = 0.1
 class Loop:
     """Steps a model along a plan.
 
-    observers: each sees the state after the steps it is due at, in their order, and always the
-    last one.  tick: told the number of steps done, about ten times a second.
+    guard: sees the state when it is due and before any observer does, so that none of them is
+    shown a state that makes no sense.  observers: each sees the state when it is due, and always
+    the last one.  tick: told the number of steps done, about ten times a second.
     """
 
     def __init__(
@@ -32,11 +33,12 @@ class Loop:
         model: Model,
         stepper: Stepper,
         plan: TimePlan,
+        guard: Observer,
         observers: Sequence[Observer],
         tick: Callable[[int], None] | None = None,
     ) -> None:
         self._model, self._stepper, self._plan = model, stepper, plan
-        self._observers, self._tick = observers, tick
+        self._guard, self._observers, self._tick = guard, observers, tick
         self.wall_seconds = 0.0
         """Time spent stepping [s], without compiling, observing and writing."""
         self._last_tick = 0.0
@@ -60,11 +62,9 @@ class Loop:
     def _next_stop(self) -> int:
         """The next step after which anyone is due."""
         following = range(self._stepper.steps + 1, self._plan.steps)
-        return next((step for step in following if self._due(step)), self._plan.steps)
-
-    def _due(self, step: int) -> list[Observer]:
-        last = step == self._plan.steps
-        return [observer for observer in self._observers if last or observer.due(step)]
+        everyone = (self._guard, *self._observers)
+        due = (step for step in following if any(who.due(step) for who in everyone))
+        return next(due, self._plan.steps)
 
     def _advance(self, stop: int, interruption: Interruption) -> None:
         """Take steps up to that number, with the clock running."""
@@ -85,10 +85,11 @@ class Loop:
         wp.synchronize_device(self._model.device)
 
     def _observe(self) -> None:
-        observers = self._due(self._stepper.steps)
         moment = self.moment()
-        for observer in observers:
-            observer.observe(moment)
+        self._guard.observe(moment)
+        for observer in self._observers:
+            if moment.step == self._plan.steps or observer.due(moment.step):
+                observer.observe(moment)
 
     def _report(self) -> None:
         now = time.perf_counter()

@@ -1,0 +1,306 @@
+"""The command line: its contract, and one clear line for every mistake."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swe_sphere.cli.main import main
+from swe_sphere.output.runfile import RunFile
+
+PROGRAM = Path(sys.executable).parent / "swe-sphere"
+KEYS = {
+    "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
+    "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h", "l2_v",
+    "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
+}  # fmt: skip
+SMALL = ("--ne", "2", "--days", "0.5")
+
+
+@pytest.fixture
+def swe(capfd, tmp_path, monkeypatch):
+    """Runs the program in this process, in a folder of its own: status, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    return call
+
+
+def process(*arguments, **options):
+    """Starts the installed program."""
+    return subprocess.Popen(
+        [PROGRAM, *map(str, arguments)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+    )  # fmt: skip
+
+
+# --- what works
+
+
+def test_list_has_a_line_for_each_scene_and_stepper(swe):
+    status, out, err = swe("list")
+    assert (status, err) == (0, "")
+    for name in ("williamson2", "galewsky", "lake-at-rest", "leapfrog", "rk4"):
+        assert re.search(rf"^  {name} +\S.*\w", out, re.MULTILINE), name
+
+
+def test_json_is_the_last_line_and_has_every_key(swe):
+    status, out, err = swe("run", "williamson2", *SMALL, "--json")
+    numbers = json.loads(out.splitlines()[-1])
+    assert (status, err) == (0, "")
+    assert numbers.keys() >= KEYS
+    assert numbers["completed"] is True and numbers["newton_iterations"] == 0
+
+
+def test_the_table_tells_step_limit_and_shortening(swe):
+    status, out, err = swe("run", "williamson2", *SMALL, "--dt", "5000")
+    assert (status, err) == (0, "")
+    flat = " ".join(out.replace("│", " ").split())
+    assert re.search(r"4800 s \(limit 86\d\d\.\d s\), shortened from 5000 s", flat)
+    assert "error of depth" in out and "completed at day 0.5" in flat
+
+
+def test_quiet_prints_nothing(swe):
+    assert swe("run", "williamson2", *SMALL, "--quiet") == (0, "", "")
+
+
+def test_files_pictures_and_comparison(swe, tmp_path):
+    assert swe("run", "williamson2", *SMALL, "--out", "a.nc", "--quiet")[0] == 0
+    assert swe("run", "williamson2", "--ne", 3, "--days", 0.5, "--out", "b.nc", "--quiet")[0] == 0
+    status, out, _ = swe("compare", "a.nc", "b.nc", "--json")
+    assert status == 0 and 0.0 < json.loads(out)["l2"] < 1e-2
+    status, out, _ = swe("compare", "a.nc", "a.nc", "--time", 0)
+    assert status == 0 and out.startswith("h at day 0\n") and "0.000000e+00" in out
+    assert swe("plot", "a.nc", "--field", "vorticity")[0] == 0
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_without_a_file(swe, tmp_path):
+    assert swe("run", "williamson2", *SMALL, "--plot", "p.png", "--quiet") == (0, "", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["p.png"]
+
+
+def test_flags_go_before_the_file(swe, tmp_path):
+    (tmp_path / "run.toml").write_text('scene = "williamson2"\nne = 3\ndays = 0.25\njson = true\n')
+    _, out, _ = swe("run", "--config", "run.toml", "--ne", 2)
+    numbers = json.loads(out)
+    assert (numbers["ne"], numbers["days"]) == (2, 0.25)
+
+
+def test_a_scene_in_a_file_of_the_user(swe, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from swe_sphere.testcases import get_scene\n"
+        "def scene(days: float = 0.5):\n"
+        "    return replace(get_scene('williamson2'), name='own', days=days, ne=2)\n"
+    )
+    _, out, _ = swe("run", "own.py", "--set", "scene.days=0.25", "--json")
+    assert json.loads(out)["scene"] == "own" and json.loads(out)["days"] == 0.25
+
+
+def test_errors_against_a_reference(swe, lat_lon_file):
+    run = ("run", "williamson6", "--ne", 2, "--np", 6, "--json", "--reference", lat_lon_file)
+    status, out, _ = swe(*run, "--days", 0.25)
+    assert status == 0 and 0.0 < json.loads(out)["l2_h"] < 0.1
+    status, _, err = swe(*run, "--days", 0.5)
+    assert status == 2 and "is of day 0.25, the run ends at day 0.5" in err
+
+
+@pytest.fixture
+def lat_lon_file(tmp_path):
+    """The initial state of williamson6 on a latitude-longitude grid, said to be of day 0.25."""
+    import netCDF4
+    import numpy as np
+    from swe_sphere.testcases import get_scene
+
+    lat, lon = np.linspace(-89.0, 89.0, 90), np.arange(0.0, 360.0, 2.0)
+    grid = np.meshgrid(np.radians(lon), np.radians(lat))
+    with netCDF4.Dataset(tmp_path / "reference.nc", "w") as file:
+        file.title = "reference, day 0.25"
+        for name, values in (("lat", lat), ("lon", lon)):
+            file.createDimension(name, values.size)
+            file.createVariable(name, "f8", (name,))[:] = values
+        for name, values in zip("uvh", get_scene("williamson6").initial(*grid), strict=True):
+            file.createVariable(name, "f8", ("lat", "lon"))[:] = values
+    return tmp_path / "reference.nc"
+
+
+# --- mistakes
+
+
+MISTAKES = {
+    "run wiliamson2": "unknown scene 'wiliamson2'; did you mean 'williamson2'",
+    "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
+    "run": "scene: say which one",
+    "run own.py": "there is no scene file own.py",
+    "run williamson2 --dt -1": "dt: must be a positive number",
+    "run williamson2 --dt 0": "dt: must be a positive number",
+    "run williamson2 --dt nan": "dt: must be a positive number",
+    "run williamson2 --dt soon": "dt: must be a number of seconds or 'auto', not 'soon'",
+    "run williamson2 --ne 2 --dt 1e-99": "dt=1e-99 s means more than",
+    "run williamson2 --ne 0": "ne=0",
+    "run williamson2 --ne x": "--ne",
+    "run williamson2 --ne 9999": "of memory",
+    "run williamson2 --np 2": "np=2",
+    "run williamson2 --np 17": "np=17",
+    "run williamson2 --stretch 0.5": "stretch=0.5",
+    "run williamson2 --alpha nan": "alpha: must be a finite number",
+    "run galewsky --alpha 0.1": "has no parameter 'alpha'; it has perturbed",
+    "run williamson2 --days 0": "days: must be greater than 0",
+    "run williamson2 --days -1": "days: must be greater than 0",
+    "run williamson2 --every 0": "every: must be greater than 0",
+    "run williamson2 --ne 2 --device cuda:0": "device 'cuda:0'",
+    "run williamson2 --ne 2 --device abacus": "device 'abacus'",
+    "run williamson2 --precision float16": "precision: must be 'float64' or 'float32'",
+    "run williamson2 --launch tile": "launch: must be 'element' or 'node'",
+    "run williamson2 --set orography.height=1": "has no effect 'orography'; it has",
+    "run williamson2 --set viscosity.mu=1": "has no parameter 'mu'; it has nu",
+    "run williamson2 --set viscosity.nu": "effect.parameter=value, not 'viscosity.nu'",
+    "run williamson2 --set viscosity.nu=-1": "viscosity.nu must be finite and not negative",
+    "run williamson2 --set scene.alpha": "scene.parameter=value, not 'scene.alpha'",
+    "run williamson2 --set scene.beta=1": "has no parameter 'beta'; it has alpha",
+    "run williamson2 --alpha 0 --set scene.alpha=1": "alpha is given twice",
+    "run williamson2 --out nowhere/a.nc": "out: there is no folder nowhere",
+    "run williamson2 --out .": "out: . is a folder",
+    "run williamson2 --plot p.txt": "plot: p.txt must end in .png",
+    "run williamson2 --restart none.nc": "there is no file none.nc",
+    "run williamson2 --restart damaged.nc": "cannot read damaged.nc",
+    "run williamson2 --reference damaged.nc": "cannot read damaged.nc",
+    "run --config none.toml": "cannot read none.toml",
+    "run --config damaged.nc": "damaged.nc is not valid TOML",
+    "plot none.nc": "there is no file none.nc",
+    "plot damaged.nc": "cannot read damaged.nc",
+    "compare damaged.nc damaged.nc": "cannot read damaged.nc",
+    "compare damaged.nc": "Missing argument",
+    "run williamson2 --alfa 1": "No such option: --alfa",
+    "fly": "No such command 'fly'",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
+    if "cuda" in line and _has_gpu():
+        pytest.skip("there is such a device here")
+    (tmp_path / "damaged.nc").write_text("not = netCDF = at all")
+    status, out, err = swe(*line.split())
+    assert (status, out) == (2, "")
+    assert err.startswith("swe-sphere: ") and err.count("\n") == 1
+    assert MISTAKES[line] in err
+    assert [path.name for path in tmp_path.iterdir()] == ["damaged.nc"]
+
+
+def _has_gpu():
+    import warp as wp
+
+    return wp.is_cuda_available()
+
+
+def test_a_mistake_with_json_gets_a_json_line_too(swe):
+    status, out, err = swe("run", "wiliamson2", "--ne", 4, "--json")
+    numbers = json.loads(out)
+    assert status == 2 and numbers.keys() >= KEYS
+    assert (numbers["completed"], numbers["scene"], numbers["ne"]) == (False, "wiliamson2", 4)
+    assert err == f"swe-sphere: {numbers['reason']}\n"
+
+
+def test_a_failed_run_says_why_and_leaves_with_1(swe):
+    unstable = ("--ne", 2, "--days", 20, "--dt", 28800, "--out", "a.nc")
+    status, out, err = swe("run", "williamson2", *unstable, "--json")
+    numbers = json.loads(out)
+    assert (status, numbers["completed"], numbers["l2_h"]) == (1, False, None)
+    warning, reason = err.splitlines()
+    assert "times the stability limit" in warning
+    assert reason == f"swe-sphere: {numbers['reason']}; a.nc keeps what was written"
+
+
+def test_an_old_file_survives_a_mistake(swe, tmp_path):
+    (tmp_path / "a.nc").write_text("precious")
+    swe("run", "williamson2", "--ne", 2, "--out", "a.nc", "--dt", "1e9")
+    assert (tmp_path / "a.nc").read_text() == "precious"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="everything is writable for root")
+def test_a_folder_that_cannot_be_written_to(swe, tmp_path):
+    (tmp_path / "locked").mkdir(mode=0o500)
+    status, _, err = swe("run", "williamson2", *SMALL, "--out", "locked/a.nc")
+    assert status == 2 and "locked cannot be written to" in err
+
+
+def test_an_error_of_ours_is_one_line_too(swe, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("our\nfault")
+
+    monkeypatch.setattr("swe_sphere.cli.run.run_scene", broken)
+    status, out, err = swe("run", "williamson2", "--json")
+    line = "unexpected ZeroDivisionError: our fault (SWE_SPHERE_DEBUG=1 shows where)"
+    assert (status, err) == (1, f"swe-sphere: {line}\n")
+    assert json.loads(out)["reason"] == line
+    monkeypatch.setenv("SWE_SPHERE_DEBUG", "1")
+    assert "Traceback" in swe("run", "williamson2")[2]
+
+
+# --- the program as a process
+
+
+def test_ctrl_c_keeps_the_file_and_leaves_with_130(tmp_path):
+    file = tmp_path / "a.nc"
+    run = process("run", "williamson5", "--ne", 4, "--days", 20000, "--out", file, "--json")
+    _wait_for_frames(file)
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=30)
+    numbers = json.loads(out)
+    assert run.returncode == 130 and numbers["completed"] is False
+    assert err == f"swe-sphere: {numbers['reason']}; {file} keeps what was written\n"
+    assert RunFile(file).times[-1] == pytest.approx(numbers["days"] * 86400.0)
+
+
+def _wait_for_frames(file):
+    """Until the file has grown beyond its first frame."""
+    end = time.monotonic() + 60.0
+    sizes = set()
+    while len(sizes) < 3 and time.monotonic() < end:
+        if file.exists():
+            sizes.add(file.stat().st_size)
+        time.sleep(0.1)
+
+
+def test_a_disk_that_fills_up_ends_the_run_and_keeps_the_frames(tmp_path):
+    import resource
+
+    def small_disk():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+
+    file = tmp_path / "a.nc"
+    options = ("--ne", 8, "--days", 40, "--dt", 1200, "--out", file)
+    run = process("run", "williamson2", *options, "--json", preexec_fn=small_disk)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 1 and err.count("\n") == 1
+    assert json.loads(out)["completed"] is False and f"cannot write {file}" in err
+    assert 1 < RunFile(file).times.size < 40
+
+
+def test_importing_the_package_loads_next_to_nothing():
+    code = "import sys, swe_sphere; print({'numpy', 'warp', 'netCDF4'} & sys.modules.keys())"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
+
+
+def test_a_plain_run_loads_neither_plots_nor_files():
+    code = (
+        "import sys; from swe_sphere.cli.main import main\n"
+        "try: main(['run', 'williamson2', '--ne', '2', '--days', '0.1', '--quiet'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        "print(sorted({'matplotlib', 'xarray', 'netCDF4', 'pandas', 'cmocean', 'scipy.stats',"
+        " 'rich.progress'} & sys.modules.keys()))"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"

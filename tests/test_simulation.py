@@ -1,0 +1,244 @@
+"""The run: time plan, configuration, health check, restart, interruption."""
+
+import json
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.experiment import Watcher, run
+from swe_sphere.output.runfile import RunFile
+from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation import continued_plan, load_config, make_config, time_plan
+
+SMALL = {"ne": 2, "np": 4, "days": 1.0}
+
+
+def small(scene="williamson2", **values):
+    return run(make_config({"scene": scene, **SMALL, **values}))
+
+
+# --- time plan
+
+
+@given(
+    days=st.integers(1, 200).map(lambda n: n / 10),
+    every=st.none() | st.integers(1, 96).map(float),
+    dt=st.floats(1.0, 1800.0),
+)
+@settings(max_examples=200, deadline=None)
+def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
+    try:
+        plan = time_plan(days, every, dt, stable_dt=900.0, safety=0.9)
+    except ConfigError as error:
+        assert "fits both" in str(error)
+        return
+    assert 0.499 * dt <= plan.dt <= dt * (1 + 1e-9)
+    assert plan.steps * plan.dt == pytest.approx(days * DAY, abs=1e-6)
+    assert plan.is_frame(0) and plan.is_frame(plan.steps)
+    if every is not None and every * HOUR < days * DAY:
+        assert plan.frame_steps * plan.dt == pytest.approx(every * HOUR, rel=1e-12)
+
+
+def test_automatic_step_stays_within_the_safe_part_of_the_limit():
+    plan = time_plan(1.0, None, None, stable_dt=1000.0, safety=0.9)
+    assert plan.wanted == 900.0
+    assert plan.dt == 900.0 and plan.steps == 96 and plan.frame_steps == 96
+
+
+def test_frames_come_about_daily_where_nothing_is_said():
+    assert time_plan(5.0, None, 600.0, 1e3, 0.9).frame_steps == 144
+    assert time_plan(0.5, None, 600.0, 1e3, 0.9).frame_steps == 72
+    assert time_plan(20.0, None, 2 * DAY, np.inf, 0.9).frame_steps == 1
+
+
+def test_frames_need_not_divide_the_length():
+    plan = time_plan(1.0, 9.0, 3600.0, 1e5, 0.9)
+    assert [step for step in range(plan.steps + 1) if plan.is_frame(step)] == [0, 9, 18, 24]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ((1.0, None, 2 * DAY, 1e3, 0.9), "longer than the whole run"),
+        ((1.0, None, 1e-200, 1e3, 0.9), "more than"),
+        ((1.0, None, None, np.inf, 0.9), "no stability limit"),
+        ((1.0, 7.3, 3600.0, 1e5, 0.9), "fits both"),
+        ((1e-12, None, 1.0, 1e5, 0.9), "too short"),
+    ],
+)
+def test_plans_that_cannot_be(arguments, word):
+    with pytest.raises(ConfigError, match=word):
+        time_plan(*arguments)
+
+
+def test_continued_plan_keeps_the_step():
+    plan = continued_plan(2.0, 6.0, 600.0, done=100)
+    assert (plan.dt, plan.steps, plan.frame_steps) == (600.0, 288, 36)
+    with pytest.raises(ConfigError, match="already"):
+        continued_plan(2.0, None, 600.0, done=288)
+    with pytest.raises(ConfigError, match="is no whole number of the steps of 600 s"):
+        continued_plan(24.01 / 24, None, 600.0, done=1)
+
+
+# --- configuration
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"dt": -1}, "dt: must be a positive number of seconds or 'auto', not -1"),
+        ({"dt": float("nan")}, "dt: must be a positive"),
+        ({"days": 0}, "days: must be greater than 0, not 0"),
+        ({"alpha": float("nan")}, "alpha: must be a finite number"),
+        ({"ne": 2.5}, "ne: must be a valid integer"),
+        ({"precision": "float16"}, "precision: must be 'float64' or 'float32', not 'float16'"),
+        ({"centre_lon": "east"}, "centre-lon: must be a valid number"),
+        ({"nee": 3}, "there is no option 'nee'; there are alpha, centre-lat"),
+        ({"settings": {"viscosity": 3}}, "set: must be tables"),
+    ],
+)
+def test_an_unfit_value_is_named_in_one_line(values, word):
+    with pytest.raises(ConfigError) as error:
+        make_config({"scene": "williamson2", **values})
+    assert str(error.value).startswith(word)
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_says_all_that_flags_can(tmp_path):
+    file = tmp_path / "run.toml"
+    file.write_text(
+        'scene = "galewsky"\ndt = "auto"\ncentre-lon = 0.5\njson = true\n'
+        "[set.viscosity]\nnu = 1e5\n[set.scene]\nperturbed = false\n"
+    )
+    config = make_config(load_config(file))
+    assert config.settings == ("viscosity.nu=100000.0", "scene.perturbed=False")
+    assert (config.centre_lon, config.as_json, config.dt) == (0.5, True, "auto")
+
+
+# --- runs
+
+
+def test_a_run_counts_times_and_judges():
+    summary = small(dt=3600.0)
+    numbers = json.loads(summary.as_json())
+    assert numbers["completed"] is True and numbers["reason"] is None
+    assert (numbers["steps"], numbers["dt"], numbers["rhs_evaluations"]) == (24, 3600.0, 96)
+    assert 1e-5 < numbers["l2_h"] < 5e-3
+    assert abs(numbers["mass_drift"]) < 1e-14
+    assert 0.0 < numbers["wall_seconds"] < numbers["total_seconds"]
+
+
+def test_no_errors_without_an_exact_solution():
+    numbers = json.loads(small("williamson6", days=0.1).as_json())
+    assert all(numbers[name] is None for name in ("l1_h", "l2_h", "linf_h", "l2_v"))
+
+
+def test_a_prescribed_wind_has_no_error():
+    numbers = json.loads(small("williamson1").as_json())
+    assert numbers["l2_v"] is None and numbers["l2_h"] > 0.0
+
+
+def test_settings_reach_scene_and_effects():
+    calm, thick = small(dt=3600.0), small(dt=3600.0, settings=["viscosity.nu=1e6"])
+    tilted = small(dt=3600.0, settings=["scene.alpha=0.7"])
+    assert thick["energy_drift"] < 10 * calm["energy_drift"] < 0.0
+    assert tilted["l2_h"] == small(dt=3600.0, alpha=0.7)["l2_h"] != calm["l2_h"]
+
+
+def test_too_long_a_step_is_warned_of_and_found_out():
+    class Notes(Watcher):
+        def __init__(self):
+            self.texts = []
+
+        def warn(self, text):
+            self.texts.append(text)
+
+    notes = Notes()
+    values = {"scene": "williamson2", **SMALL, "days": 20.0, "dt": 28800.0}
+    summary = run(make_config(values), notes)
+    assert "3.32 times the stability limit" in notes.texts[0]
+    assert not summary.completed and summary.exit_status == 1
+    assert "take a smaller dt" in summary.reason
+    assert summary["l2_h"] is None and summary["steps"] < 60
+
+
+def test_frames_are_kept_when_a_run_fails(tmp_path):
+    file = tmp_path / "failed.nc"
+    summary = small(days=20.0, dt=28800.0, every=8.0, out=file)
+    kept = RunFile(file)
+    assert not summary.completed and 2 <= kept.times.size < 60
+    assert np.isfinite(kept.frame()["h"]).all()
+    assert kept.attributes["reason"] == summary.reason
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "ssprk3", "kg5", "leapfrog"])
+def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper):
+    whole, part, rest = (tmp_path / name for name in ("whole.nc", "part.nc", "rest.nc"))
+    values = {"stepper": stepper, "every": 6.0, "settings": ["hyperviscosity.nu=default"]}
+    through = small("williamson6", **values, out=whole)
+    small("williamson6", **{**values, "days": 0.5}, out=part)
+    config = {"scene": "williamson6", "days": 1.0, "restart": part, "out": rest}
+    restarted = run(make_config(config))
+    for field in ("u", "v", "h"):
+        assert np.array_equal(RunFile(whole).values(field), RunFile(rest).values(field))
+    for name in ("steps", "rhs_evaluations", "mass_drift", "energy_drift", "dt"):
+        assert through[name] == restarted[name], name
+    assert RunFile(rest).times.tolist() == [12 * HOUR, 18 * HOUR, 24 * HOUR]
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"scene": "williamson2"}, "scene is 'williamson6' there and 'williamson2' here"),
+        ({"ne": 3}, "ne is 2 there and 3 here"),
+        ({"stepper": "leapfrog"}, "stepper is 'rk4' there and 'leapfrog' here"),
+        ({"precision": "float32"}, "precision is 'float64' there"),
+        ({"settings": ["viscosity.nu=1"]}, "effects is"),
+        ({"dt": 100.0}, "goes on with the step of its file"),
+        ({"days": 0.25}, "already"),
+        ({"out": "part.nc"}, "write to another file"),
+    ],
+)
+def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word):
+    monkeypatch.chdir(tmp_path)
+    small("williamson6", days=0.25, dt=3600.0, out="part.nc")
+    before = (tmp_path / "part.nc").read_bytes()
+    config = {"scene": "williamson6", "restart": "part.nc", "days": 1.0, **values}
+    with pytest.raises(ConfigError, match=word):
+        run(make_config(config))
+    assert (tmp_path / "part.nc").read_bytes() == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_can_be_restarted(tmp_path, number):
+    """The signal comes after the first tick; what is left is a whole state, and goes on."""
+
+    class Stop(Watcher):
+        def tick(self, step):
+            os.kill(os.getpid(), number)
+
+    file = tmp_path / "stopped.nc"
+    handler = signal.getsignal(number)
+    values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "out": file}
+    summary = run(make_config(values), Stop())
+    assert signal.getsignal(number) is handler
+    assert summary.exit_status == 130 and not summary.completed
+    assert summary.reason.startswith("interrupted by ")
+    assert 0 < summary["steps"] < 96
+    assert RunFile(file).times[-1] == summary["steps"] * 1800.0
+    restarted = run(make_config({"scene": "williamson6", "restart": file}))
+    assert restarted["energy_drift"] == small("williamson6", days=2.0, dt=1800.0)["energy_drift"]
+
+
+def test_a_run_outside_the_main_thread_leaves_signals_alone():
+    found = []
+    thread = threading.Thread(target=lambda: found.append(small(days=0.1).completed))
+    thread.start()
+    thread.join()
+    assert found == [True]
