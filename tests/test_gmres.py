@@ -215,6 +215,7 @@ def test_singular_operators() -> None:
     assert result.status is Status.STAGNATED
     assert np.isfinite(x).all()
     assert result.residual == pytest.approx(1.0, rel=1e-6)
+    assert x[:-1] == pytest.approx(1.0 / a[:-1], abs=1e-4)
     b[-1] = 0.0
     result, x = solve(lambda v: a * v, b, rtol=1e-10)
     assert result.converged

@@ -127,7 +127,7 @@ class FlexibleGMRES:
             if end is _End.NOT_FINITE:
                 return p.end(Status.NOT_A_NUMBER, "a product or the preconditioner is not finite")
             trusted = p.target >= UNTRUSTED * self.space.epsilon * p.terms
-            if end is _End.TARGET and trusted:
+            if p.history[-1] <= p.target and trusted:
                 return p.end(Status.CONVERGED, "converged")
             p.history[-1] = self._residual(p)
             result = self._judge(p, end, start)
@@ -171,19 +171,17 @@ class FlexibleGMRES:
         self._basis.start(start)
         small = HessenbergLeastSquares(start, self.space.epsilon)
         goal = max(p.target, self.space.epsilon * start)
-        sizes: list[float] = []
         end = _End.LIMIT
         for k in range(min(self.size, p.limit - p.iterations)):
             column, size, below = self._expand(p, k)
             if not math.isfinite(size) or not math.isfinite(below):
                 return _End.NOT_FINITE
-            sizes.append(size)
             p.history.append(small.append(column.tolist(), below))
             p.iterations += 1
             end = self._check(p, goal, below, k)
             if end in (_End.TARGET, _End.BREAKDOWN):
                 break
-        self._update(p, small.solve(), sizes)
+        self._update(p, small)
         return end
 
     def _check(self, p: _Progress, goal: float, below: float, k: int) -> _End:
@@ -194,7 +192,7 @@ class FlexibleGMRES:
         return _End.FULL if k + 1 == self.size else _End.LIMIT
 
     def _expand(self, p: _Progress, k: int) -> tuple[NDArray[np.float64], float, float]:
-        """Next basis vector, from A M v_k: its components, its length and the part that is new."""
+        """Next basis vector, from A M v_k: its components, its length and that of what is new."""
         direction, product = self._basis.rows[k : k + 2]
         if p.precondition is not None:
             image = self._image_row(k)
@@ -210,9 +208,10 @@ class FlexibleGMRES:
             self._image_rows = [self._images[i] for i in range(self.size)]
         return self._image_rows[k]
 
-    def _update(self, p: _Progress, y: NDArray[np.float64], sizes: list[float]) -> None:
+    def _update(self, p: _Progress, small: HessenbergLeastSquares) -> None:
         """x = x + sum_k y_k M v_k."""
         preconditioned = p.precondition is not None and self._images is not None
         stack = self._images if preconditioned else self._basis.stack
+        y, p.history[-1], terms = small.solve()
         self.space.combine(p.x, stack, y, p.x)
-        p.terms += float(np.abs(y) @ np.array(sizes[: y.size]))
+        p.terms += terms

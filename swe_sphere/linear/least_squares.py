@@ -28,6 +28,7 @@ class HessenbergLeastSquares:
         self._rotations: list[tuple[float, float]] = []
         self._rhs = [beta]
         self._residuals = [beta]
+        self._sizes: list[float] = []
 
     def append(self, column: Sequence[float], below: float) -> float:
         """Add the column H[:k, k-1], H[k, k-1] = below; returns the least |beta e_1 - H y|."""
@@ -37,7 +38,8 @@ class HessenbergLeastSquares:
         diagonal = math.hypot(c[-1], below)
         # at a breakdown (below = 0) what an ill-conditioned H leaves there is its noise
         smallest = self._epsilon ** (1.0 / 3.0) if below == 0.0 else 8.0 * self._epsilon
-        if diagonal > smallest * math.hypot(*column, below):
+        self._sizes.append(math.hypot(*column, below))
+        if diagonal > smallest * self._sizes[-1]:
             cosine, sine, c[-1] = c[-1] / diagonal, below / diagonal, diagonal
         else:
             cosine, sine, c[-1] = 0.0, 1.0, 0.0
@@ -48,17 +50,29 @@ class HessenbergLeastSquares:
         self._residuals.append(abs(self._rhs[-1]))
         return self._residuals[-1]
 
-    def solve(self) -> NDArray[np.float64]:
-        """The minimising y, without the last columns if these gain nothing.
+    def solve(self) -> tuple[NDArray[np.float64], float, float]:
+        """The minimising y, the residual it leaves, and the size of the terms that cancel in H y.
 
-        Where they gain nothing, as for a singular operator, they would bring large components.
+        y is shorter than H is wide where the last columns gain nothing, or less than they cost by
+        round-off in those terms, sum_k |y_k| |H e_k|: so it is when the operator is singular.
         """
-        enough = (1.0 + GAIN) * self._residuals[-1]
-        count = next(k for k, residual in enumerate(self._residuals) if residual <= enough)
+        residuals = self._residuals
+        enough = (1.0 + GAIN) * residuals[-1]
+        count = next(k for k, residual in enumerate(residuals) if residual <= enough)
+        y, terms = self._solve(count)
+        if self._epsilon * terms > residuals[count]:
+            found = [self._solve(k) for k in range(count + 1)]
+            sums = [r + self._epsilon * f[1] for r, f in zip(residuals, found, strict=False)]
+            count = sums.index(min(sums))
+            y, terms = found[count]
+        return np.array(y), residuals[count], terms
+
+    def _solve(self, count: int) -> tuple[list[float], float]:
+        """The y of the first columns alone, by back substitution, and the size of the terms."""
         y = self._rhs[:count]
         for k in range(count - 1, -1, -1):
             column = self._columns[k]
             y[k] = y[k] / column[k] if column[k] > 0.0 else 0.0
             for i in range(k):
                 y[i] -= column[i] * y[k]
-        return np.array(y)
+        return y, math.fsum(abs(a * b) for a, b in zip(y, self._sizes, strict=False))
