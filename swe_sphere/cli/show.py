@@ -120,9 +120,9 @@ def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
         ]
         if values:
             yield title, ", ".join(values)
-    for path in (config.out, config.plot):
-        if path is not None and n["steps"]:
-            yield "written", str(path)
+    for name, path in {"frames": config.out, "picture": config.plot}.items():
+        if path is not None:
+            yield name, str(path)
 
 
 def _there(numbers: dict[str, Any], name: str) -> bool:
