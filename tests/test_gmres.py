@@ -190,6 +190,19 @@ def test_reported_residual_is_true_when_ill_conditioned(rtol: float) -> None:
     assert result.converged == (result.roundoff or true <= rtol * np.linalg.norm(b))
 
 
+@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+def test_what_cannot_be_solved_is_not_called_converged(real: type) -> None:
+    """A matrix so far from normal that round-off in the solution is of the size of the residual."""
+    n = 60
+    turn = np.linalg.qr(np.random.default_rng(3).standard_normal((n, n)))[0]
+    a = turn @ (np.diag(np.logspace(-8, 0, n)) + np.diag(np.full(n - 1, 1e-3), 1)) @ turn.T
+    b = np.random.default_rng(4).standard_normal(n)
+    result, x = solve(a.dot, b, n, real=real, rtol=1e-6, max_iterations=2000)
+    assert result.status is Status.STAGNATED
+    assert 1e-3 * np.linalg.norm(b) < result.residual < np.linalg.norm(b)
+    assert np.linalg.norm(b - a @ x) == pytest.approx(result.residual, rel=0.2)
+
+
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-11])
 def test_reported_residual_is_true_when_convergence_is_fast(rtol: float) -> None:
     """Much of each product lies in the basis already: orthogonality is lost unless looked after."""
