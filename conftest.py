@@ -1,4 +1,4 @@
-"""Tests use the installed package: the source tree alone lacks `kernels` and `testcases`."""
+"""Tests use the installed package, not the source tree that `python -m pytest` is started in."""
 
 import sys
 from pathlib import Path

@@ -45,6 +45,11 @@ def process(*arguments, **options):
     )  # fmt: skip
 
 
+def output(folder, code):
+    """What a Python program prints that is started in a folder without our source tree."""
+    return subprocess.check_output([sys.executable, "-c", code], text=True, cwd=folder)
+
+
 # --- what works
 
 
@@ -290,12 +295,12 @@ def test_a_disk_that_fills_up_ends_the_run_and_keeps_the_frames(tmp_path):
     assert 1 < RunFile(file).times.size < 40
 
 
-def test_importing_the_package_loads_next_to_nothing():
+def test_importing_the_package_loads_next_to_nothing(tmp_path):
     code = "import sys, swe_sphere; print({'numpy', 'warp', 'netCDF4'} & sys.modules.keys())"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
+    assert output(tmp_path, code) == "set()\n"
 
 
-def test_a_plain_run_loads_neither_plots_nor_files():
+def test_a_plain_run_loads_neither_plots_nor_files(tmp_path):
     code = (
         "import sys; from swe_sphere.cli.main import main\n"
         "try: main(['run', 'williamson2', '--ne', '2', '--days', '0.1', '--quiet'])\n"
@@ -303,4 +308,4 @@ def test_a_plain_run_loads_neither_plots_nor_files():
         "print(sorted({'matplotlib', 'xarray', 'netCDF4', 'pandas', 'cmocean', 'scipy.stats',"
         " 'rich.progress'} & sys.modules.keys()))"
     )
-    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"
+    assert output(tmp_path, code) == "[]\n"
