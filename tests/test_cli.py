@@ -9,10 +9,13 @@ import sys
 import time
 from pathlib import Path
 
+import netCDF4
+import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.output.runfile import RunFile
+from swe_sphere.testcases import get_scene
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
 KEYS = {
@@ -125,10 +128,6 @@ def test_errors_against_a_reference(swe, lat_lon_file):
 @pytest.fixture
 def lat_lon_file(tmp_path):
     """The initial state of williamson6 on a latitude-longitude grid, said to be of day 0.25."""
-    import netCDF4
-    import numpy as np
-    from swe_sphere.testcases import get_scene
-
     lat, lon = np.linspace(-89.0, 89.0, 90), np.arange(0.0, 360.0, 2.0)
     grid = np.meshgrid(np.radians(lon), np.radians(lat))
     with netCDF4.Dataset(tmp_path / "reference.nc", "w") as file:
