@@ -41,6 +41,8 @@ def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
 
     product = _scaled_product(model, state, operator)
     start = np.random.default_rng(0).standard_normal(model.size)
+    if not product(start).any():
+        return 0.0
     matrix = LinearOperator((model.size, model.size), matvec=product, dtype=np.float64)
     try:
         values = eigs(
@@ -60,7 +62,7 @@ def _scaled_product(
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
     base = state.numpy().astype(np.float64)
     scale = _units(model, base)
-    size = np.abs(base / scale).max()
+    size = np.abs(base / scale).max() or 1.0
     plus, minus = model.zeros(), model.zeros()
 
     def product(direction: NDArray[np.float64]) -> NDArray[np.float64]:

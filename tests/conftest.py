@@ -1,0 +1,16 @@
+"""Fixtures that several tests share."""
+
+from __future__ import annotations
+
+import pytest
+import warp as wp
+
+from swe_sphere.mesh import Mesh, build_mesh
+
+wp.config.log_level = wp.LOG_WARNING
+
+
+@pytest.fixture(scope="session")
+def small_mesh() -> Mesh:
+    """Stretched and turned, so that no symmetry hides a mistake: 24 elements of np 4."""
+    return build_mesh(2, 4, stretch=1.5, centre=(0.7, 0.4), spin=0.3)

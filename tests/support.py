@@ -1,0 +1,108 @@
+"""What several tests share: scenes made of any set of effects, and random continuous states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swe_sphere.mesh import Mesh
+from swe_sphere.model import Model, Scene
+from swe_sphere.model.effects import (
+    Hyperviscosity,
+    MomentumAdvection,
+    Orography,
+    PrescribedWind,
+    PressureGradient,
+    Rotation,
+    Viscosity,
+)
+
+EFFECTS = {
+    "advection": MomentumAdvection(),
+    "pressure": PressureGradient(),
+    "rotation": Rotation(),
+    "orography": Orography(),
+    "wind": PrescribedWind(),
+    "viscosity": Viscosity(1e6),
+    "hyperviscosity": Hyperviscosity(1e18),
+}
+
+
+def make_scene(*names: str) -> Scene:
+    """A scene with just these effects over rough fields without any symmetry."""
+    effects = tuple(EFFECTS[name] for name in names)
+    return Scene(
+        name="+".join(names) or "nothing",
+        title="a test",
+        reference="none",
+        effects=effects,
+        initial=lambda lon, lat: (np.cos(lat), 0.0 * lat, 1000.0 + 0.0 * lat),
+        bottom=(lambda lon, lat: 300.0 * np.cos(3.0 * lon + lat)) if "orography" in names else None,
+        coriolis=(lambda lon, lat: 1e-4 * np.sin(2.0 * lat + lon)) if "rotation" in names else None,
+        wind=_wind if "wind" in names else None,
+        report="",
+        ne=2,
+        np=4,
+        dt=None,
+        days=1.0,
+    )
+
+
+def _wind(lon, lat, t):
+    return 20.0 * np.cos(lat + t) + 5.0 * np.sin(2.0 * lon), 10.0 * np.cos(lon - t)
+
+
+SMOOTH = {
+    "xyz": (3, lambda x, y, z: (x * y * z, y * z, x * z, x * y)),
+    "tall": (
+        5,
+        lambda x, y, z: (_four(x, y) * z, _four_x(x, y) * z, _four_x(y, x) * z, _four(x, y)),
+    ),
+}
+"""Spherical harmonics as polynomials: degree, and (value, three partial derivatives)."""
+
+
+def _four(x, y):
+    return x**4 - 6.0 * x**2 * y**2 + y**4
+
+
+def _four_x(x, y):
+    return 4.0 * x**3 - 12.0 * x * y**2
+
+
+def harmonic(mesh: Mesh, name: str) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Degree l, spherical harmonic Y (N,), and its gradient (2, N) [m-1] and k x gradient."""
+    degree, formula = SMOOTH[name]
+    value, *partial = formula(*mesh.xyz.T)
+    slope = np.stack(partial, axis=1) / mesh.radius
+    gradient = np.stack([np.sum(slope * unit, axis=1) for unit in (mesh.east, mesh.north)])
+    return degree, value, gradient, np.stack([-gradient[1], gradient[0]])
+
+
+def random_state(model: Model, seed: int = 1) -> np.ndarray:
+    """Rough winds and depths, continuous by construction: one value a unique node."""
+    rng = np.random.default_rng(seed)
+    n = model.mesh.size
+    parts = {"u": 20.0 * rng.standard_normal(n), "v": 20.0 * rng.standard_normal(n)}
+    parts["h"] = 1000.0 + 100.0 * rng.standard_normal(n)
+    return np.concatenate([parts[name] for name in model.names])
+
+
+def tendency(model: Model, state: np.ndarray, t: float = 0.0) -> np.ndarray:
+    """The model's right-hand side for a numpy state, as float64."""
+    out = model.zeros()
+    model.tendency(model.device_mesh.upload(state), t, out)
+    return out.numpy().astype(np.float64)
+
+
+def tangent(model: Model, state: np.ndarray, direction: np.ndarray, t: float = 0.0) -> np.ndarray:
+    """The model's Jacobian at a state times a direction, as float64."""
+    out = model.zeros()
+    model.linearise(model.device_mesh.upload(state), t)
+    model.tangent(model.device_mesh.upload(direction), out)
+    return out.numpy().astype(np.float64)
+
+
+def relative(ours: np.ndarray, theirs: np.ndarray, blocks: int = 1) -> float:
+    """Largest difference in any block (u, v or h), over the largest value in that block."""
+    pairs = zip(np.split(ours, blocks), np.split(theirs, blocks), strict=True)
+    return max(float(np.abs(a - b).max() / (np.abs(b).max() or 1.0)) for a, b in pairs)

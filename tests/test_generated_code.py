@@ -1,0 +1,185 @@
+"""What is compiled: the C++ that Warp generates holds the terms of a scene and nothing else."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import warp as wp
+from support import make_scene
+
+import swe_sphere.kernels
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.testcases import get_scene
+
+MESH = build_mesh(1, 4)
+SHAPES = ("element", "node")
+OPTIONAL = {
+    "gravity": ("pressure",),
+    "bottom": ("orography",),
+    "wind": ("wind",),
+    "nu": ("viscosity",),
+    "nu4": ("hyperviscosity",),
+    "laplacian": ("hyperviscosity",),
+    "inverse_jacobian": ("viscosity", "hyperviscosity"),
+    "fluxes": ("viscosity", "hyperviscosity"),
+    "coriolis": ("rotation",),
+    "base": (),
+}
+"""Names of arrays and coefficients, and the effects that call for each."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """Generated code without comments, of the kernels of one right-hand side."""
+
+    text: str
+
+    def has(self, name: str) -> bool:
+        """Whether the code uses an array or coefficient of that name."""
+        return re.search(rf"\b{name}\b", self.text) is not None
+
+    def count(self, *calls: str) -> int:
+        """How often any of these functions of Warp is called."""
+        return sum(len(re.findall(rf"\bwp::{call}\(", self.text)) for call in calls)
+
+    @property
+    def arithmetic(self) -> int:
+        return self.count("add", "sub", "mul", "cw_mul", "neg")
+
+    @property
+    def loads(self) -> int:
+        return self.count("address", "load")
+
+    @property
+    def branches(self) -> int:
+        """Conditions that are not the end of a loop."""
+        conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", self.text)
+        return len(conditions) + self.count("where", "select")
+
+
+def source(kernel: wp.Kernel) -> str:
+    """The C++ in Warp's cache that this kernel was built from."""
+    name = kernel.module.get_module_identifier(block_dim=1)
+    text = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
+    text = re.sub(r"//[^\n]*", "", text[text.index("struct ") :])
+    return re.split(r"\w+_cpu_(?:block_payload_forward|forward_tasks)", text)[0]  # no launch code
+
+
+def code_of(scene, shape: str, part: str = "all") -> Code:
+    model = Model(MESH, scene, shape=shape)
+    operator = model._part(part)._operator
+    kernels = [operator.compiled.kernel, operator.assembly.kernel, *operator._flux_kernels]
+    return Code("\n".join(source(kernel) for kernel in kernels))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "effects",
+    [
+        ("advection", "pressure"),
+        ("advection", "pressure", "rotation"),
+        ("pressure", "orography"),
+        ("advection", "pressure", "rotation", "orography", "viscosity"),
+        ("pressure", "rotation", "hyperviscosity"),
+        ("wind",),
+        ("wind", "viscosity"),
+        ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity"),
+    ],
+    ids="+".join,
+)
+def test_only_the_named_effects_are_compiled(effects, shape) -> None:
+    """Each optional name is in the code if and only if an effect of the scene calls for it."""
+    code = code_of(make_scene(*effects), shape)
+    for name, callers in OPTIONAL.items():
+        wanted = any(effect in effects for effect in callers)
+        if name == "bottom":
+            wanted = "orography" in effects and {"pressure", "viscosity"} & set(effects)
+        if name == "fluxes" and shape == "element":
+            wanted = False
+        assert code.has(name) == bool(wanted), name
+    assert code.branches == 0
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("effect", ["advection", "rotation", "orography", "viscosity"])
+def test_each_effect_costs_loads_and_arithmetic_only_where_it_is(effect: str, shape: str) -> None:
+    all_of_them = ("advection", "pressure", "rotation", "orography", "viscosity")
+    without = tuple(name for name in all_of_them if name != effect)
+    full, less = (code_of(make_scene(*names), shape) for names in (all_of_them, without))
+    assert less.arithmetic < full.arithmetic
+    assert less.loads < full.loads
+    assert len(less.text) < len(full.text)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_scenes_compile_their_own_equations_only(shape: str) -> None:
+    """A steady flow knows no bottom; a carried bell has a third of the unknowns and no momentum."""
+    steady, mountain, bell = (
+        code_of(get_scene(name), shape) for name in ("williamson2", "williamson5", "williamson1")
+    )
+    assert mountain.has("bottom") and not steady.has("bottom")
+    assert bell.has("wind") and not steady.has("wind")
+    assert not any(bell.has(name) for name in ("gravity", "coriolis", "bottom", "base"))
+    assert bell.count("array_store") < 0.5 * steady.count("array_store")
+    assert bell.arithmetic < 0.5 * steady.arithmetic < 0.5 * mountain.arithmetic
+
+
+def test_momentum_has_no_arrays_under_a_prescribed_wind() -> None:
+    model = Model(MESH, get_scene("williamson1"))
+    operator = model._part("all")._operator
+    assert model.zeros().shape == (MESH.size,)
+    assert operator.local.shape[-1] == 1
+    assert "coriolis" not in operator.assembly.structure.vars
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_tangent_has_a_base_and_no_bottom(shape: str) -> None:
+    """What is constant has no derivative."""
+    tangent = code_of(get_scene("williamson5"), shape, "tangent")
+    assert tangent.has("base") and not tangent.has("bottom")
+
+
+def kernel_functions() -> list[tuple[str, ast.FunctionDef]]:
+    """Every function of kernels/ that Warp compiles."""
+    found = []
+    for path in sorted(Path(swe_sphere.kernels.__file__).parent.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                decorators = " ".join(ast.unparse(item) for item in node.decorator_list)
+                if re.search(r"\bwp\.(func|kernel)\b", decorators):
+                    found.append((f"{path.name}:{node.lineno}", node))
+    return found
+
+
+def bare_literals(function: ast.FunctionDef) -> list[int]:
+    """Lines with a float that no conversion such as real(...) makes one of the right precision."""
+    converted = {
+        id(argument)
+        for call in ast.walk(function)
+        if isinstance(call, ast.Call) and ast.unparse(call.func) in ("real", "value", "wp.float64")
+        for argument in call.args
+    }
+    return [
+        node.lineno
+        for node in ast.walk(function)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, float)
+        and id(node) not in converted
+    ]
+
+
+def test_kernels_have_no_bare_float_literals() -> None:
+    """To Warp a bare literal is a float32, which silently loses digits in float64."""
+    functions = kernel_functions()
+    assert len(functions) > 20
+    assert {where: lines for where, node in functions if (lines := bare_literals(node))} == {}
+
+
+def test_bare_literals_are_found() -> None:
+    source_code = "def f(x: float):\n    y = real(0.5)\n    return 0.5 * x + real(1.0 / 3.0)"
+    assert bare_literals(ast.parse(source_code).body[0]) == [3, 3, 3]

@@ -1,0 +1,81 @@
+"""Right-hand sides and tangents against an independent formulation, in both launch shapes."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from cartesian import Cartesian
+from support import make_scene, random_state, relative, tangent, tendency
+
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+
+SHAPES = ("element", "node")
+DYNAMICS = ("advection", "pressure", "rotation", "orography")
+FULL = (*DYNAMICS, "viscosity", "hyperviscosity")
+ROUND_OFF = 1e-12
+
+
+def every_combination() -> list[tuple[str, ...]]:
+    """All sets of effects with something to compute, with and without a prescribed wind."""
+    sets = [c for size in range(1, 7) for c in combinations(FULL, size) if c != ("orography",)]
+    carried = [("wind", *c) for c in ((), ("viscosity",), ("orography", "hyperviscosity"))]
+    return sets + carried
+
+
+def check(mesh, names, shape, precision, bound) -> None:
+    scene = make_scene(*names)
+    model = Model(mesh, scene, shape=shape, precision=precision)
+    state = random_state(model)
+    expected = Cartesian(mesh, scene).tendency(state, 0.25)
+    assert relative(tendency(model, state, 0.25), expected, len(model.names)) < bound
+
+
+@pytest.mark.parametrize("np_", range(3, 17))
+def test_node_shape_for_every_np(np_: int) -> None:
+    check(build_mesh(1, np_, spin=0.2), DYNAMICS, "node", "float64", ROUND_OFF)
+
+
+@pytest.mark.parametrize("np_", [3, 5, 8, 11, 16])
+def test_element_shape_for_many_np(np_: int) -> None:
+    check(build_mesh(1, np_, spin=0.2), DYNAMICS, "element", "float64", ROUND_OFF)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("np_", [4, 7])
+def test_single_precision(np_: int, shape: str) -> None:
+    check(build_mesh(2, np_), FULL, shape, "float32", 1e-5)
+
+
+@pytest.mark.parametrize("ne", [1, 3])
+def test_element_groups_that_are_not_full(ne: int) -> None:
+    """6 ne² elements do not fill groups of eight lanes for odd ne."""
+    check(build_mesh(ne, 4, stretch=2.0, centre=(1.0, -0.5)), FULL, "element", "float64", ROUND_OFF)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("names", every_combination(), ids="+".join)
+def test_every_combination_of_effects(small_mesh, names, shape) -> None:
+    """The right-hand side, and its tangent by a complex step and by the exact difference."""
+    scene = make_scene(*names)
+    model, check = Model(small_mesh, scene, shape=shape), Cartesian(small_mesh, scene)
+    blocks = len(model.names)
+    state, direction = random_state(model), 0.1 * random_state(model, seed=2)
+    ours = tendency(model, state, 0.25)
+    assert relative(ours, check.tendency(state, 0.25), blocks) < ROUND_OFF
+    product = tangent(model, state, direction, 0.25)
+    complex_step = check.tendency(state + 1e-30j * direction, 0.25).imag / 1e-30
+    assert relative(product, complex_step, blocks) < ROUND_OFF
+    plus, minus = (tendency(model, state + s * direction, 0.25) for s in (1.0, -1.0))
+    floor = np.repeat([np.abs(part).max() for part in np.split(plus, blocks)], small_mesh.size)
+    assert np.abs((0.5 * (plus - minus) - product) / np.maximum(floor, 1e-300)).max() < ROUND_OFF
+
+
+@pytest.mark.parametrize("names", [FULL, ("wind", "viscosity")], ids="+".join)
+def test_both_shapes_agree(small_mesh, names) -> None:
+    models = [Model(small_mesh, make_scene(*names), shape=shape) for shape in SHAPES]
+    state = random_state(models[0])
+    element, node = (tendency(model, state) for model in models)
+    assert relative(element, node, len(models[0].names)) < ROUND_OFF

@@ -1,0 +1,110 @@
+"""Limits of the time step: the spectrum of the discrete operator, and what the limits are worth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import make_scene, random_state
+
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Viscosity
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+
+EXPLICIT = ("rk4", "ssprk3", "kg5", "leapfrog")
+WAVES = ("advection", "pressure", "rotation")
+
+
+def jacobian(model: Model, state, operator) -> np.ndarray:
+    """The dense Jacobian by exact differences of a quadratic right-hand side."""
+    base = state.numpy()
+    columns = []
+    plus, minus = model.zeros(), model.zeros()
+    for unit in np.eye(model.size):
+        for sign, out in ((1.0, plus), (-1.0, minus)):
+            operator(model.device_mesh.upload(base + sign * 10.0 * unit), out)
+        columns.append((plus.numpy() - minus.numpy()) / 20.0)
+    return np.stack(columns, axis=1)
+
+
+def states(model: Model) -> dict[str, np.ndarray]:
+    """At rest, and in smooth motion over a varying depth."""
+    n, lat = model.mesh.size, model.mesh.lat
+    rest = np.concatenate([np.zeros(2 * n), np.full(n, 3000.0)])
+    u, depth = 60.0 * np.cos(lat), 3000.0 - 1000.0 * np.sin(lat) ** 2
+    flow = np.concatenate([u, 10.0 * np.cos(model.mesh.lon), depth])
+    return {"rest": rest, "flow": flow}
+
+
+@pytest.mark.parametrize(("ne", "np_"), [(1, 3), (1, 4), (2, 3), (2, 4)])
+@pytest.mark.parametrize("kind", ["rest", "flow"])
+def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -> None:
+    model = Model(build_mesh(ne, np_), make_scene(*WAVES))
+    state = model.device_mesh.upload(states(model)[kind])
+    matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
+    exact = np.abs(np.linalg.eigvals(matrix)).max()
+    assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
+
+
+@pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
+def test_dissipation_spectrum_against_dense_eigenvalues(effect: str) -> None:
+    model = Model(build_mesh(2, 3), make_scene(*WAVES, effect))
+    state = model.device_mesh.upload(states(model)["flow"])
+    exact = np.abs(np.linalg.eigvals(jacobian(model, state, model.dissipative_tendency))).max()
+    assert model.spectrum(state).dissipation == pytest.approx(exact, rel=0.02)
+
+
+def test_advection_spectrum_against_dense_eigenvalues() -> None:
+    model = Model(build_mesh(2, 4), get_scene("williamson1", alpha=0.7))
+    state = model.initial_state()
+    matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
+    exact = np.abs(np.linalg.eigvals(matrix)).max()
+    assert model.spectrum(state).wave == pytest.approx(exact, rel=0.02)
+
+
+def growth(name: str, model: Model, dt: float, steps: int) -> float:
+    """Growth of a small random perturbation of a fluid at rest."""
+    rest = states(model)["rest"]
+    noise = 1e-6 * (random_state(model) - random_state(model, 2))
+    stepper = STEPPERS[name](model, dt)
+    stepper.start(model.device_mesh.upload(rest + noise))
+    with np.errstate(all="ignore"):
+        for _ in range(steps):
+            stepper.step()
+        last = np.linalg.norm(stepper.state.numpy() - rest) / np.linalg.norm(noise)
+    return float(last) if np.isfinite(last) else np.inf
+
+
+@pytest.mark.parametrize("nu", [0.0, 3e7], ids=["inviscid", "viscous"])
+@pytest.mark.parametrize("name", EXPLICIT)
+def test_the_limit_is_a_limit(name: str, nu: float) -> None:
+    """Three per cent below the limit nothing grows, ten per cent above everything does."""
+    model = Model(build_mesh(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
+    spectrum = model.spectrum(model.device_mesh.upload(states(model)["rest"]))
+    limit = STEPPERS[name].stable_dt(spectrum.wave, spectrum.dissipation)
+    assert growth(name, model, 0.97 * limit, 600) < 3.0
+    if not nu:
+        assert growth(name, model, 1.1 * limit, 600) > 1e6
+
+
+@pytest.mark.parametrize("name", EXPLICIT)
+def test_viscous_limit_alone(name: str) -> None:
+    """Without waves the limit is that of the real axis: again sharp."""
+    model = Model(build_mesh(2, 4), make_scene("viscosity").with_effect(Viscosity(1e8)))
+    spectrum = model.spectrum(model.device_mesh.upload(states(model)["rest"]))
+    assert spectrum.wave == 0.0
+    limit = STEPPERS[name].stable_dt(0.0, spectrum.dissipation)
+    assert growth(name, model, 0.97 * limit, 600) < 1.1
+    assert growth(name, model, 1.1 * limit, 600) > 1e6
+
+
+def test_limits_that_theory_knows() -> None:
+    """On the imaginary axis: rk4 √8, ssprk3 √3, kg5 √15, per spectral radius; leapfrog below 1."""
+    for name, reach in (("rk4", 8**0.5), ("ssprk3", 3**0.5), ("kg5", 15**0.5)):
+        assert STEPPERS[name].stable_dt(2.0) == pytest.approx(reach / 2.0, rel=1e-2)
+    assert 0.8 < STEPPERS["leapfrog"].stable_dt(1.0) < 1.0
+
+
+def test_nothing_moves_nothing_limits() -> None:
+    assert STEPPERS["rk4"].stable_dt(0.0, 0.0) == np.inf
