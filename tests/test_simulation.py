@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
 from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation import continued_plan, load_config, make_config, time_plan
+from swe_sphere.simulation import HealthCheck, continued_plan, load_config, make_config, time_plan
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 
@@ -234,6 +234,20 @@ def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     assert RunFile(file).times[-1] == summary["steps"] * 1800.0
     restarted = run(make_config({"scene": "williamson6", "restart": file}))
     assert restarted["energy_drift"] == small("williamson6", days=2.0, dt=1800.0)["energy_drift"]
+
+
+def test_a_run_interrupted_at_a_frame_writes_it_once(tmp_path, monkeypatch):
+    look = HealthCheck.observe
+
+    def stop_and_look(self, moment):
+        os.kill(os.getpid(), signal.SIGINT)
+        look(self, moment)
+
+    monkeypatch.setattr(HealthCheck, "observe", stop_and_look)
+    file = tmp_path / "stopped.nc"
+    summary = small(dt=1800.0, every=2.0, out=file)
+    assert (summary.exit_status, summary["steps"]) == (130, 4)
+    assert RunFile(file).times.tolist() == [0.0, 7200.0]
 
 
 def test_a_run_outside_the_main_thread_leaves_signals_alone():

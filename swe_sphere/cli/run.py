@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -16,7 +16,8 @@ from swe_sphere.simulation import RunConfig, load_config, make_config
 __all__ = ["run"]
 
 
-def _number(flag: str, unit: str, text: str) -> typer.models.OptionInfo:
+def _number(flag: str, unit: str, text: str) -> Any:
+    """An option that is a number, with its unit in the help."""
     return typer.Option(flag, metavar=unit, help=text)
 
 
