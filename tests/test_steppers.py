@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support import harmonic, make_scene
+from support import harmonic, make_scene, random_state, relative
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
@@ -65,6 +65,25 @@ def test_leapfrog_filter_leaves_first_order_in_the_limit(moving) -> None:
     """The filter damps by a part of ν (2α - 1) (ω Δt)² a step: first order over a given time."""
     found = orders(moving, "leapfrog", (400.0, 200.0, 100.0, 50.0))
     assert found == pytest.approx([1.0] * 3, abs=0.15)
+
+
+def test_leapfrog_filters_as_williams_does(small_mesh) -> None:
+    """Williams (2009), eqs. 7-9, ν = 0.1, α = 0.7, with dissipation from the filtered past."""
+    model = Model(small_mesh, make_scene("advection", "pressure", "rotation", "viscosity"))
+    stepper, dt = STEPPERS["leapfrog"](model, 200.0), 200.0
+    past = random_state(model)
+    first = advance("rk4", model, model.device_mesh.upload(past), dt, dt)
+    stepper.start(model.device_mesh.upload(past))
+    now, rate, loss = first.state.numpy(), model.zeros(), model.zeros()
+    stepper.step()
+    for _ in range(5):
+        model.conservative_tendency(model.device_mesh.upload(now), 0.0, rate)
+        model.dissipative_tendency(model.device_mesh.upload(past), loss)
+        future = past + 2.0 * dt * (rate.numpy() + loss.numpy())
+        displacement = 0.05 * (past - 2.0 * now + future)
+        past, now = now + 0.7 * displacement, future - 0.3 * displacement
+        stepper.step()
+        assert relative(stepper.state.numpy(), now, 3) < 1e-12
 
 
 @pytest.mark.parametrize("name", EXPLICIT)
