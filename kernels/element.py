@@ -33,7 +33,7 @@ def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     )
     ops = algebra(value, index, real, lanes)
     laws = physics(terms, geometry, value, index, real, ops)
-    line = _line_sums(np_, value, real)
+    line = line_sums(np_, value, real)
     dynamics = (_transport if terms.wind else _shallow_water)(types, ops, laws, line)
     diffuse_wind = _diffusion_of_wind(types, ops, laws, line)
     diffuse_height = _diffusion_of_height(types, ops, laws, line)
@@ -53,7 +53,7 @@ def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     )
 
 
-def _line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
+def line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
     """Derivative of an element's field along each coordinate (d1, d2), and transposes (t1, t2)."""
     matrix, field = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
@@ -136,7 +136,11 @@ def _shallow_water(
         if wp.static(advection):
             c1 = wp.zeros(shape=(np_, np_), dtype=value)
             c2 = wp.zeros(shape=(np_, np_), dtype=value)
+            us = wp.zeros(shape=(np_, np_), dtype=value)
+            vs = wp.zeros(shape=(np_, np_), dtype=value)
             if wp.static(tangent):
+                base_us = wp.zeros(shape=(np_, np_), dtype=value)
+                base_vs = wp.zeros(shape=(np_, np_), dtype=value)
                 base1 = wp.zeros(shape=(np_, np_), dtype=value)
                 base2 = wp.zeros(shape=(np_, np_), dtype=value)
         for i in range(np_):
@@ -166,7 +170,11 @@ def _shallow_water(
                 if wp.static(advection):
                     c1[i, j] = dot(a11, a12, u, v)
                     c2[i, j] = dot(a21, a22, u, v)
+                    us[i, j] = u
+                    vs[i, j] = v
                     if wp.static(tangent):
+                        base_us[i, j] = ub
+                        base_vs[i, j] = vb
                         base1[i, j] = dot(a11, a12, ub, vb)
                         base2[i, j] = dot(a21, a22, ub, vb)
         for i in range(np_):
@@ -178,17 +186,14 @@ def _shallow_water(
                 ru = -wedge(b1, b2, geo.basis[e, n, 1], geo.basis[e, n, 3])
                 rv = -wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], b1, b2)
                 if wp.static(advection):
-                    node = geo.nodes[e, n]
                     zeta = d1(d, c2, i, j) - d2(d, c1, i, j)
                     if wp.static(tangent):
                         zeta_base = d1(d, base2, i, j) - d2(d, base1, i, j)
-                        ru += mul(zeta_base, load(x, geo.size, node)) + mul(
-                            zeta, load(geo.base, geo.size, node)
-                        )
-                        rv -= mul(zeta_base, load(x, 0, node)) + mul(zeta, load(geo.base, 0, node))
+                        ru += mul(zeta_base, vs[i, j]) + mul(zeta, base_vs[i, j])
+                        rv -= mul(zeta_base, us[i, j]) + mul(zeta, base_us[i, j])
                     else:
-                        ru += mul(zeta, load(x, geo.size, node))
-                        rv -= mul(zeta, load(x, 0, node))
+                        ru += mul(zeta, vs[i, j])
+                        rv -= mul(zeta, us[i, j])
                 out[e, n, 0] = geo.weight[i, j] * ru
                 out[e, n, 1] = geo.weight[i, j] * rv
                 out[e, n, 2] = -geo.weight[i, j] * (d1(d, f1, i, j) + d2(d, f2, i, j))

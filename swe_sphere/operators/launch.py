@@ -23,7 +23,8 @@ class Launcher:
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else 256
-        self._commands: dict[tuple[object, ...], Any] = {}
+        # with the arguments, so that no other array or structure takes a remembered place in memory
+        self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
@@ -35,9 +36,8 @@ class Launcher:
     def __call__(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
         """Run the kernel over `dim` threads."""
         key = (id(kernel), dim, *map(_identity, arguments))
-        command = self._commands.get(key)
-        if command is None:
-            command = self._record(kernel, dim, arguments, key)
+        known = self._commands.get(key)
+        command = self._record(kernel, dim, arguments, key) if known is None else known[0]
         command.launch()
 
     def _record(
@@ -48,7 +48,7 @@ class Launcher:
         command = wp.launch(
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True
         )
-        self._commands[key] = command
+        self._commands[key] = (command, (kernel, *arguments))
         return command
 
 

@@ -2,12 +2,29 @@
 
 from ..model.effects import unknown_name
 from .base import Stepper
+from .bdf2 import BDF2
+from .dirk import ESDIRK4, SDIRK3, TRBDF2, CrankNicolson, ImplicitEuler, ImplicitMidpoint
 from .leapfrog import Leapfrog
 from .runge_kutta import KG5, RK4, SSPRK3
 
 __all__ = ["STEPPERS", "Stepper", "get_stepper"]
 
-STEPPERS: dict[str, type[Stepper]] = {cls.name: cls for cls in (Leapfrog, RK4, SSPRK3, KG5)}
+STEPPERS: dict[str, type[Stepper]] = {
+    cls.name: cls
+    for cls in (
+        Leapfrog,
+        RK4,
+        SSPRK3,
+        KG5,
+        ImplicitEuler,
+        CrankNicolson,
+        ImplicitMidpoint,
+        BDF2,
+        TRBDF2,
+        SDIRK3,
+        ESDIRK4,
+    )
+}
 """All steppers by name."""
 
 

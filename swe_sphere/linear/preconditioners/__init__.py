@@ -1,0 +1,41 @@
+"""Preconditioners by name, all behind one small interface."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import warp as wp
+
+from ...model.effects import unknown_name
+from ...model.model import Model
+from .base import Preconditioner
+from .helmholtz import Helmholtz
+from .inner import Direct, Jacobi, Multilevel
+from .schwarz import Schwarz
+
+__all__ = ["PRECONDITIONERS", "Helmholtz", "Preconditioner", "make_preconditioner"]
+
+PRECONDITIONERS: dict[str, Callable[[Model], Any]] = {
+    "none": lambda model: None,
+    "jacobi": partial(Helmholtz, inner=Jacobi),
+    "helmholtz": partial(Helmholtz, inner=Multilevel),
+    "helmholtz-schwarz": partial(Helmholtz, inner=Schwarz),
+    "helmholtz-direct": partial(Helmholtz, inner=Direct, real=wp.float64),
+}
+"""Block elimination with the inverse of the Schur complement by: its diagonal (jacobi), coarse
+correction and Chebyshev steps (helmholtz), overlapping patches (helmholtz-schwarz), sparse factors
+(helmholtz-direct)."""
+
+
+def make_preconditioner(name: str, model: Model) -> Preconditioner | None:
+    """The preconditioner of that name for a model; None for "none".
+
+    A scene with prescribed wind has no gravity waves and gets none.  Raises ConfigError, naming the
+    nearest one, for an unknown name.
+    """
+    if name not in PRECONDITIONERS:
+        raise unknown_name("preconditioner", name, PRECONDITIONERS)
+    if model.names == ("h",):
+        return None
+    made: Preconditioner | None = PRECONDITIONERS[name](model)
+    return made

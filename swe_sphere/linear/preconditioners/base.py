@@ -1,0 +1,34 @@
+"""What every preconditioner does."""
+
+from typing import Protocol
+
+import warp as wp
+
+
+class Preconditioner(Protocol):
+    """Approximate inverse of I - tau J, J the Jacobian of the right-hand side."""
+
+    setup_seconds: float
+    """Wall time spent in `setup` so far [s]."""
+    setups: int
+    applications: int
+
+    def setup(self, state: wp.array, tau: float) -> None:
+        """Prepare for the implicit step tau [s] at a state; cheap when little has changed."""
+        ...
+
+    def apply(self, r: wp.array, out: wp.array) -> None:
+        """out near (I - tau J)^-1 r, both (3N,)."""
+        ...
+
+
+class InnerSolver(Protocol):
+    """Approximate inverse of the Schur complement S."""
+
+    def setup(self, tau: float, depth: object) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        ...
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x near S^-1 b, both (N,); b may be overwritten."""
+        ...

@@ -1,0 +1,95 @@
+"""Coarse spaces for the smooth and for the spurious waves of collocated spectral elements.
+
+Along a line of elements the DSS'd gradient is zero not only for constants: the polynomial P_{np-1}
+has no slope at the interior GLL nodes, and opposite slopes on the two sides of an element boundary
+when its sign alternates from element to element, which average to zero.  Times a slowly varying
+envelope these patterns are as slow as the smooth waves, no smoother damps them and no compact
+Laplacian knows them.  So beside the bilinear hat of each element vertex there is a coarse function
+hat x pattern along each of the two directions, and one along both: four branches, nearly orthogonal
+to each other.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from ...mesh import Mesh
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
+"""Element corners (end along xi1, end along xi2)."""
+
+
+def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
+    """Interpolations (N, V) from V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
+
+    The two directions are paired across element boundaries around each vertex.  At the eight cube
+    corners, where three elements meet, they cannot be told apart: there the third space takes both
+    and the fourth has no function (V - 8 columns).
+    """
+    vertices = _vertex_numbers(mesh)
+    hat = 0.5 * (1.0 - mesh.gll_points)
+    pattern = hat * legendre.legval(-mesh.gll_points, np.eye(mesh.np)[-1])
+    first, second = _products(pattern, hat), _products(hat, pattern)
+    turned = _turned(vertices)
+    one = np.where(turned[:, None, :], second, first)
+    other = np.where(turned[:, None, :], first, second)
+    corner = np.bincount(vertices.ravel())[vertices] == 3
+    one = np.where(corner[:, None, :], 0.5 * (first + second), one)
+    renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3) - 1
+    fewer = np.where(corner, -1, renumbered[vertices])
+    return [
+        _interpolation(mesh, _products(hat, hat), vertices),
+        _interpolation(mesh, _products(pattern, pattern), vertices),
+        _interpolation(mesh, one, vertices),
+        _interpolation(mesh, other, fewer),
+    ]
+
+
+def _vertex_numbers(mesh: Mesh) -> Int:
+    """(E, 4) vertex number of each element's corners, in the order of CORNERS."""
+    ends = np.array(CORNERS) * (mesh.np - 1)
+    _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
+    return number.reshape(mesh.elements, 4)
+
+
+def _products(along_1: Array, along_2: Array) -> Array:
+    """(np*np, 4) products of two functions of the distance from each corner."""
+    sides = [np.outer(along_1[:: 1 - 2 * p], along_2[:: 1 - 2 * q]).ravel() for p, q in CORNERS]
+    return np.stack(sides, axis=1)
+
+
+def _turned(vertices: Int) -> NDArray[np.bool_]:
+    """(E, 4) whether direction 1 of the element is the second direction of its corner's vertex.
+
+    The first direction of a vertex is direction 1 of the first element there.  Around a vertex of
+    four elements the directions of the edges alternate, so which of the two comes first
+    anticlockwise changes from an element to its neighbour; neighbours share an edge, that is its
+    far end.  All elements are right-handed: at a corner with equal ends direction 1 comes first.
+    """
+    far_1, far_2 = vertices[:, [2, 3, 0, 1]].ravel(), vertices[:, [1, 0, 3, 2]].ravel()
+    _, first, inverse = np.unique(vertices.ravel(), return_index=True, return_inverse=True)
+    first = first[inverse]
+    leads = np.tile([p == q for p, q in CORNERS], len(vertices))
+    neighbour = np.zeros(leads.size, dtype=bool)
+    for mine in (far_1, far_2):
+        neighbour |= (mine == far_1[first]) | (mine == far_2[first])
+    turned = np.where(neighbour, leads == leads[first], leads != leads[first])
+    turned[first] = False
+    return turned.reshape(vertices.shape)
+
+
+def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
+    """(N, columns) nodal values of the coarse functions from (np*np, 4) or (E, np*np, 4) ones.
+
+    A node on an element boundary is met once from each side, with the same value.
+    """
+    rows = np.broadcast_to(mesh.nodes.reshape(mesh.elements, -1, 1), (mesh.elements, mesh.np**2, 4))
+    where = np.broadcast_to(columns[:, None, :], rows.shape)
+    values = np.broadcast_to(values, rows.shape)
+    used = (where >= 0) & (values != 0.0)
+    shape = (mesh.size, int(columns.max()) + 1)
+    total = sp.coo_array((values[used], (rows[used], where[used])), shape).tocsr()
+    return (sp.diags_array(1.0 / np.diff(mesh.gather_offsets)) @ total).tocsr()

@@ -1,0 +1,80 @@
+"""Coarse correction on the element vertices: one solve a branch, added up."""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ...operators import sparse
+from .branches import branch_spaces
+from .chebyshev import chebyshev_coefficients
+from .schur_matrix import SchurMatrix
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+SPURIOUS_SWEEPS = 3
+"""Chebyshev steps on each spurious branch, whose coarse operators are well conditioned."""
+
+
+class CoarseCorrection:
+    """x = sum over the branches of P_k S_k^-1 P_k^T M b, on the host in float32.
+
+    The smooth branch has the compact Helmholtz operator and is factorised; the spurious ones have
+    the Galerkin operators of S, and a few Chebyshev steps will do.
+    """
+
+    def __init__(self, schur: SchurMatrix) -> None:
+        self._schur = schur
+        self._spaces = branch_spaces(schur.mesh)
+        self._slopes = [(schur.gradient @ space).tocsr() for space in self._spaces]
+        area = sp.diags_array(schur.mesh.area)
+        self._ends = np.cumsum([0, *(space.shape[1] for space in self._spaces)])
+        together = sp.hstack(self._spaces, format="csr")
+        self._prolongation = together.astype(np.float32)
+        self._restriction = (together.T @ area).tocsr().astype(np.float32)
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
+        from scipy.sparse.linalg import splu
+
+        schur, smooth = self._schur, self._spaces[0]
+        compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth))
+        area = sp.diags_array(schur.mesh.area)
+        matrix = smooth.T @ ((area + tau**2 * schur.gravity * compact) @ smooth)
+        self._direct = splu(
+            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+        blocks = [
+            schur.galerkin(space, slopes, tau, depth)
+            for space, slopes in zip(self._spaces[1:], self._slopes[1:], strict=True)
+        ]
+        self._spurious = sp.block_diag(blocks, format="csr").astype(np.float32)
+        self._inverse = (1.0 / self._spurious.diagonal()).astype(np.float32)
+        self._coefficients = chebyshev_coefficients(SPURIOUS_SWEEPS, self._largest_eigenvalue())
+
+    def solve(self, b: Float32) -> Float32:
+        """The correction (N,) for the residual b (N,)."""
+        coarse = self._restriction @ b
+        split = self._ends[1]
+        coarse[:split] = self._direct.solve(coarse[:split].astype(np.float64))
+        coarse[split:] = self._sweep(coarse[split:])
+        return self._prolongation @ coarse
+
+    def _sweep(self, r: Float32) -> Float32:
+        r, x = r.copy(), np.zeros_like(r)
+        d = x
+        for k, (keep, take, beta) in enumerate(self._coefficients):
+            if k > 0:
+                r -= self._spurious @ d
+            d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
+            x = x + np.float32(beta) * d
+        return x
+
+    def _largest_eigenvalue(self) -> float:
+        x, growth = np.random.default_rng(0).standard_normal(self._inverse.size), 1.0
+        for _ in range(20 if x.size else 0):
+            x = self._inverse * (self._spurious @ x)
+            growth = float(np.linalg.norm(x))
+            x /= growth
+        return 1.05 * growth

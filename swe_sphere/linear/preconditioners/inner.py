@@ -1,0 +1,109 @@
+"""Approximate inverses of the Schur complement S, in the number type of the operator."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...errors import ConfigError
+from ...operators.schur import SchurOperator
+from .chebyshev import chebyshev_coefficients
+from .coarse import CoarseCorrection
+from .schur_matrix import SchurMatrix
+
+Array = NDArray[np.float64]
+
+LARGEST_MEMORY = 4e9
+"""Memory [bytes] that a factorisation or patch inverses may take."""
+
+
+class InnerSolver:
+    """Approximate inverse of S; `setup` comes before the first `solve`."""
+
+    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
+        self.operator, self.matrix = operator, matrix
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x near S^-1 b, both (N,); b may be overwritten."""
+        raise NotImplementedError
+
+    def _put(self, values: NDArray[np.floating], x: wp.array) -> None:
+        """Numpy values into a vector of the operator."""
+        wp.copy(x, self.operator.mesh.upload(values))
+
+
+class Jacobi(InnerSolver):
+    """One damped division by the diagonal."""
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x = b / diag S, both (N,)."""
+        self._put(self._inverse * b.numpy(), x)
+
+
+class Direct(InnerSolver):
+    """Sparse LU factors of S, on the host."""
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Factorise for the implicit step tau [s] and the depth (N,) [m].
+
+        Raises ConfigError where the factors would not fit.
+        """
+        from scipy.sparse.linalg import splu
+
+        n, degree = self.matrix.mesh.size, self.matrix.mesh.np - 1
+        bytes_ = 12.0 * 2.2 * degree * n**1.5
+        if bytes_ > LARGEST_MEMORY:
+            raise ConfigError(
+                f"the factors of a {n} x {n} Schur complement would take about {bytes_ / 1e9:.0f} GB; "
+                "choose the preconditioner helmholtz (multilevel) instead of helmholtz-direct"
+            )
+        self._factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x = S^-1 b, both (N,)."""
+        self._put(self._factors.solve(b.numpy().astype(np.float64)), x)
+
+
+class Multilevel(InnerSolver):
+    """Coarse correction on four wave branches, then Chebyshev steps on S itself.
+
+    With `symmetric`, as many steps go before it, so that conjugate gradients can use it.
+    """
+
+    def __init__(
+        self, operator: SchurOperator, matrix: SchurMatrix, degree: int = 2, symmetric: bool = False
+    ) -> None:
+        super().__init__(operator, matrix)
+        self._degree, self._symmetric = degree, symmetric
+        self._coarse = CoarseCorrection(matrix)
+        self._direction, self._rest = operator.vector(), operator.vector()
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        largest = self.matrix.largest_eigenvalue(tau, depth)
+        self._steps = chebyshev_coefficients(self._degree, largest)
+        self._coarse.setup(tau, depth)
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x near S^-1 b, both (N,); b is overwritten."""
+        x.zero_()
+        rest = b
+        if self._symmetric:
+            rest = self._rest
+            wp.copy(rest, b)
+            self._smooth(rest, x)
+            self.operator.residual(b, x, rest)
+        self._put(x.numpy() + self._coarse.solve(rest.numpy()), x)
+        self._smooth(b, x)
+
+    def _smooth(self, b: wp.array, x: wp.array) -> None:
+        """Chebyshev steps from x; b is overwritten."""
+        wp.copy(self._direction, x)
+        for step in self._steps:
+            self.operator.chebyshev_step(step, b, self._direction, x)

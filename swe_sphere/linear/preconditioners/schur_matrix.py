@@ -1,0 +1,71 @@
+"""The Schur complement as sparse matrices on the host, for diagonals, coarse levels and patches."""
+
+import functools
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ...mesh import Mesh
+from ...operators import sparse
+
+Array = NDArray[np.float64]
+
+
+class SchurMatrix:
+    """S = I - tau^2 g D H T G on a mesh; G and D are built once."""
+
+    def __init__(self, mesh: Mesh, gravity: float, coriolis: Array) -> None:
+        self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
+
+    @functools.cached_property
+    def gradient(self) -> sp.csr_matrix:
+        """G (2N, N) [m-1]."""
+        return sparse.gradient(self.mesh)
+
+    @functools.cached_property
+    def divergence(self) -> sp.csr_matrix:
+        """D (N, 2N) [m-1]."""
+        return sparse.divergence(self.mesh)
+
+    @functools.cached_property
+    def _squares(self) -> sp.csr_matrix:
+        """(N, 2N) products D_nk G_kn, whose row sums are the diagonal of D G."""
+        return self.divergence.multiply(self.gradient.T.tocsr()).tocsr()
+
+    def weight(self, tau: float, depth: Array) -> Array:
+        """H/(1 + tau^2 f^2) (N,) [m]: the symmetric part of H T."""
+        return depth / (1.0 + (tau * self.coriolis) ** 2)
+
+    def diagonal(self, tau: float, depth: Array) -> Array:
+        """Diagonal of S (N,)."""
+        weight = self.weight(tau, depth)
+        return 1.0 - tau**2 * self.gravity * (self._squares @ np.concatenate([weight, weight]))
+
+    def matrix(self, tau: float, depth: Array) -> sp.csr_matrix:
+        """S (N, N)."""
+        angle = tau * self.coriolis
+        same = sp.diags_array(depth / (1.0 + angle**2))
+        cross = sp.diags_array(depth * angle / (1.0 + angle**2))
+        turn = sp.block_array([[same, cross], [-cross, same]], format="csr")
+        product = self.divergence @ (turn @ self.gradient)
+        return (sp.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
+
+    def galerkin(self, basis: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array):
+        """basis^T M S basis of the symmetric part of S, with slopes = G basis and M the areas."""
+        area, weight = self.mesh.area, self.weight(tau, depth)
+        mass = basis.T @ (sp.diags_array(area) @ basis)
+        stiffness = slopes.T @ (sp.diags_array(np.tile(area * weight, 2)) @ slopes)
+        return (mass + tau**2 * self.gravity * stiffness).tocsr()
+
+    def largest_eigenvalue(self, tau: float, depth: Array, steps: int = 20) -> float:
+        """Bound (with 5 % in reserve) on the spectrum of S over its diagonal, by power iteration."""
+        weight = np.tile(self.weight(tau, depth), 2)
+        inverse = 1.0 / self.diagonal(tau, depth)
+        x, factor, growth = np.random.default_rng(0).standard_normal(self.mesh.size), 0.0, 1.0
+        factor = tau**2 * self.gravity
+        for _ in range(steps):
+            x = inverse * (x - factor * (self.divergence @ (weight * (self.gradient @ x))))
+            growth = float(np.linalg.norm(x))
+            x /= growth
+        return 1.05 * growth

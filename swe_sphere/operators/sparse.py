@@ -1,0 +1,79 @@
+"""The discrete gradient and divergence, DSS included, and weak Laplacians as sparse matrices.
+
+They are the operators of the kernels, entry by entry: block elimination of the linearised equations
+has to use these and not a compact Laplacian.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ..mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+def gradient(mesh: Mesh) -> sp.csr_matrix:
+    """(2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
+    b = mesh.basis
+    weight = _weights(mesh)
+    east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
+    north = _derivatives(mesh, -weight * b[..., 1, 0], weight * b[..., 0, 0])
+    return sp.vstack([_over_area(mesh, east), _over_area(mesh, north)], format="csr")
+
+
+def divergence(mesh: Mesh) -> sp.csr_matrix:
+    """(N, 2N) [m-1]: divergence of a nodal wind; minus the adjoint of `gradient`.
+
+    The discrete integration by parts <s, div V> = -<grad s, V> in the inner product weighted by the
+    nodal areas (Taylor & Fournier 2010, doi:10.1016/j.jcp.2010.04.008, eq. 42).
+    """
+    area = sp.diags_array(np.concatenate([mesh.area, mesh.area]))
+    return (-_over_area(mesh, (gradient(mesh).T @ area).tocsr())).tocsr()
+
+
+def weak_laplacian(mesh: Mesh, coefficient: Array | None = None) -> sp.csr_matrix:
+    """(N, N) compact Laplacian div(coefficient grad), integrated by parts within the elements [m-2].
+
+    `coefficient` (N,) is taken at the nodes, 1 by default.
+    """
+    laplacian = stiffness(mesh, np.ones(mesh.size) if coefficient is None else coefficient)
+    return _over_area(mesh, -laplacian)
+
+
+def stiffness(mesh: Mesh, coefficient: Array) -> sp.csr_matrix:
+    """(N, N) integral of coefficient grad phi . grad s, from the element matrices."""
+    d, eye = mesh.derivative, np.eye(mesh.np)
+    lines = np.stack([np.kron(d, eye), np.kron(eye, d)])
+    inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis, mesh.basis))
+    factor = _weights(mesh) * mesh.jacobian * coefficient[mesh.nodes]
+    metric = (factor[..., None, None] * inverse).reshape(mesh.elements, mesh.np**2, 2, 2)
+    blocks = np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True)
+    nodes = mesh.nodes.reshape(mesh.elements, -1)
+    rows = np.broadcast_to(nodes[:, :, None], blocks.shape)
+    columns = np.broadcast_to(nodes[:, None, :], blocks.shape)
+    index = (rows.ravel(), columns.ravel())
+    return sp.coo_array((blocks.ravel(), index), (mesh.size, mesh.size)).tocsr()
+
+
+def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> sp.csr_matrix:
+    """(N, N) sum over the elements of along_1 D1 + along_2 D2, coefficients (E, np, np)."""
+    d, n = mesh.derivative, mesh.np
+    shape = (mesh.elements, n, n, n)
+    first = along_1[..., None] * d[None, :, None, :]
+    second = along_2[..., None] * d[None, None, :, :]
+    rows = np.broadcast_to(mesh.nodes[..., None], shape)
+    line_1 = np.broadcast_to(mesh.nodes.transpose(0, 2, 1)[:, None, :, :], shape)
+    line_2 = np.broadcast_to(mesh.nodes[:, :, None, :], shape)
+    values = np.concatenate([first.ravel(), second.ravel()])
+    columns = np.concatenate([line_1.ravel(), line_2.ravel()])
+    index = (np.concatenate([rows.ravel(), rows.ravel()]), columns)
+    return sp.coo_array((values, index), (mesh.size, mesh.size)).tocsr()
+
+
+def _over_area(mesh: Mesh, matrix: sp.csr_matrix) -> sp.csr_matrix:
+    return (sp.diags_array(1.0 / mesh.area) @ matrix).tocsr()
+
+
+def _weights(mesh: Mesh) -> Array:
+    return np.outer(mesh.gll_weights, mesh.gll_weights)

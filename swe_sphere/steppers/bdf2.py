@@ -1,0 +1,70 @@
+"""The backward differentiation formula of second order."""
+
+import numpy as np
+import warp as wp
+
+from ..model.model import Model
+from ..newton import NewtonResult
+from .dirk import TRBDF2
+from .implicit import ImplicitStepper
+
+
+class BDF2(ImplicitStepper):
+    """BDF2: second order, one solve a step, damps fast waves; started by TR-BDF2.
+
+    Variable steps: with w the ratio of the step to the one before,
+    x+ - dt (1+w)/(1+2w) F(x+) = [(1+w)^2 x - w^2 x-]/(1+2w) (Hairer, Norsett & Wanner 1993, III.5).
+    """
+
+    name, order = "bdf2", 2
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+    ) -> None:
+        super().__init__(model, dt, tolerance, preconditioner)
+        self._previous, self._rhs = model.zeros(), model.zeros()
+        self._previous_dt = 0.0
+        self._starter = TRBDF2(model, dt, tolerance, preconditioner)
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self._previous_dt = 0.0
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Copies of all that a bitwise exact restart needs."""
+        return super().memory() | {"previous_dt": np.array(self._previous_dt)}
+
+    def restore(self, memory: dict[str, np.ndarray], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps."""
+        super().restore(memory, steps)
+        self._previous_dt = float(memory["previous_dt"])
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state, "previous": self._previous}
+
+    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        if self._previous_dt == 0.0:
+            return self._start_up(t, dt, out)
+        w = dt / self._previous_dt
+        now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
+        self.space.copy(self.state, self._rhs)
+        self.space.axpby(past, self._previous, now, self._rhs)
+        self.space.copy(self.state, out)
+        self.space.axpby(-w, self._previous, 1.0 + w, out)
+        result = self._solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
+        return None if result.converged else result
+
+    def _accept(self, dt: float, new: wp.array) -> None:
+        self.space.copy(self.state, self._previous)
+        self._previous_dt = dt
+        super()._accept(dt, new)
+
+    def _start_up(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        starter = self._starter
+        starter.start(self.state, t)
+        failure = starter._attempt(t, dt, out)
+        for name, count in starter.counters.items():
+            self.counters[name] += count
+            starter.counters[name] = 0
+        return failure

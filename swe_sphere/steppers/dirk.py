@@ -1,0 +1,132 @@
+"""Diagonally implicit Runge-Kutta methods: a method is its Butcher tableau."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+
+from ..model.model import Model
+from ..newton import NewtonResult
+from .implicit import ImplicitStepper
+
+
+class DiagonallyImplicit(ImplicitStepper):
+    """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
+
+    The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
+    consistent with it; the guess for a stage is made with the slope the stage had one step before.
+    """
+
+    a: ClassVar[tuple[tuple[float, ...], ...]]
+    """Rows of the tableau up to the diagonal."""
+    b: ClassVar[tuple[float, ...]]
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+    ) -> None:
+        super().__init__(model, dt, tolerance, preconditioner)
+        stages = len(self.b)
+        self._stack = self.space.stack(stages)
+        self._past = self.space.stack(stages)
+        self._slopes = [self._stack[i] for i in range(stages)]
+        self._guesses = [self._past[i] for i in range(stages)]
+        self._rhs = model.zeros()
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        for guess in self._guesses:
+            self.space.copy(self._new, guess)
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state, "slopes": self._past}
+
+    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        for i, row in enumerate(self.a):
+            earlier, gamma = dt * np.array(row[:i]), dt * row[i]
+            stage_time = t + dt * sum(row)
+            self.space.combine(self.state, self._stack, earlier, self._rhs)
+            if gamma == 0.0:
+                self.model.tendency(self._rhs, stage_time, self._slopes[i])
+                continue
+            self.space.copy(self._rhs, out)
+            self.space.axpy(gamma, self._guesses[i], out)
+            result = self._solve(gamma, stage_time, self._rhs, out)
+            if not result.converged:
+                return result
+            self._slope(out, self._rhs, gamma, self._slopes[i])
+        self.space.combine(self.state, self._stack, dt * np.array(self.b), out)
+        return None
+
+    def _accept(self, dt: float, new: wp.array) -> None:
+        super()._accept(dt, new)
+        self.space.copy(self._stack, self._past)
+
+
+class ImplicitEuler(DiagonallyImplicit):
+    """Implicit Euler: first order, damps everything fast."""
+
+    name, order = "implicit-euler", 1
+    a = ((1.0,),)
+    b = (1.0,)
+
+
+class CrankNicolson(DiagonallyImplicit):
+    """Crank-Nicolson (trapezoidal rule): second order, no damping."""
+
+    name, order = "crank-nicolson", 2
+    a = ((0.0,), (0.5, 0.5))
+    b = (0.5, 0.5)
+
+
+class ImplicitMidpoint(DiagonallyImplicit):
+    """Implicit midpoint rule: second order, symplectic, no damping."""
+
+    name, order = "implicit-midpoint", 2
+    a = ((0.5,),)
+    b = (1.0,)
+
+
+class TRBDF2(DiagonallyImplicit):
+    """TR-BDF2: trapezoidal rule then BDF2, second order, L-stable (Bank et al. 1985)."""
+
+    name, order = "tr-bdf2", 2
+    _d, _w = 1.0 - math.sqrt(0.5), math.sqrt(2.0) / 4.0
+    a = ((0.0,), (_d, _d), (_w, _w, _d))
+    b = (_w, _w, _d)
+
+
+class SDIRK3(DiagonallyImplicit):
+    """Singly diagonally implicit, three stages, third order, L-stable (Alexander 1977, theorem 5)."""
+
+    name, order = "sdirk3", 3
+    _g = 0.435866521508459
+    _b1, _b2 = -1.5 * _g**2 + 4.0 * _g - 0.25, 1.5 * _g**2 - 5.0 * _g + 1.25
+    a = ((_g,), (0.5 * (1.0 - _g), _g), (_b1, _b2, _g))
+    b = (_b1, _b2, _g)
+
+
+class ESDIRK4(DiagonallyImplicit):
+    """First stage explicit, six stages, fourth order, L-stable, stiffly accurate.
+
+    The implicit part of ARK4(3)6L[2]SA (Kennedy & Carpenter 2003,
+    doi:10.1016/S0168-9274(02)00138-1, appendix C).
+    """
+
+    name, order = "esdirk4", 4
+    a = (
+        (0.0,),
+        (1 / 4, 1 / 4),
+        (8611 / 62500, -1743 / 31250, 1 / 4),
+        (5012029 / 34652500, -654441 / 2922500, 174375 / 388108, 1 / 4),
+        (
+            15267082809 / 155376265600,
+            -71443401 / 120774400,
+            730878875 / 902184768,
+            2285395 / 8070912,
+            1 / 4,
+        ),
+        (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211, 1 / 4),
+    )
+    b = a[-1]

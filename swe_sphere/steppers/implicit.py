@@ -1,0 +1,195 @@
+"""What all implicit steppers share: one nonlinear solver and what to do when it fails."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ..errors import ConfigError, RunFailed
+from ..linear import FlexibleGMRES, VectorSpace
+from ..linear.preconditioners import make_preconditioner
+from ..model.model import Model
+from ..newton import NewtonKrylov, NewtonResult
+from .base import Stepper
+
+SMALLEST_PART = 64
+"""A step that cannot be solved is halved, and halved again, down to this part of it."""
+KRYLOV_SIZE = 200
+KRYLOV_MEMORY = 2e9
+"""Basis vectors kept by GMRES, and the memory they may take [bytes]."""
+WORTHLESS = 1e-12
+"""Residuals below this part of the state (or a few round-offs) are not worth an iteration."""
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How stage equations are solved.
+
+    `tolerance`: of the residual, relative to the change of the state over the last step.
+    `preconditioner`: a name of `PRECONDITIONERS`.  Raises ConfigError for a tolerance out of range.
+    """
+
+    tolerance: float = 1e-3
+    preconditioner: str = "helmholtz"
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tolerance < 1.0:
+            raise ConfigError(f"the solver tolerance must be in [0, 1), not {self.tolerance}")
+
+
+def energy_weights(model: Model) -> NDArray[np.float64]:
+    """Weights (n,) of the energy inner product: area, times g/H for depth, over the whole area.
+
+    With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
+    """
+    share = model.mesh.area / model.mesh.area.sum()
+    if model.names == ("h",):
+        return share
+    _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
+    mean = float(np.average(depth, weights=share))
+    return np.concatenate([share, share, share * model.scene.planet.gravity / mean])
+
+
+class StageProblem:
+    """x - tau F(x, t) = r with exact Jacobian products."""
+
+    def __init__(self, model: Model, space: VectorSpace, preconditioner_name: str) -> None:
+        self._model, self._space = model, space
+        self.preconditioner = make_preconditioner(preconditioner_name, model)
+        self.precondition = self.preconditioner.apply if self.preconditioner else None
+        self._slope = model.zeros()
+        self.tau, self.time = 0.0, 0.0
+        self.rhs: wp.array = None
+
+    def residual(self, x: wp.array, out: wp.array) -> None:
+        """out = x - tau F(x) - r."""
+        self._model.tendency(x, self.time, self._slope)
+        self._space.copy(x, out)
+        self._space.axpy(-self.tau, self._slope, out)
+        self._space.axpy(-1.0, self.rhs, out)
+
+    def linearise(self, x: wp.array) -> None:
+        """Fix the state of the Jacobian."""
+        self._model.linearise(x, self.time)
+
+    def jacobian(self, d: wp.array, out: wp.array) -> None:
+        """out = d - tau J d."""
+        self._model.tangent(d, out)
+        self._space.axpby(1.0, d, -self.tau, out)
+
+
+class ImplicitStepper(Stepper):
+    """An implicit method: subclasses take a step of any length with `_solve`."""
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+    ) -> None:
+        super().__init__(model, dt)
+        # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
+        self._blas = threadpool_limits(limits=1, user_api="blas")
+        self.options = SolverOptions(tolerance, preconditioner)
+        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
+        self.problem = StageProblem(model, self.space, preconditioner)
+        self._newton = NewtonKrylov(
+            self.space, self._gmres(), rtol=tolerance, max_krylov=2 * KRYLOV_SIZE
+        )
+        self.counters = dict.fromkeys(
+            ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
+        )
+        self._new, self._rate = model.zeros(), 0.0
+        self._depth_unit = self._unit_depth()
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self.model.tendency(self.state, t, self._new)
+        self._rate = self.space.norm(self._new)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Infinite: the step is limited by accuracy alone."""
+        return np.inf
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs."""
+        return super().memory() | {"rate": np.array(self._rate)}
+
+    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps."""
+        super().restore(memory, steps)
+        self._rate = float(memory["rate"])
+
+    @abstractmethod
+    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
+
+        Returns the result of the solve that failed, if one did; nothing must have changed then.
+        """
+
+    def _accept(self, dt: float, new: wp.array) -> None:
+        """Make the new state the present one, and remember how fast it moved."""
+        self.space.axpy(-1.0, new, self.state)
+        self._rate = self.space.norm(self.state) / dt
+        self.space.copy(new, self.state)
+
+    def _advance(self) -> None:
+        """One step, in as many equal parts as the solver needs."""
+        done, parts = 0, 1
+        while done < parts:
+            dt = self.dt / parts
+            failure = self._attempt(self.time + done * dt, dt, self._new)
+            if failure is None:
+                self._accept(dt, self._new)
+                done += 1
+            else:
+                self.counters["rejected_steps"] += 1
+                done, parts = 2 * done, 2 * parts
+                self._give_up_below(parts, failure)
+
+    def _give_up_below(self, parts: int, failure: NewtonResult) -> None:
+        if parts > SMALLEST_PART:
+            raise RunFailed(
+                f"{self.name}: the step from {self.time:.0f} s cannot be solved even in {parts // 2} "
+                f"parts: {failure.message}; choose a smaller --dt"
+            )
+
+    def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
+        """Solve x - tau F(x, t) = rhs from the guess x."""
+        problem, space = self.problem, self.space
+        problem.tau, problem.time, problem.rhs = tau, t, rhs
+        if problem.preconditioner is not None:
+            problem.preconditioner.setup(self.state, tau)
+        worthless = max(WORTHLESS, 10.0 * space.epsilon) * space.norm(self.state)
+        self._newton.atol = worthless if self.options.tolerance > 0.0 else 0.0
+        result = self._newton.solve(problem, x, scale=abs(tau) * self._rate)
+        self.counters["newton_iterations"] += result.newton_iterations
+        self.counters["krylov_iterations"] += result.krylov_iterations
+        self._restore_mass(rhs, x)
+        return result
+
+    def _gmres(self) -> FlexibleGMRES:
+        """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers."""
+        fits = int(KRYLOV_MEMORY / (2 * 8 * self.space.n))
+        return FlexibleGMRES(self.space, max(20, min(KRYLOV_SIZE, fits)))
+
+    def _restore_mass(self, rhs: wp.array, x: wp.array) -> None:
+        """Give x the mass of the right-hand side, which the exact solution has: F moves no mass."""
+        unit, space = self._depth_unit, self.space
+        lost = space.dot(rhs, unit) - space.dot(x, unit)
+        space.axpy(lost / space.dot(unit, unit), unit, x)
+
+    def _unit_depth(self) -> wp.array:
+        """The state with no wind and depth 1 m."""
+        n = self.model.mesh.size
+        unit = np.zeros(self.model.size)
+        unit[-n:] = 1.0
+        return self.model.device_mesh.upload(unit)
+
+    def _slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
+        """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
+        self.space.copy(x, out)
+        self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, out)
