@@ -7,7 +7,13 @@ from .dirk import ESDIRK4, SDIRK3, TRBDF2, CrankNicolson, ImplicitEuler, Implici
 from .leapfrog import Leapfrog
 from .runge_kutta import KG5, RK4, SSPRK3
 
-__all__ = ["STEPPERS", "Stepper", "get_stepper"]
+__all__ = ["ALIASES", "RECOMMENDED", "STEPPERS", "Stepper", "get_stepper"]
+
+RECOMMENDED = "tr-bdf2"
+"""The fully implicit scheme that the measurements recommend."""
+
+ALIASES = {"fully-implicit": RECOMMENDED}
+"""Names that stand for a scheme."""
 
 STEPPERS: dict[str, type[Stepper]] = {
     cls.name: cls
@@ -29,10 +35,11 @@ STEPPERS: dict[str, type[Stepper]] = {
 
 
 def get_stepper(name: str) -> type[Stepper]:
-    """The stepper of that name.
+    """The stepper of that name or alias.
 
     Raises ConfigError, naming the nearest one, when there is none.
     """
-    if name not in STEPPERS:
-        raise unknown_name("stepper", name, STEPPERS)
-    return STEPPERS[name]
+    scheme = ALIASES.get(name, name)
+    if scheme not in STEPPERS:
+        raise unknown_name("stepper", name, (*STEPPERS, *ALIASES))
+    return STEPPERS[scheme]

@@ -57,6 +57,10 @@ class Stepper(ABC):
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
 
+    def costs(self) -> dict[str, float]:
+        """What the steps so far have taken: counts, and seconds where the name says so."""
+        return dict(self.counters)
+
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of all arrays that a bitwise exact restart needs, in the precision of the run."""
         arrays = {name: array.numpy().copy() for name, array in self._remembered().items()}

@@ -114,14 +114,29 @@ class ImplicitStepper(Stepper):
         """Infinite: the step is limited by accuracy alone."""
         return np.inf
 
+    def costs(self) -> dict[str, float]:
+        """Counts of the solver and its preconditioner, and seconds of the latter's set-up."""
+        made = self.problem.preconditioner
+        if made is None:
+            return super().costs()
+        return super().costs() | {
+            "preconditioner_applications": made.applications,
+            "setups": made.setups,
+            "setup_seconds": made.setup_seconds,
+        }
+
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Copies of all that a bitwise exact restart needs."""
-        return super().memory() | {"rate": np.array(self._rate)}
+        """Copies of all that a bitwise exact restart needs, a set-up in use included."""
+        made = self.problem.preconditioner
+        in_use = {} if made is None else made.memory()
+        return super().memory() | {"rate": np.array(self._rate)} | in_use
 
     def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
         """Go on from what `memory` returned after that many steps."""
         super().restore(memory, steps)
         self._rate = float(memory["rate"])
+        if self.problem.preconditioner is not None:
+            self.problem.preconditioner.restore(memory)
 
     @abstractmethod
     def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:

@@ -1,8 +1,10 @@
 """What every preconditioner does."""
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import warp as wp
+from numpy.typing import NDArray
 
 
 class Preconditioner(Protocol):
@@ -19,6 +21,14 @@ class Preconditioner(Protocol):
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
+        ...
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What the set-up in use was made for."""
+        ...
+
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Make the set-up again that `memory` tells of, if there was one."""
         ...
 
 

@@ -1,7 +1,7 @@
 """Preconditioning by block elimination with the consistent Helmholtz operator."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,19 @@ class Helmholtz:
         depth = state.numpy()[2 * self._model.mesh.size :].astype(np.float64)
         if abs(tau - self._tau) <= STEP_CHANGE * tau and self._is_near(depth):
             return
+        self._make(tau, depth)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Step and depth that the set-up in use was made for."""
+        return {"setup_tau": np.array(self._tau), "setup_depth": self._depth.copy()}
+
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Make that set-up again; nothing to do where there was none."""
+        tau = float(memory.get("setup_tau", np.zeros(())))
+        if tau > 0.0:
+            self._make(tau, np.array(memory["setup_depth"]))
+
+    def _make(self, tau: float, depth: Array) -> None:
         start = time.perf_counter()
         self._tau, self._depth = tau, depth
         self.operator.configure(tau, depth, 1.0 / self.matrix.diagonal(tau, depth))
