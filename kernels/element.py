@@ -122,10 +122,11 @@ def _shallow_water(
     """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent.
 
     The equations are quadratic, so the tangent at `base` along x is the same sum with each product
-    replaced by its derivative.
+    replaced by its derivative.  In the skew form of `Terms.poisson`, wind and depth of the products
+    zeta k x V and h V come from `base`, and B is given.
     """
     np_, value = t.np, t.value
-    advection, tangent = t.terms.advection, t.terms.tangent
+    advection, tangent, poisson = t.terms.advection, t.terms.tangent, t.terms.poisson
     mul, load, dot, wedge, d1, d2 = ops.mul, ops.load, ops.dot, ops.wedge, line.d1, line.d2
 
     @wp.func
@@ -154,7 +155,14 @@ def _shallow_water(
                 u = load(x, 0, node)
                 v = load(x, geo.size, node)
                 h = load(x, 2 * geo.size, node)
-                if wp.static(tangent):
+                if wp.static(poisson):
+                    b[i, j] = h
+                    h = load(geo.base, 2 * geo.size, node)
+                    ub = load(geo.base, 0, node)
+                    vb = load(geo.base, geo.size, node)
+                    mass_u = mul(h, ub)
+                    mass_v = mul(h, vb)
+                elif wp.static(tangent):
                     ub = load(geo.base, 0, node)
                     vb = load(geo.base, geo.size, node)
                     hb = load(geo.base, 2 * geo.size, node)
@@ -170,8 +178,12 @@ def _shallow_water(
                 if wp.static(advection):
                     c1[i, j] = dot(a11, a12, u, v)
                     c2[i, j] = dot(a21, a22, u, v)
-                    us[i, j] = u
-                    vs[i, j] = v
+                    if wp.static(poisson):
+                        us[i, j] = ub
+                        vs[i, j] = vb
+                    else:
+                        us[i, j] = u
+                        vs[i, j] = v
                     if wp.static(tangent):
                         base_us[i, j] = ub
                         base_vs[i, j] = vb

@@ -77,9 +77,12 @@ def _transport(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace) 
 
 
 def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace) -> wp.Function:
-    """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent."""
+    """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent.
+
+    Or, with `Terms.poisson`, the skew form: wind and depth of the products from `base`, B given.
+    """
     np_, real = t.np, t.real
-    advection, tangent = t.terms.advection, t.terms.tangent
+    advection, tangent, poisson = t.terms.advection, t.terms.tangent, t.terms.poisson
     dot, wedge = ops.dot, ops.wedge
 
     @wp.func
@@ -87,7 +90,9 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
         u = x[node]
         v = x[geo.size + node]
         h = x[2 * geo.size + node]
-        if wp.static(tangent):
+        if wp.static(poisson):
+            return h
+        elif wp.static(tangent):
             return laws.bernoulli_tangent(geo, geo.base[node], geo.base[geo.size + node], u, v, h)
         else:
             return laws.bernoulli(geo, u, v, laws.surface(geo, node, h))
@@ -96,7 +101,9 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
     def momentum(geo: t.geometry, x: t.vector, node: int, component: int):
         a = component * geo.size + node
         h = 2 * geo.size + node
-        if wp.static(tangent):
+        if wp.static(poisson):
+            return geo.base[h] * geo.base[a]
+        elif wp.static(tangent):
             return geo.base[h] * x[a] + x[h] * geo.base[a]
         else:
             return x[h] * x[a]
@@ -140,6 +147,9 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
             if wp.static(tangent):
                 ru += zeta_base * x[geo.size + node] + zeta * geo.base[geo.size + node]
                 rv -= zeta_base * x[node] + zeta * geo.base[node]
+            elif wp.static(poisson):
+                ru += zeta * geo.base[geo.size + node]
+                rv -= zeta * geo.base[node]
             else:
                 ru += zeta * x[geo.size + node]
                 rv -= zeta * x[node]

@@ -21,6 +21,8 @@ class Terms:
     `diffusion`: weak Laplacian of the state, times the coefficient `nu`.
     `biharmonic`: weak Laplacian of a given Laplacian (`laplacian` array), times minus `nu4`.
     `still`: with a prescribed wind, diffusion alone.
+    `poisson`: the skew form, in which the vorticity of the state, with the Bernoulli function in
+    the place of depth, turns the wind of `base`, which carries the depth of `base`.
     `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
     """
 
@@ -32,6 +34,7 @@ class Terms:
     biharmonic: bool = False
     tangent: bool = False
     still: bool = False
+    poisson: bool = False
 
     @property
     def unknowns(self) -> int:
@@ -77,10 +80,10 @@ def geometry_struct(
         "size": wp.int32,
     }
     optional = {
-        "gravity": (terms.pressure, real),
-        "bottom": (terms.bottom and not terms.tangent, on_nodes),
+        "gravity": (terms.pressure and not terms.poisson, real),
+        "bottom": (terms.bottom and not (terms.tangent or terms.poisson), on_nodes),
         "wind": (terms.wind and not terms.still, on_nodes),
-        "base": (terms.tangent and terms.gradient, on_nodes),
+        "base": ((terms.tangent or terms.poisson) and terms.gradient, on_nodes),
         "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),
         "nu": (terms.diffusion, real),
         "nu4": (terms.biharmonic, real),
