@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
 from swe_sphere.model.effects import (
     DYNAMICS,
     EFFECTS,
@@ -126,8 +128,19 @@ def test_hyperviscosity_default_scaling() -> None:
     assert hyperviscosity_default(60, 4) == pytest.approx(1e14)
     assert hyperviscosity_default(15, 7) == pytest.approx(1e15)
     assert hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
-    assert Hyperviscosity().coefficient(15, 4) == hyperviscosity_default(15, 4)
-    assert Hyperviscosity(2.0).coefficient(15, 4) == 2.0
+    mesh = build_mesh(15, 4)
+    assert Hyperviscosity().coefficient(mesh) == hyperviscosity_default(15, 4)
+    assert Hyperviscosity(2.0).coefficient(mesh) == 2.0
+
+
+def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() -> None:
+    """Refined four times it is that of a mesh of about four times as many elements."""
+    plain, fine = build_mesh(8, 4), build_mesh(8, 4, stretch=4.0)
+    times_finer = plain.spacing()[0] / fine.spacing()[0]
+    assert 3.0 < times_finer <= 4.0
+    expected = hyperviscosity_default(8, 4) / times_finer ** (1.0 / math.log10(2.0))
+    assert Hyperviscosity().coefficient(fine) == pytest.approx(expected, rel=1e-12)
+    assert Hyperviscosity(2.0).coefficient(fine) == 2.0
 
 
 def test_effects_are_a_closed_set_of_names() -> None:

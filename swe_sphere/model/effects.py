@@ -13,9 +13,11 @@ from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH
 
 if TYPE_CHECKING:
+    from swe_sphere.mesh import Mesh
     from swe_sphere.model.scene import Scene
 
 __all__ = [
@@ -162,9 +164,11 @@ class Hyperviscosity(Effect):
         """True where ν = 0."""
         return self.nu == 0.0
 
-    def coefficient(self, ne: int, np: int, radius: float = EARTH.radius) -> float:
-        """The coefficient [m4 s-1] on a mesh of ne × ne elements a face with np × np nodes."""
-        return hyperviscosity_default(ne, np, radius) if self.nu is None else self.nu
+    def coefficient(self, mesh: Mesh) -> float:
+        """The coefficient [m4 s-1] on a mesh."""
+        if self.nu is not None:
+            return self.nu
+        return hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))
 
 
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
@@ -185,20 +189,32 @@ EFFECTS: dict[str, type[Effect]] = {
 """All effects by name."""
 
 
-def hyperviscosity_default(ne: int, np: int, radius: float = EARTH.radius) -> float:
+def hyperviscosity_default(
+    ne: int, np: int, radius: float = EARTH.radius, refinement: float = 1.0
+) -> float:
     """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
 
     The rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and Takahashi et al.
     2006): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
-    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)).
+    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)), and a
+    stretched mesh has the one coefficient that goes with its finest part.
 
     Args:
         ne: elements along the edge of a cube face.
         np: nodes along the edge of an element.
         radius: of the planet [m].
+        refinement: how many times finer than without stretching the finest part of the mesh is.
     """
-    spacing = (30.0 * 3.0) / (ne * (np - 1))
+    spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
     return float(1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
+
+
+def _refinement(mesh: Mesh) -> float:
+    """Smallest node spacing of the mesh without stretching, over that of the mesh; at least 1."""
+    if mesh.stretch == 1.0:
+        return 1.0
+    plain = build_mesh(mesh.ne, mesh.np, mesh.radius)
+    return plain.spacing()[0] / mesh.spacing()[0]
 
 
 def apply_settings(scene: Scene, settings: Sequence[str]) -> Scene:

@@ -180,7 +180,7 @@ class Model:
             if isinstance(effect, Viscosity):
                 parameters["nu"] = effect.nu
             if isinstance(effect, Hyperviscosity):
-                parameters["nu4"] = effect.coefficient(self.mesh.ne, self.mesh.np, self.mesh.radius)
+                parameters["nu4"] = effect.coefficient(self.mesh)
         return parameters
 
     def _set_wind(self, t: float) -> None:
