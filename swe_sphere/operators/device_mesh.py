@@ -1,6 +1,7 @@
 """Mesh arrays in the order in which the kernels read them."""
 
 import functools
+import math
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels import lanes_of
+from ..kernels.assembly import CONTRIBUTORS, Contributors
 from ..mesh import Mesh
 
 REALS = {"float64": wp.float64, "float32": wp.float32}
@@ -64,22 +66,32 @@ class DeviceMesh:
         """One over the nodal area (N,) [m-2]."""
         return self.upload(1.0 / self.mesh.area)
 
-    @functools.cached_property
-    def offsets(self) -> wp.array:
-        """Start of each node's contributors."""
-        return wp.array(self.mesh.gather_offsets, dtype=wp.int32, device=self.device)
-
     @functools.cache  # noqa: B019 - lives as long as the mesh, with two or three entries
-    def entries(self, unknowns: int) -> wp.array:
-        """Where the contributors of each node stand in local tendencies of that many fields."""
-        element, point = np.divmod(self.mesh.gather_entries, self.points)
+    def places(self, unknowns: int) -> wp.array:
+        """(N,) where the contributors of each node stand in local tendencies of that many fields.
+
+        Contributors that a node lacks stand in the empty last group.
+        """
+        mesh = self.mesh
+        element, point = np.divmod(mesh.gather_entries, self.points)
         group, lane = np.divmod(element, self.lanes)
         position = (group * self.points + point) * (unknowns * self.lanes) + lane
-        return wp.array(position.astype(np.int32), dtype=wp.int32, device=self.device)
+        empty = self.groups * self.points * unknowns * self.lanes
+        places = np.full((mesh.size, CONTRIBUTORS), empty, dtype=np.int32)
+        node = np.repeat(np.arange(mesh.size), np.diff(mesh.gather_offsets))
+        places[node, np.arange(node.size) - mesh.gather_offsets[node]] = position
+        return wp.array(places, dtype=Contributors, device=self.device)
 
-    def local(self, unknowns: int, value: Any) -> wp.array:
-        """Room for the local tendencies, (groups, np*np, unknowns) of `value`."""
-        return wp.zeros((self.groups, self.points, unknowns), dtype=value, device=self.device)
+    def local(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
+        """Room for local tendencies, (groups + 1, np*np, unknowns) of `value`, and a flat view.
+
+        No element writes to the last group, which stays zero.
+        """
+        shape = (self.groups + 1, self.points, unknowns)
+        local = wp.zeros(shape, dtype=value, device=self.device)
+        count = math.prod(shape) * self.lanes
+        flat = wp.array(ptr=local.ptr, shape=(count,), dtype=self.real, device=self.device)
+        return local, flat
 
     def upload(self, values: NDArray[np.float64]) -> wp.array:
         """A numpy array on the device in the number type of the run."""

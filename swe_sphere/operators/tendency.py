@@ -14,7 +14,8 @@ class TendencyOperator:
 
     `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
     [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base and laplacian
-    (unknowns*N,).  `coriolis` (N,) [s-1], if given, adds -f k x V.
+    (unknowns*N,).  `coriolis` (N,) [s-1], if given, adds -f k x V, V being the wind of `base` in
+    the skew form.
     """
 
     def __init__(
@@ -30,22 +31,27 @@ class TendencyOperator:
         self.compiled = build(terms, mesh.mesh.np, mesh.real)
         self.assembly = assembly_kernel(terms.unknowns, mesh.real, coriolis is not None)
         self.geometry = self._fill_geometry(parameters)
-        self.local = mesh.local(terms.unknowns, self.compiled.value)
-        self._flat = wp.array(
-            ptr=self.local.ptr,
-            shape=(mesh.groups * mesh.points * terms.unknowns * mesh.lanes,),
-            dtype=mesh.real,
-            device=mesh.device,
-        )
-        self.nodal = self._fill_nodal(coriolis)
-        launch.load(self.compiled.kernel, self.assembly.kernel, *self._flux_kernels)
+        self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
+        self._coriolis = coriolis
+        self._places = mesh.places(terms.unknowns)
+        launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
         for flux in self._flux_kernels:
             self._launch(flux, self.mesh.dim, self.geometry, x)
         self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local)
-        self._launch(self.assembly.kernel, self.mesh.mesh.size, self.nodal, self._flat, x, out)
+        self._assemble(x, out)
+
+    def _assemble(self, x: wp.array, out: wp.array) -> None:
+        """DSS, and the Coriolis force of the wind if there is one."""
+        mesh, size = self.mesh, self.mesh.mesh.size
+        wind = self.geometry.base if self.terms.poisson else x
+        turned = () if self._coriolis is None else (self._coriolis, wind)
+        self._launch(
+            self.assembly, size, self._places, mesh.inverse_area, mesh.lanes, size, self._flat,
+            *turned, out,
+        )  # fmt: skip
 
     @property
     def _flux_kernels(self) -> list[Any]:
@@ -58,19 +64,10 @@ class TendencyOperator:
             if name == "size":
                 value = self.mesh.mesh.size
             elif name == "fluxes":
-                value = self.mesh.local(4, self.compiled.value)
+                value, _ = self.mesh.local(4, self.compiled.value)
             elif name in parameters:
                 value = parameters[name]
             else:
                 value = getattr(self.mesh, name)
             setattr(geometry, name, value)
         return geometry
-
-    def _fill_nodal(self, coriolis: wp.array | None) -> Any:
-        nodal = self.assembly.structure()
-        nodal.offsets, nodal.entries = self.mesh.offsets, self.mesh.entries(self.terms.unknowns)
-        nodal.stride, nodal.size = self.mesh.lanes, self.mesh.mesh.size
-        nodal.inverse_area = self.mesh.inverse_area
-        if coriolis is not None:
-            nodal.coriolis = coriolis
-        return nodal

@@ -4,7 +4,7 @@ Along a line of elements the DSS'd gradient is zero not only for constants: the 
 has no slope at the interior GLL nodes, and opposite slopes on the two sides of an element boundary
 when its sign alternates from element to element, which average to zero.  Times a slowly varying
 envelope these patterns are as slow as the smooth waves, no smoother damps them and no compact
-Laplacian knows them.  So beside the bilinear hat of each element vertex there is a coarse function
+Laplacian knows them.  So beside the bilinear hats for the smooth waves there is a coarse function
 hat x pattern along each of the two directions, and one along both: four branches, nearly orthogonal
 to each other.
 """
@@ -25,6 +25,8 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
     """Interpolations (N, V) from V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
 
+    Elements of more than four nodes an edge are split for the smooth waves, at about every third
+    node: one hat an element would leave too much to the smoother.
     The two directions are paired across element boundaries around each vertex.  At the eight cube
     corners, where three elements meet, they cannot be told apart: there the third space takes both
     and the fourth has no function (V - 8 columns).
@@ -41,11 +43,26 @@ def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
     renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3) - 1
     fewer = np.where(corner, -1, renumbered[vertices])
     return [
-        _interpolation(mesh, _products(hat, hat), vertices),
+        _smooth_space(mesh),
         _interpolation(mesh, _products(pattern, pattern), vertices),
         _interpolation(mesh, one, vertices),
         _interpolation(mesh, other, fewer),
     ]
+
+
+def _smooth_space(mesh: Mesh) -> sp.csr_matrix:
+    """Bilinear hats on the cells between about every third GLL node."""
+    cells = -(-(mesh.np - 1) // 3)
+    targets = np.linspace(-1.0, 1.0, cells + 1)
+    kept = np.abs(mesh.gll_points[:, None] - targets).argmin(axis=0)
+    kept[cells // 2 + 1 :] = mesh.np - 1 - kept[: cells - cells // 2][::-1]
+    hats = np.stack(
+        [np.interp(mesh.gll_points, mesh.gll_points[kept], h) for h in np.eye(cells + 1)]
+    )
+    values = np.einsum("pi,qj->ijpq", hats, hats).reshape(mesh.np**2, -1)
+    corners = mesh.nodes[:, kept][:, :, kept].reshape(mesh.elements, -1)
+    _, number = np.unique(corners, return_inverse=True)
+    return _interpolation(mesh, values, number.reshape(corners.shape))
 
 
 def _vertex_numbers(mesh: Mesh) -> Int:
@@ -82,11 +99,12 @@ def _turned(vertices: Int) -> NDArray[np.bool_]:
 
 
 def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
-    """(N, columns) nodal values of the coarse functions from (np*np, 4) or (E, np*np, 4) ones.
+    """(N, columns) nodal values of coarse functions from (np*np, k) or (E, np*np, k) values.
 
     A node on an element boundary is met once from each side, with the same value.
     """
-    rows = np.broadcast_to(mesh.nodes.reshape(mesh.elements, -1, 1), (mesh.elements, mesh.np**2, 4))
+    shape = (mesh.elements, mesh.np**2, columns.shape[1])
+    rows = np.broadcast_to(mesh.nodes.reshape(mesh.elements, -1, 1), shape)
     where = np.broadcast_to(columns[:, None, :], rows.shape)
     values = np.broadcast_to(values, rows.shape)
     used = (where >= 0) & (values != 0.0)

@@ -77,10 +77,15 @@ class Multilevel(InnerSolver):
     """
 
     def __init__(
-        self, operator: SchurOperator, matrix: SchurMatrix, degree: int = 2, symmetric: bool = False
+        self,
+        operator: SchurOperator,
+        matrix: SchurMatrix,
+        degree: int | None = None,
+        symmetric: bool = False,
     ) -> None:
         super().__init__(operator, matrix)
-        self._degree, self._symmetric = degree, symmetric
+        self._degree = degree or (2 if matrix.mesh.np <= 4 else 4)
+        self._symmetric = symmetric
         self._coarse = CoarseCorrection(matrix)
         self._direction, self._rest = operator.vector(), operator.vector()
 
