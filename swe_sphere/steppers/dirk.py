@@ -21,6 +21,8 @@ class DiagonallyImplicit(ImplicitStepper):
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
     b: ClassVar[tuple[float, ...]]
+    embedded: ClassVar[tuple[float, ...] | None] = None
+    """Weights of a companion of another order, where the method has one."""
 
     def __init__(
         self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
@@ -31,7 +33,7 @@ class DiagonallyImplicit(ImplicitStepper):
         self._past = self.space.stack(stages)
         self._slopes = [self._stack[i] for i in range(stages)]
         self._guesses = [self._past[i] for i in range(stages)]
-        self._rhs = model.zeros()
+        self._rhs, self._attempted = model.zeros(), 0.0
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
@@ -42,7 +44,17 @@ class DiagonallyImplicit(ImplicitStepper):
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "slopes": self._past}
 
+    def error_estimate(self) -> float | None:
+        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
+        if self.embedded is None:
+            return None
+        difference = self._attempted * (np.array(self.b) - np.array(self.embedded))
+        self.space.clear(self._rhs)
+        self.space.combine(self._rhs, self._stack, difference, self._rhs)
+        return self.space.norm(self._rhs)
+
     def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        self._attempted = dt
         for i, row in enumerate(self.a):
             earlier, gamma = dt * np.array(row[:i]), dt * row[i]
             stage_time = t + dt * sum(row)
@@ -89,16 +101,20 @@ class ImplicitMidpoint(DiagonallyImplicit):
 
 
 class TRBDF2(DiagonallyImplicit):
-    """TR-BDF2: trapezoidal rule then BDF2, second order, L-stable (Bank et al. 1985)."""
+    """TR-BDF2: trapezoidal rule then BDF2, second order, L-stable (Bank et al. 1985).
+
+    Companion of third order: Hosea & Shampine 1996, doi:10.1016/0168-9274(95)00115-8.
+    """
 
     name, order = "tr-bdf2", 2
     _d, _w = 1.0 - math.sqrt(0.5), math.sqrt(2.0) / 4.0
     a = ((0.0,), (_d, _d), (_w, _w, _d))
     b = (_w, _w, _d)
+    embedded = ((1.0 - _w) / 3.0, (3.0 * _w + 1.0) / 3.0, _d / 3.0)
 
 
 class SDIRK3(DiagonallyImplicit):
-    """Singly diagonally implicit, three stages, third order, L-stable (Alexander 1977, theorem 5)."""
+    """Singly diagonally implicit, three stages, third order, L-stable (Alexander 1977)."""
 
     name, order = "sdirk3", 3
     _g = 0.435866521508459
@@ -130,3 +146,11 @@ class ESDIRK4(DiagonallyImplicit):
         (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211, 1 / 4),
     )
     b = a[-1]
+    embedded = (
+        4586570599 / 29645900160,
+        0.0,
+        178811875 / 945068544,
+        814220225 / 1159782912,
+        -3700637 / 11593932,
+        61727 / 225920,
+    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import ConfigError, RunFailed
-from ..linear import FlexibleGMRES, VectorSpace
+from ..linear import FlexibleGMRES, LinearResult, VectorSpace
 from ..linear.preconditioners import make_preconditioner
 from ..model.model import Model
 from ..newton import NewtonKrylov, NewtonResult
@@ -54,11 +54,15 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
     return np.concatenate([share, share, share * model.scene.planet.gravity / mean])
 
 
+Failure = NewtonResult | LinearResult
+"""Why a step could not be taken."""
+
+
 class StageProblem:
     """x - tau F(x, t) = r with exact Jacobian products."""
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner_name: str) -> None:
-        self._model, self._space = model, space
+        self._model, self.space = model, space
         self.preconditioner = make_preconditioner(preconditioner_name, model)
         self.precondition = self.preconditioner.apply if self.preconditioner else None
         self._slope = model.zeros()
@@ -68,9 +72,9 @@ class StageProblem:
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out = x - tau F(x) - r."""
         self._model.tendency(x, self.time, self._slope)
-        self._space.copy(x, out)
-        self._space.axpy(-self.tau, self._slope, out)
-        self._space.axpy(-1.0, self.rhs, out)
+        self.space.copy(x, out)
+        self.space.axpy(-self.tau, self._slope, out)
+        self.space.axpy(-1.0, self.rhs, out)
 
     def linearise(self, x: wp.array) -> None:
         """Fix the state of the Jacobian."""
@@ -79,7 +83,7 @@ class StageProblem:
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """out = d - tau J d."""
         self._model.tangent(d, out)
-        self._space.axpby(1.0, d, -self.tau, out)
+        self.space.axpby(1.0, d, -self.tau, out)
 
 
 class ImplicitStepper(Stepper):
@@ -93,9 +97,10 @@ class ImplicitStepper(Stepper):
         self._blas = threadpool_limits(limits=1, user_api="blas")
         self.options = SolverOptions(tolerance, preconditioner)
         self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
-        self.problem = StageProblem(model, self.space, preconditioner)
+        self.problem = self._make_problem(preconditioner)
+        space = self.problem.space
         self._newton = NewtonKrylov(
-            self.space, self._gmres(), rtol=tolerance, max_krylov=2 * KRYLOV_SIZE
+            space, _gmres(space), rtol=tolerance, max_krylov=2 * KRYLOV_SIZE
         )
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
@@ -138,8 +143,16 @@ class ImplicitStepper(Stepper):
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore(memory)
 
+    def error_estimate(self) -> float | None:
+        """Norm [m s-1] of the error of the step last attempted; None where the method has none."""
+        return None
+
+    def _make_problem(self, preconditioner: str) -> Any:
+        """What Newton solves, with its `space` and its `preconditioner`."""
+        return StageProblem(self.model, self.space, preconditioner)
+
     @abstractmethod
-    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
         """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
 
         Returns the result of the solve that failed, if one did; nothing must have changed then.
@@ -165,31 +178,38 @@ class ImplicitStepper(Stepper):
                 done, parts = 2 * done, 2 * parts
                 self._give_up_below(parts, failure)
 
-    def _give_up_below(self, parts: int, failure: NewtonResult) -> None:
+    def _give_up_below(self, parts: int, failure: Failure) -> None:
         if parts > SMALLEST_PART:
             raise RunFailed(
-                f"{self.name}: the step from {self.time:.0f} s cannot be solved even in {parts // 2} "
-                f"parts: {failure.message}; choose a smaller --dt"
+                f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
+                f"{parts // 2} parts: {failure.message}; choose a smaller --dt"
             )
 
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
         """Solve x - tau F(x, t) = rhs from the guess x."""
-        problem, space = self.problem, self.space
-        problem.tau, problem.time, problem.rhs = tau, t, rhs
-        if problem.preconditioner is not None:
-            problem.preconditioner.setup(self.state, tau)
-        worthless = max(WORTHLESS, 10.0 * space.epsilon) * space.norm(self.state)
-        self._newton.atol = worthless if self.options.tolerance > 0.0 else 0.0
-        result = self._newton.solve(problem, x, scale=abs(tau) * self._rate)
-        self.counters["newton_iterations"] += result.newton_iterations
-        self.counters["krylov_iterations"] += result.krylov_iterations
+        self.problem.tau, self.problem.time, self.problem.rhs = tau, t, rhs
+        result = self._newton_solve(tau, x, tau * self._rate)
         self._restore_mass(rhs, x)
         return result
 
-    def _gmres(self) -> FlexibleGMRES:
-        """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers."""
-        fits = int(KRYLOV_MEMORY / (2 * 8 * self.space.n))
-        return FlexibleGMRES(self.space, max(20, min(KRYLOV_SIZE, fits)))
+    def _newton_solve(self, tau: float, x: wp.array, scale: float) -> NewtonResult:
+        """Solve the problem as it is set from the guess x; the tolerance is relative to `scale`."""
+        self._prepare(tau)
+        self._newton.atol = self._worthless()
+        result = self._newton.solve(self.problem, x, scale=scale)
+        self.counters["newton_iterations"] += result.newton_iterations
+        self.counters["krylov_iterations"] += result.krylov_iterations
+        return result
+
+    def _prepare(self, tau: float) -> None:
+        """Bring the preconditioner to the present state and tau [s]."""
+        if self.problem.preconditioner is not None:
+            self.problem.preconditioner.setup(self.state, tau)
+
+    def _worthless(self) -> float:
+        """Residual that is not worth an iteration; none is when the tolerance is 0."""
+        least = max(WORTHLESS, 10.0 * self.space.epsilon) * self.space.norm(self.state)
+        return least if self.options.tolerance > 0.0 else 0.0
 
     def _restore_mass(self, rhs: wp.array, x: wp.array) -> None:
         """Give x the mass of the right-hand side, which the exact solution has: F moves no mass."""
@@ -208,3 +228,9 @@ class ImplicitStepper(Stepper):
         """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
         self.space.copy(x, out)
         self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, out)
+
+
+def _gmres(space: VectorSpace) -> FlexibleGMRES:
+    """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers."""
+    fits = int(KRYLOV_MEMORY / (2 * 8 * space.n))
+    return FlexibleGMRES(space, max(20, min(KRYLOV_SIZE, fits)))

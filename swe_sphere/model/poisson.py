@@ -1,0 +1,51 @@
+"""The right-hand side in skew form, averaged between two states: what keeps the energy exactly."""
+
+import warp as wp
+
+from ..errors import ConfigError
+from ..kernels import Terms
+from ..kernels.average import average_kernel
+from ..operators import TendencyOperator
+from .model import Model
+
+NEEDED = ("momentum-advection", "pressure-gradient")
+
+
+class PoissonTendency:
+    """Average tendency from one state to another, whose product with the energy's change is zero.
+
+    d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
+    between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
+    Bauer 2020, doi:10.1016/j.jcp.2019.109016).  The operator is skew for the quadrature of the
+    mesh, because F is continuous and differentiation by parts is exact there.  Without
+    dissipation.  Raises ConfigError for a scene that does not step all of the dynamics.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if not self.fits(model):
+            raise ConfigError(f"the skew form needs the effects {' and '.join(NEEDED)}")
+        self._model, mesh, scene = model, model.device_mesh, model.scene
+        self._mean, self._base = model.zeros(), model.zeros()
+        coriolis = mesh.upload(model.coriolis) if scene.coriolis else None
+        terms = Terms(advection=True, pressure=True, poisson=True)
+        self._operator = TendencyOperator(mesh, terms, model.launch, {"base": self._base}, coriolis)
+        self._average = average_kernel(mesh.real, scene.bottom is not None)
+        self._constants = self._average.structure()
+        self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
+        if scene.bottom:
+            self._constants.bottom = mesh.upload(model.bottom)
+        model.launch.load(self._average.kernel)
+
+    @staticmethod
+    def fits(model: Model) -> bool:
+        """Whether the scene has the energy that this form keeps."""
+        return all(model.scene.effect(name) is not None for name in NEEDED)
+
+    def __call__(self, first: wp.array, last: wp.array, out: wp.array) -> None:
+        """out = the average between two states (3N,); counted as one right-hand side."""
+        model, nodes = self._model, self._model.mesh.size
+        model.counters["rhs_evaluations"] += 1
+        model.launch(
+            self._average.kernel, nodes, self._constants, first, last, self._mean, self._base
+        )
+        self._operator(self._mean, out)

@@ -1,0 +1,189 @@
+"""The Gauss-Legendre method of two stages, which are solved together."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..linear import Operator, VectorSpace
+from ..linear.preconditioners import Preconditioner, make_preconditioner
+from ..model.model import Model
+from ..newton import NewtonResult
+from .implicit import ImplicitStepper, energy_weights
+
+_ROOT = math.sqrt(3.0)
+A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
+B = (0.5, 0.5)
+C = (0.5 - _ROOT / 6.0, 0.5 + _ROOT / 6.0)
+DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
+"""Of the lower triangle LD in A = L D U: 1/4 and 1/3."""
+
+
+class ForwardElimination:
+    """Approximate inverse of I - dt A (x) J for a pair of stages in one vector (2n,).
+
+    It keeps of A = L D U the lower triangle LD, which A differs from by a factor with eigenvalues 1
+    alone (Rana et al. 2021, doi:10.1137/20M1389030), and eliminates forwards:
+    y_1 = (I - d_1 dt J)^-1 r_1, y_2 = (I - d_2 dt J)^-1 (r_2 + a_21 dt J y_1), where by the first
+    equation dt J y_1 = (y_1 - r_1)/d_1.
+    """
+
+    def __init__(self, model: Model, space: VectorSpace, parts: list[Preconditioner]) -> None:
+        """space: of one stage; parts: one preconditioner for each of the two implicit steps."""
+        self._space, self._parts, self._work = space, parts, model.zeros()
+
+    @property
+    def setup_seconds(self) -> float:
+        """Wall time spent in `setup` so far [s]."""
+        return sum(part.setup_seconds for part in self._parts)
+
+    @property
+    def setups(self) -> int:
+        """Set-ups so far, of one implicit step each."""
+        return sum(part.setups for part in self._parts)
+
+    @property
+    def applications(self) -> int:
+        """Applications so far, to one stage each."""
+        return sum(part.applications for part in self._parts)
+
+    def setup(self, state: wp.array, tau: float) -> None:
+        """Prepare for the time step tau [s] at a state (n,)."""
+        for part, diagonal in zip(self._parts, DIAGONAL, strict=True):
+            part.setup(state, diagonal * tau)
+
+    def apply(self, r: wp.array, out: wp.array) -> None:
+        """out near (I - dt A (x) J)^-1 r, both (2n,)."""
+        n, space, factor = self._space.n, self._space, A[1][0] / DIAGONAL[0]
+        self._parts[0].apply(r[:n], out[:n])
+        space.copy(r[n:], self._work)
+        space.axpy(factor, out[:n], self._work)
+        space.axpy(-factor, r[:n], self._work)
+        self._parts[1].apply(self._work, out[n:])
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """What the set-ups in use were made for."""
+        numbered = enumerate(part.memory() for part in self._parts)
+        return {f"{name}_{i}": value for i, mine in numbered for name, value in mine.items()}
+
+    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+        """Make those set-ups again."""
+        for i, part in enumerate(self._parts):
+            end = f"_{i}"
+            part.restore({k.removesuffix(end): v for k, v in memory.items() if k.endswith(end)})
+
+
+class CoupledStages:
+    """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
+
+    Jacobian products are exact: the model is linearised anew at each stage for each of them.  That
+    is a copy of the state beside a tangent, and keeps Newton quadratic at any step; one tangent for
+    both stages would cost a Newton iteration or two, with a product of two tangents each.
+    """
+
+    def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
+        self._model, self._single = model, single
+        # mean over the stages, so that a tolerance means what it does for one state
+        weights = np.tile(energy_weights(model), 2) / 2.0
+        self.space = VectorSpace(weights, model.device, model.device_mesh.real)
+        parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
+        made = ForwardElimination(model, single, parts) if parts else None
+        self.preconditioner = made
+        self.precondition: Operator | None = made.apply if made else None
+        self._slopes = single.stack(len(C))
+        self._point = self.space.zeros()
+        self.time, self.dt = 0.0, 0.0
+        self.start: wp.array = None
+
+    def residual(self, x: wp.array, out: wp.array) -> None:
+        """out_i = X_i - x - dt sum_j a_ij F(X_j)."""
+        for i, stage in enumerate(self.split(x)):
+            self._model.tendency(stage, self.time + C[i] * self.dt, self._slopes[i])
+        for i, (stage, mine) in enumerate(zip(self.split(x), self.split(out), strict=True)):
+            self._single.combine(stage, self._slopes, -self.dt * np.array(A[i]), mine)
+            self._single.axpy(-1.0, self.start, mine)
+
+    def linearise(self, x: wp.array) -> None:
+        """Fix the stages at which the tangents are taken."""
+        self.space.copy(x, self._point)
+
+    def jacobian(self, d: wp.array, out: wp.array) -> None:
+        """out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
+        directions = self.split(d)
+        for i, stage in enumerate(self.split(self._point)):
+            self._model.linearise(stage, self.time + C[i] * self.dt)
+            self._model.tangent(directions[i], self._slopes[i])
+        for i, mine in enumerate(self.split(out)):
+            self._single.combine(directions[i], self._slopes, -self.dt * np.array(A[i]), mine)
+
+    def split(self, pair: wp.array) -> tuple[wp.array, wp.array]:
+        """The two stages (n,) of a pair (2n,), as views."""
+        return pair[: self._single.n], pair[self._single.n :]
+
+
+class GaussLegendre(ImplicitStepper):
+    """Gauss-Legendre, two coupled stages: fourth order, symplectic, no damping.
+
+    The step is consistent with the solved stages: x_new = x + sqrt(3) (X_2 - X_1), which is
+    x + dt/2 (K_1 + K_2) with the slopes that the stage equations imply.  The guess extrapolates the
+    slopes of the step before.
+    """
+
+    name, order = "gauss-legendre", 4
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+    ) -> None:
+        super().__init__(model, dt, tolerance, preconditioner)
+        self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        for i in range(len(C)):
+            self.space.copy(self._new, self._past[i])
+
+    def _make_problem(self, preconditioner: str) -> CoupledStages:
+        return CoupledStages(self.model, self.space, preconditioner)
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state, "slopes": self._past}
+
+    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        problem, stages = self.problem, self.problem.split(self._pair)
+        problem.time, problem.dt, problem.start = t, dt, self.state
+        for stage, row in zip(stages, dt * np.array(A) @ _EXTRAPOLATION, strict=True):
+            self.space.combine(self.state, self._past, row, stage)
+        result = self._newton_solve(dt, self._pair, dt * self._rate)
+        if not result.converged:
+            return result
+        for stage in stages:
+            self._restore_mass(self.state, stage)
+        self.space.copy(self.state, out)
+        self.space.axpy(_ROOT, stages[1], out)
+        self.space.axpy(-_ROOT, stages[0], out)
+        return None
+
+    def _accept(self, dt: float, new: wp.array) -> None:
+        for i, row in enumerate(_INVERSE / dt):
+            past = self._past[i]
+            self.space.copy(self.state, past)
+            self.space.scale(-float(row.sum()), past)
+            for stage, part in zip(self.problem.split(self._pair), row, strict=True):
+                self.space.axpy(float(part), stage, past)
+        super()._accept(dt, new)
+
+
+_INVERSE = np.linalg.inv(np.array(A))
+
+
+def _extrapolation() -> NDArray[np.float64]:
+    """Slopes (2,) of the next step from those of this one, by the line through them."""
+    ahead = (np.array(C) + 1.0 - C[0]) / (C[1] - C[0])
+    return np.stack([1.0 - ahead, ahead], axis=1)
+
+
+_EXTRAPOLATION = _extrapolation()

@@ -1,0 +1,130 @@
+"""Linearly implicit Runge-Kutta methods: one linear system a stage, no Newton iteration."""
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..linear import LinearResult
+from ..model.model import Model
+from .implicit import ImplicitStepper
+
+Array = NDArray[np.float64]
+FRACTION = 1e-3
+"""Half width of the difference that gives dF/dt, in time steps."""
+
+
+class RosenbrockW(ImplicitStepper):
+    """Rosenbrock-W method RA34PW2: linearly implicit, four stages, third order, L-stable.
+
+    (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
+    keeps its order with an inexact J (Rang & Angermann 2005, doi:10.1007/s10543-005-0035-y).  It is
+    solved for u = Gamma k, which needs no product with J on the right (Hairer & Wanner 1996, IV.7).
+    A solve is as exact as `tolerance` says, relative to the change of the state over the last step.
+    """
+
+    name, order = "rosenbrock-w", 3
+    gamma = 0.4358665215084590
+    alpha = (
+        (0.0, 0.0, 0.0, 0.0),
+        (0.87173304301691801, 0.0, 0.0, 0.0),
+        (0.84457060015369423, -0.11299064236484185, 0.0, 0.0),
+        (0.0, 0.0, 1.0, 0.0),
+    )
+    lower = (
+        (0.0, 0.0, 0.0, 0.0),
+        (-0.87173304301691801, 0.0, 0.0, 0.0),
+        (-0.90338057013044082, 0.054180672388095326, 0.0, 0.0),
+        (0.24212380706095346, -1.2232505839045147, 0.54526025533510214, 0.0),
+    )
+    b = (0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900)
+    embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+    ) -> None:
+        super().__init__(model, dt, tolerance, preconditioner)
+        stages = len(self.b)
+        self._stack, self._past = self.space.stack(stages), self.space.stack(stages)
+        self._solutions = [self._stack[i] for i in range(stages)]
+        self._guesses = [self._past[i] for i in range(stages)]
+        self._point, self._rhs, self._drift = model.zeros(), model.zeros(), model.zeros()
+        self._has_drift = model.scene.wind is not None and not model.scene.steady_wind
+        sums = np.array(self.lower) + self.gamma * np.eye(stages)
+        inverse = np.linalg.inv(sums)
+        self._c, self._gammas = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
+        self._inner, self._coupling = np.array(self.alpha) @ inverse, -np.tril(inverse, -1)
+        self._b, self._b_embedded = np.array(self.b) @ inverse, np.array(self.embedded) @ inverse
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self.space.clear(self._new)
+        for guess in self._guesses:
+            self.space.copy(self._new, guess)
+
+    def error_estimate(self) -> float | None:
+        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
+        self.space.clear(self._rhs)
+        difference = self._b - self._b_embedded
+        self.space.combine(self._rhs, self._stack, difference, self._rhs)
+        return self.space.norm(self._rhs)
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state, "stages": self._past}
+
+    def _attempt(self, t: float, dt: float, out: wp.array) -> LinearResult | None:
+        tau = self.gamma * dt
+        self.problem.tau = tau
+        self._prepare(tau)
+        self._differentiate(t, dt)
+        self.problem.time = t
+        for i in range(len(self.b)):
+            # before the tangent, for which the wind has to be that of the start
+            self._right_hand_side(i, t, dt)
+            self.model.linearise(self.state, t)
+            result = self._solve_stage(i, tau)
+            if not result.converged:
+                return result
+        self.space.combine(self.state, self._stack, self._b, out)
+        return None
+
+    def _right_hand_side(self, i: int, t: float, dt: float) -> None:
+        """gamma dt [F(x + sum a_ij u_j) + sum c_ij u_j / dt + gamma_i dt dF/dt]."""
+        space, tau = self.space, self.gamma * dt
+        space.combine(self.state, self._stack, self._inner[i, :i], self._point)
+        self.model.tendency(self._point, t + self._c[i] * dt, self._rhs)
+        space.scale(tau, self._rhs)
+        space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
+        if self._has_drift:
+            space.axpy(tau * self._gammas[i] * dt, self._drift, self._rhs)
+
+    def _solve_stage(self, i: int, tau: float) -> LinearResult:
+        """(I - tau J) u_i = right-hand side; u_i has its mass, which J does not move."""
+        u = self._solutions[i]
+        self.space.copy(self._guesses[i], u)
+        goal = max(self.options.tolerance * tau * self._rate, self._worthless())
+        result = self._newton.gmres.solve(
+            self.problem.jacobian,
+            self._rhs,
+            u,
+            self.problem.precondition,
+            rtol=0.0,
+            atol=goal,
+            max_iterations=self._newton.max_krylov,
+        )
+        self.counters["krylov_iterations"] += result.iterations
+        self._restore_mass(self._rhs, u)
+        return result
+
+    def _differentiate(self, t: float, dt: float) -> None:
+        """dF/dt at the start, for a prescribed wind that changes, by a central difference."""
+        if not self._has_drift:
+            return
+        step = FRACTION * dt
+        self.model.tendency(self.state, t + step, self._drift)
+        self.model.tendency(self.state, t - step, self._point)
+        self.space.axpby(-0.5 / step, self._point, 0.5 / step, self._drift)
+
+    def _accept(self, dt: float, new: wp.array) -> None:
+        super()._accept(dt, new)
+        self.space.copy(self._stack, self._past)
