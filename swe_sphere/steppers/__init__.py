@@ -1,10 +1,13 @@
 """Time integrators by name."""
 
 from ..model.effects import unknown_name
+from .average_vector_field import AverageVectorField
 from .base import Stepper
 from .bdf2 import BDF2
 from .dirk import ESDIRK4, SDIRK3, TRBDF2, CrankNicolson, ImplicitEuler, ImplicitMidpoint
+from .gauss import GaussLegendre
 from .leapfrog import Leapfrog
+from .rosenbrock import RosenbrockW
 from .runge_kutta import KG5, RK4, SSPRK3
 
 __all__ = ["ALIASES", "RECOMMENDED", "STEPPERS", "Stepper", "get_stepper"]
@@ -29,6 +32,9 @@ STEPPERS: dict[str, type[Stepper]] = {
         TRBDF2,
         SDIRK3,
         ESDIRK4,
+        GaussLegendre,
+        AverageVectorField,
+        RosenbrockW,
     )
 }
 """All steppers by name."""
