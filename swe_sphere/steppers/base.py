@@ -1,5 +1,6 @@
 """What every stepper does: it owns its state and moves it forward by one step at a time."""
 
+import itertools
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError
 from ..kernels import combine_kernel
-from ..kernels.vectors import MAX_TERMS
+from ..kernels.vectors import AT_ONCE
 from ..model.model import Model
 
 
@@ -82,20 +83,21 @@ class Stepper(ABC):
 
 
 class Combiner:
-    """out = x + sum_s c[s] stack[s], coefficients fixed at construction for recorded launches."""
+    """out = x + sum_s c[s] stack[s] with coefficients fixed at construction, for recorded launches."""
 
     def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
-        self._model, self._stack = model, stack
+        self._model = model
+        terms = [(stack[s], float(c)) for s, c in enumerate(coefficients) if c != 0.0]
+        self._parts = [
+            list(itertools.chain(*terms[i : i + AT_ONCE])) for i in range(0, len(terms), AT_ONCE)
+        ]
         real = model.device_mesh.real
-        used = np.flatnonzero(coefficients)
-        self._count = int(used[-1]) + 1 if len(used) else 0
-        padded = np.zeros(MAX_TERMS)
-        padded[: len(coefficients)] = coefficients
-        self._row = wp.types.vector(MAX_TERMS, real)(*padded.tolist())
-        self._kernel = combine_kernel(real)
-        model.launch.load(self._kernel)
+        self._kernels = [combine_kernel(real, len(part) // 2) for part in self._parts]
+        model.launch.load(*self._kernels)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
-        self._model.launch(
-            self._kernel, self._model.size, x, self._stack, self._row, self._count, out
-        )
+        if not self._parts:
+            wp.copy(out, x)
+        for kernel, part in zip(self._kernels, self._parts, strict=True):
+            self._model.launch(kernel, self._model.size, x, *part, out)
+            x = out
