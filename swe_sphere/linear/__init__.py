@@ -1,7 +1,15 @@
-"""Linear algebra on device vectors: weighted inner products and flexible GMRES."""
+"""Linear algebra on device vectors: weighted inner products and Krylov solvers."""
 
+from .conjugate_gradients import ConjugateGradients
 from .gmres import FlexibleGMRES, Operator
 from .result import LinearResult, Status
 from .space import VectorSpace
 
-__all__ = ["FlexibleGMRES", "LinearResult", "Operator", "Status", "VectorSpace"]
+__all__ = [
+    "ConjugateGradients",
+    "FlexibleGMRES",
+    "LinearResult",
+    "Operator",
+    "Status",
+    "VectorSpace",
+]

@@ -6,9 +6,11 @@ from .base import Stepper
 from .bdf2 import BDF2
 from .dirk import ESDIRK4, SDIRK3, TRBDF2, CrankNicolson, ImplicitEuler, ImplicitMidpoint
 from .gauss import GaussLegendre
+from .imex import ARK2, ARS343
 from .leapfrog import Leapfrog
 from .rosenbrock import RosenbrockW
 from .runge_kutta import KG5, RK4, SSPRK3
+from .semi_implicit import SemiImplicit
 
 __all__ = ["ALIASES", "RECOMMENDED", "STEPPERS", "Stepper", "get_stepper"]
 
@@ -25,6 +27,9 @@ STEPPERS: dict[str, type[Stepper]] = {
         RK4,
         SSPRK3,
         KG5,
+        SemiImplicit,
+        ARK2,
+        ARS343,
         ImplicitEuler,
         CrankNicolson,
         ImplicitMidpoint,

@@ -1,0 +1,95 @@
+"""What all steppers share that treat linear gravity waves implicitly and the rest explicitly."""
+
+from abc import abstractmethod
+
+import numpy as np
+import warp as wp
+from threadpoolctl import threadpool_limits
+
+from ..errors import RunFailed
+from ..linear import VectorSpace
+from ..linear.gravity_waves import GravityWaves, GravityWaveSolver
+from ..model.model import Model
+from ..model.spectrum import Spectrum
+from .base import Stepper
+from .stability import Complex, largest_step
+
+TOLERANCE = 1e-3
+FASTER = np.geomspace(8.0, 1e4, 40)
+"""How many times faster than the explicit waves the implicit ones may be in the analysis of
+stability.  (Waves of nearly one frequency in both parts would grow in any implicit-explicit
+Runge-Kutta method; but such are long ones, whose growth is tiny.)"""
+
+
+class SplitStepper(Stepper):
+    """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
+
+    `tolerance`: of the solves, relative to the change of the eliminated state that is solved for.
+    `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the same
+    model, to share; it brings both options.  Raises ConfigError for options out of range and
+    for a scene without gravity waves.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float = TOLERANCE,
+        coriolis: str = "explicit",
+        solver: GravityWaveSolver | None = None,
+    ) -> None:
+        super().__init__(model, dt)
+        # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
+        self._blas = threadpool_limits(limits=1, user_api="blas")
+        self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis), tolerance)
+        self.waves = self.solver.waves
+        weights = np.tile(model.mesh.area / model.mesh.area.sum(), 3)
+        self.space = VectorSpace(weights, model.device, model.device_mesh.real)
+        self.counters = {"krylov_iterations": 0}
+
+    def _solve(self, tau: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
+        """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,).
+
+        Raises RunFailed where that does not converge.
+        """
+        self.solver.setup(tau)
+        result = self.solver.solve(r, guess, out)
+        self.counters["krylov_iterations"] += result.iterations
+        if not result.converged:
+            raise RunFailed(
+                f"{self.name}: the gravity waves at {self.time:.0f} s cannot be solved for: "
+                f"{result.message}; choose a smaller --dt"
+            )
+
+    @classmethod
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for.
+
+        With the Coriolis force in it: to take that implicitly does not lengthen stable steps.
+        """
+        return GravityWaves(model).explicit_spectrum(state, t)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Largest step [s] that amplifies no mode, the implicit waves being far faster.
+
+        `wave` is the spectral radius of the explicit part, F - L: see `spectrum`.  With that of the
+        whole right-hand side in its place the step is shorter than it needs to be.
+        """
+
+        def growth(z_wave: Complex, z_dissipation: Complex) -> np.ndarray:
+            factors = np.concatenate([-FASTER, [0.0], FASTER])
+            z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
+            return cls._growth(z_implicit, z_wave, z_dissipation).max(axis=0)
+
+        return largest_step(growth, wave, dissipation, reach=8.0)
+
+    @classmethod
+    @abstractmethod
+    def _growth(cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex) -> np.ndarray:
+        """Largest amplification factor for these eigenvalues times dt of the three parts."""
+
+
+def depth_of(vector: wp.array) -> wp.array:
+    """The depths (N,) of a vector (3N,), in its memory."""
+    return vector[2 * (vector.size // 3) :]
