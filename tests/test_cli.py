@@ -59,7 +59,7 @@ def output(folder, code):
 def test_list_has_a_line_for_each_scene_and_stepper(swe):
     status, out, err = swe("list")
     assert (status, err) == (0, "")
-    for name in ("williamson2", "galewsky", "lake-at-rest", "leapfrog", "rk4"):
+    for name in ("williamson2", "galewsky", "lake-at-rest", "leapfrog", "fully-implicit"):
         assert re.search(rf"^  {name} +\S.*\w", out, re.MULTILINE), name
 
 
@@ -75,7 +75,7 @@ def test_the_table_tells_step_limit_and_shortening(swe):
     status, out, err = swe("run", "williamson2", *SMALL, "--dt", "5000")
     assert (status, err) == (0, "")
     flat = " ".join(out.replace("│", " ").split())
-    assert re.search(r"4800 s \(limit 86\d\d\.\d s\), shortened from 5000 s", flat)
+    assert re.search(r"4800 s, as given \(limit 86\d\d\.\d s\), shortened from 5000 s", flat)
     assert "error of depth" in out and "completed at day 0.5" in flat
 
 
@@ -146,6 +146,16 @@ def lat_lon_file(tmp_path):
 MISTAKES = {
     "run wiliamson2": "unknown scene 'wiliamson2'; did you mean 'williamson2'",
     "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
+    "run williamson2 --stepper fuly-implicit": "did you mean 'fully-implicit'",
+    "run williamson2 --tolerance 1e-4": "stepper rk4 has no option 'tolerance'",
+    "run williamson2 --preconditioner none": "stepper rk4 has no option 'preconditioner'",
+    "run williamson2 --stepper bdf2 --tolerance -1": "tolerance: must be greater than or equal to",
+    "run williamson2 --stepper bdf2 --tolerance nan": "tolerance: must be a finite number",
+    "run williamson2 --ne 2 --stepper bdf2 --preconditioner helmhotz": "mean 'helmholtz'",
+    "run williamson2 --stepper bdf2 --set stepper.order=5": "it has tolerance, preconditioner",
+    "run williamson2 --stepper bdf2 --set stepper.tolerance=x": "tolerance must be a valid number",
+    "run williamson2 --stepper bdf2 --set stepper.=1": "stepper.parameter=value, not 'stepper.=1'",
+    "run williamson2 --stepper bdf2 --tolerance 0.1 --set stepper.tolerance=0.1": "given twice",
     "run": "scene: say which one",
     "run own.py": "there is no scene file own.py",
     "run williamson2 --dt -1": "dt: must be a positive number",

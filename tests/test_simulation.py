@@ -14,7 +14,14 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
 from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation import HealthCheck, continued_plan, load_config, make_config, time_plan
+from swe_sphere.simulation import (
+    HealthCheck,
+    choose_step,
+    continued_plan,
+    load_config,
+    make_config,
+    time_plan,
+)
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 
@@ -34,7 +41,7 @@ def small(scene="williamson2", **values):
 @settings(max_examples=200, deadline=None)
 def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
     try:
-        plan = time_plan(days, every, dt, stable_dt=900.0, safety=0.9)
+        plan = time_plan(days, every, dt)
     except ConfigError as error:
         assert "fits both" in str(error)
         return
@@ -46,30 +53,37 @@ def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
 
 
 def test_automatic_step_stays_within_the_safe_part_of_the_limit():
-    plan = time_plan(1.0, None, None, stable_dt=1000.0, safety=0.9)
-    assert plan.wanted == 900.0
+    choice = choose_step(None, 1.0, stable_dt=1000.0, safety=0.9, accurate=5000.0)
+    assert (choice.dt, choice.rule) == (900.0, "0.9 of the stability limit")
+    plan = time_plan(1.0, None, choice.dt)
     assert plan.dt == 900.0 and plan.steps == 96 and plan.frame_steps == 96
 
 
+def test_automatic_step_without_a_limit_is_the_accurate_one():
+    choice = choose_step(None, 1.0, stable_dt=np.inf, safety=0.9, accurate=3000.0)
+    assert choice.dt == 3000.0 and "Courant number 2" in choice.rule
+    assert choose_step(None, 1e-3, np.inf, 0.9, 3000.0).dt == pytest.approx(86.4)
+    assert choose_step(7.0, 1.0, 1000.0, 0.9, 3000.0).dt == 7.0
+
+
 def test_frames_come_about_daily_where_nothing_is_said():
-    assert time_plan(5.0, None, 600.0, 1e3, 0.9).frame_steps == 144
-    assert time_plan(0.5, None, 600.0, 1e3, 0.9).frame_steps == 72
-    assert time_plan(20.0, None, 2 * DAY, np.inf, 0.9).frame_steps == 1
+    assert time_plan(5.0, None, 600.0).frame_steps == 144
+    assert time_plan(0.5, None, 600.0).frame_steps == 72
+    assert time_plan(20.0, None, 2 * DAY).frame_steps == 1
 
 
 def test_frames_need_not_divide_the_length():
-    plan = time_plan(1.0, 9.0, 3600.0, 1e5, 0.9)
+    plan = time_plan(1.0, 9.0, 3600.0)
     assert [step for step in range(plan.steps + 1) if plan.is_frame(step)] == [0, 9, 18, 24]
 
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ((1.0, None, 2 * DAY, 1e3, 0.9), "longer than the whole run"),
-        ((1.0, None, 1e-200, 1e3, 0.9), "more than"),
-        ((1.0, None, None, np.inf, 0.9), "no stability limit"),
-        ((1.0, 7.3, 3600.0, 1e5, 0.9), "fits both"),
-        ((1e-12, None, 1.0, 1e5, 0.9), "too short"),
+        ((1.0, None, 2 * DAY), "longer than the whole run"),
+        ((1.0, None, 1e-200), "more than"),
+        ((1.0, 7.3, 3600.0), "fits both"),
+        ((1e-12, None, 1.0), "too short"),
     ],
 )
 def test_plans_that_cannot_be(arguments, word):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -23,11 +22,13 @@ Day = Annotated[
 
 def list_all() -> None:
     """List the scenes and steppers, one line each."""
-    from swe_sphere.steppers import STEPPERS
+    from swe_sphere.steppers import ALIASES, STEPPERS
     from swe_sphere.testcases import SCENES
 
-    _list("Scenes", SCENES.items())
-    _list("Steppers", STEPPERS.items())
+    _list("Scenes", {name: _first_line(scene) for name, scene in SCENES.items()})
+    steppers = {name: _first_line(stepper) for name, stepper in STEPPERS.items()}
+    aliases = {name: f"The recommended scheme: {scheme}." for name, scheme in ALIASES.items()}
+    _list("Steppers", steppers | aliases)
 
 
 def plot(
@@ -64,11 +65,14 @@ def compare(
         typer.echo(f"  {norm:5} {result[norm]:.6e}")
 
 
-def _list(title: str, things: Iterable[tuple[str, object]]) -> None:
-    rows = [(name, (thing.__doc__ or "").strip().split("\n")[0]) for name, thing in things]
-    width = max(len(name) for name, _ in rows)
+def _first_line(thing: object) -> str:
+    return (thing.__doc__ or "").strip().split("\n")[0]
+
+
+def _list(title: str, lines: dict[str, str]) -> None:
+    width = max(map(len, lines))
     typer.echo(f"{title}:")
-    for name, text in rows:
+    for name, text in lines.items():
         typer.echo(f"  {name:{width}}  {text}")
 
 

@@ -27,7 +27,22 @@ def run(
         str | None, typer.Argument(help="Name of a scene, or a .py file that defines scene().")
     ] = None,
     stepper: Annotated[str | None, typer.Option(metavar="NAME", help="Time integrator.")] = None,
-    dt: Annotated[str | None, _number("--dt", "SECONDS|auto", "Time step.")] = None,
+    preconditioner: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of an implicit stepper's linear solves.")
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        _number("--tolerance", "T", "Of an implicit stepper's solves, relative to the change."),
+    ] = None,
+    dt: Annotated[
+        str | None,
+        _number(
+            "--dt",
+            "SECONDS|auto",
+            "Time step. auto (the default): a safe part of the stability limit; for a stepper"
+            " without one, advective Courant number 2, but no more than an hour.",
+        ),
+    ] = None,
     days: Annotated[
         float | None, _number("--days", "D", "Length of the run, from the very start.")
     ] = None,
@@ -60,7 +75,8 @@ def run(
         typer.Option(
             "--set",
             metavar="EFFECT.PARAMETER=VALUE",
-            help="Change an effect (viscosity.nu=1e5) or the scene (scene.alpha=0.5); repeatable.",
+            help="Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of"
+            " the stepper (stepper.tolerance=1e-4); repeatable.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE.nc", help="Write frames here.")] = None,

@@ -57,7 +57,7 @@ class Terminal(Watcher):
         if self._bar is not None:
             day = f"day {step * self._dt / DAY:.2f} of {self._end:g}"
             speed = self._bar.tasks[0].speed
-            rate = "" if speed is None else f"{speed:.0f} steps/s"
+            rate = "" if speed is None else f"{speed:.3g} steps/s"
             self._bar.update(self._task, completed=step, day=day, rate=rate)
 
     def end(self) -> None:
@@ -97,10 +97,15 @@ def _print_table(summary: Summary, config: RunConfig) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(show_header=False, title=f"{summary['scene']} with {summary['stepper']}")
+    table = Table(show_header=False, title=_title(summary))
     for name, text in _rows(summary.as_dict(), config):
         table.add_row(name, text)
     Console(markup=False, highlight=False).print(table)
+
+
+def _title(summary: Summary) -> str:
+    scheme = "" if summary["scheme"] == summary["stepper"] else f" ({summary['scheme']})"
+    return f"{summary['scene']} with {summary['stepper']}{scheme}"
 
 
 def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
@@ -112,8 +117,12 @@ def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
     yield "machine", f"{n['device']}, {n['precision']}"
     yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
     yield "right-hand sides", str(n["rhs_evaluations"])
-    if n["newton_iterations"] or n["krylov_iterations"]:
+    if n["krylov_iterations"]:
         yield "iterations", f"{n['newton_iterations']} Newton, {n['krylov_iterations']} Krylov"
+    if n["rejected_steps"]:
+        yield "rejected steps", str(n["rejected_steps"])
+    if n["setups"]:
+        yield "preconditioner", _preconditioner(n)
     for title, names in GROUPS.items():
         values = [
             f"{label} {n[name]:.3g}".strip() for label, name in names.items() if _there(n, name)
@@ -133,9 +142,18 @@ def _stretched(factor: float) -> str:
     return "" if factor == 1.0 else f", refined {factor:g} times"
 
 
+def _preconditioner(n: dict[str, Any]) -> str:
+    name = n.get("preconditioner", "built in")
+    times = "once" if n["setups"] == 1 else f"{n['setups']} times"
+    return (
+        f"{name}: {n['preconditioner_applications']} applications,"
+        f" set up {times} in {n['setup_seconds']:.3g} s"
+    )
+
+
 def _step(n: dict[str, Any]) -> str:
     limit = "no stability limit" if n["stable_dt"] is None else f"limit {n['stable_dt']:.5g} s"
-    text = f"{n['dt']:.6g} s ({limit})"
+    text = f"{n['dt']:.6g} s, {n['dt_rule']} ({limit})"
     if abs(n["dt"] - n["dt_wanted"]) > 1e-9 * n["dt"]:
         text += f", shortened from {n['dt_wanted']:.6g} s to fit the frames"
     return text

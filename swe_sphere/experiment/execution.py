@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Execution"]
 
+COSTS = (
+    "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
+    "preconditioner_applications", "setups", "setup_seconds",
+)  # fmt: skip
+"""Costs that are told of every run, also where they are zero."""
+
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
@@ -75,7 +81,7 @@ class Execution:
         prepared = self._prepared
         after = prepared.model.counters
         counts: dict[str, float] = {k: n - prepared.before.get(k, 0) for k, n in after.items()}
-        counts |= prepared.stepper.counters
+        counts |= prepared.stepper.costs()
         counts["wall_seconds"] = self._loop.wall_seconds
         carried = prepared.counts
         return {name: n + carried.get(name, 0) for name, n in counts.items()}
@@ -87,14 +93,15 @@ class Execution:
         return {
             "scene": prepared.scene.name,
             "stepper": config.stepper,
+            "scheme": prepared.stepper.name,
+            **prepared.options,
             "ne": model.mesh.ne,
             "np": model.mesh.np,
             "dt": plan.dt,
             "steps": steps,
             "days": plan.time(steps) / DAY,
             "compile_seconds": model.compile_seconds,
-            "newton_iterations": 0,
-            "krylov_iterations": 0,
+            **dict.fromkeys(COSTS, 0),
             **self._counts(),
             **self._recorder.latest,
             **self._reference_errors(),
@@ -104,6 +111,7 @@ class Execution:
             "launch": model.shape,
             "days_planned": prepared.days,
             "dt_wanted": plan.wanted,
+            "dt_rule": prepared.dt_rule,
             "stable_dt": prepared.stable_dt,
             "out": None if config.out is None else str(config.out),
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.experiment.restart import adopt, carried_counts, check_identity, check_step
@@ -14,12 +14,16 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.model.scene import Scene
 from swe_sphere.simulation import (
     RunConfig,
+    StepChoice,
     TimePlan,
+    accurate_step,
+    choose_step,
     continued_plan,
     identity,
     make_mesh,
     make_model,
     make_scene,
+    stepper_options,
     time_plan,
 )
 
@@ -46,7 +50,11 @@ class Prepared:
     scene: Scene
     model: Model
     stepper: Stepper
+    options: dict[str, Any]
+    """What the stepper was built with."""
     plan: TimePlan
+    dt_rule: str
+    """How the step was chosen, in words."""
     stable_dt: float
     """Largest stable step at the start [s], about."""
     counts: dict[str, float]
@@ -64,7 +72,10 @@ class Prepared:
             **identity(config, scene, self.model.mesh),
             "identity": identity(config, scene, self.model.mesh),
             "configuration": config.model_dump(mode="json"),
+            "scheme": self.stepper.name,
+            "stepper_options": self.options,
             "dt": self.plan.dt,
+            "dt_rule": self.dt_rule,
             "stable_dt": self.stable_dt,
             "days": self.days,
             "device": self.model.device,
@@ -102,24 +113,32 @@ def _built(
     from swe_sphere.steppers import get_stepper
 
     kind = get_stepper(config.stepper)
+    options = stepper_options(kind, config)
     model = make_model(config, scene, mesh)
     state = model.initial_state()
     spectrum = model.spectrum(state)
     stable_dt = kind.stable_dt(spectrum.wave, spectrum.dissipation)
-    plan = _plan(config, days, checkpoint, stable_dt, kind.safety)
+    asked = None if config.dt == "auto" else config.dt
+    accurate = accurate_step(mesh, model.fields(state))
+    choice = choose_step(asked, days, stable_dt, kind.safety, accurate)
+    plan, dt_rule = _plan(config, days, checkpoint, choice)
     before = dict(model.counters)
-    stepper = kind(model, plan.dt)
+    stepper = kind(model, plan.dt, **options)
     counts = _begin(stepper, state, checkpoint)
-    return Prepared(config, days, scene, model, stepper, plan, stable_dt, counts, before, reference)
+    return Prepared(
+        config, days, scene, model, stepper, options, plan, dt_rule, stable_dt, counts, before,
+        reference,
+    )  # fmt: skip
 
 
 def _plan(
-    config: RunConfig, days: float, checkpoint: Checkpoint | None, stable_dt: float, safety: float
-) -> TimePlan:
-    if checkpoint is not None:
-        return continued_plan(days, config.every, check_step(config, checkpoint), checkpoint.steps)
-    dt = None if config.dt == "auto" else config.dt
-    return time_plan(days, config.every, dt, stable_dt, safety)
+    config: RunConfig, days: float, checkpoint: Checkpoint | None, choice: StepChoice
+) -> tuple[TimePlan, str]:
+    """The plan and the rule of its step, which a restarted run takes from the file."""
+    if checkpoint is None:
+        return time_plan(days, config.every, choice.dt), choice.rule
+    dt = check_step(config, checkpoint)
+    return continued_plan(days, config.every, dt, checkpoint.steps), "that of the restart file"
 
 
 def _begin(stepper: Stepper, state: wp.array, checkpoint: Checkpoint | None) -> dict[str, float]:

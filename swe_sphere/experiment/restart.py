@@ -17,7 +17,7 @@ __all__ = ["adopt", "carried_counts", "check_identity", "check_step"]
 
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
-    "device", "precision", "launch", "settings",
+    "device", "precision", "launch", "settings", "preconditioner", "tolerance",
 })  # fmt: skip
 """What a restarted run takes from the file unless it is told."""
 

@@ -7,6 +7,12 @@ from swe_sphere.simulation.loop import Loop
 from swe_sphere.simulation.moment import Moment, Observer
 from swe_sphere.simulation.plan import TimePlan, continued_plan, time_plan
 from swe_sphere.simulation.setup import identity, make_mesh, make_model, make_scene
+from swe_sphere.simulation.stepping import (
+    StepChoice,
+    accurate_step,
+    choose_step,
+    stepper_options,
+)
 
 __all__ = [
     "HealthCheck",
@@ -16,7 +22,10 @@ __all__ = [
     "Moment",
     "Observer",
     "RunConfig",
+    "StepChoice",
     "TimePlan",
+    "accurate_step",
+    "choose_step",
     "continued_plan",
     "identity",
     "load_config",
@@ -24,5 +33,6 @@ __all__ = [
     "make_mesh",
     "make_model",
     "make_scene",
+    "stepper_options",
     "time_plan",
 ]

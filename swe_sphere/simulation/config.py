@@ -55,6 +55,10 @@ class RunConfig(BaseModel):
     scene: str
     """Name of a scene, or path of a .py file that defines `scene(**parameters)`."""
     stepper: str = "rk4"
+    preconditioner: str | None = None
+    """Of the linear solves of an implicit stepper."""
+    tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    """Of the solves of an implicit stepper, relative to the change over a step."""
     dt: TimeStep = "auto"
     """Time step [s]."""
     days: Positive | None = None
@@ -78,7 +82,7 @@ class RunConfig(BaseModel):
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
     settings: tuple[str, ...] = ()
-    """"effect.parameter=value" and "scene.parameter=value"."""
+    """"effect.parameter=value", "scene.parameter=value" and "stepper.option=value"."""
     out: Path | None = None
     every: Positive | None = None
     """Time between frames [h]."""

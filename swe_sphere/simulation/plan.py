@@ -38,39 +38,34 @@ class TimePlan:
         return step % self.frame_steps == 0 or step == self.steps
 
 
-def time_plan(
-    days: float, every: float | None, dt: float | None, stable_dt: float, safety: float
-) -> TimePlan:
+def time_plan(days: float, every: float | None, dt: float) -> TimePlan:
     """The plan of a new run.
 
     Args:
         days: length of the run [days].
         every: time between frames [h]; None: about a day.
-        dt: time step [s]; None: `safety` times `stable_dt`.
-        stable_dt: largest stable step [s]; infinite where there is no limit.
-        safety: part of the limit to use.
+        dt: time step [s], which may be shortened a little.
 
     Raises:
-        ConfigError: no step can be chosen, or it does not go with the length or the frames.
+        ConfigError: the step does not go with the length or the frames.
     """
     length = _milliseconds(days * DAY)
-    wanted = _chosen(stable_dt, safety) if dt is None else dt
-    if wanted > length * (1 + 1e-9) and dt is not None:
+    if dt > length * (1 + 1e-9):
         raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")
-    if length / Fraction(wanted) > MOST_STEPS:
+    if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(
-            f"dt={wanted:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt"
+            f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt"
         )
-    interval = _interval(length, every, wanted)
+    interval = _interval(length, every, dt)
     common = _common_measure(length, interval)
-    count = max(1, math.ceil(common / Fraction(wanted) - Fraction(1, 10**9)))
+    count = max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
     step = common / count
-    if step < SHORTEST * Fraction(min(wanted, float(length))):
+    if step < SHORTEST * Fraction(dt):
         raise ConfigError(
-            f"no step near {wanted:g} s fits both {float(length / 3600):g} h of run and frames"
+            f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
             f" every {float(interval / 3600):g} h: change every, or take dt={float(step):g} or less"
         )
-    return TimePlan(float(step), int(length / step), int(interval / step), wanted)
+    return TimePlan(float(step), int(length / step), int(interval / step), dt)
 
 
 def continued_plan(days: float, every: float | None, dt: float, done: int) -> TimePlan:
@@ -89,12 +84,6 @@ def continued_plan(days: float, every: float | None, dt: float, done: int) -> Ti
     interval = _interval(_milliseconds(days * DAY), every, dt)
     frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
     return TimePlan(dt, steps, min(frames, steps), dt)
-
-
-def _chosen(stable_dt: float, safety: float) -> float:
-    if not math.isfinite(stable_dt):
-        raise ConfigError("this stepper has no stability limit to choose dt by: give dt in seconds")
-    return safety * stable_dt
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:

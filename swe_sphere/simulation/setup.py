@@ -11,6 +11,7 @@ from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model.effects import apply_settings
 from swe_sphere.model.scene import Scene
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from swe_sphere.model.model import Model
 
 __all__ = ["identity", "make_mesh", "make_model", "make_scene"]
-
-SCENE_PREFIX = "scene."
 
 NODE_BYTES = 300
 """Memory of a run for each node of each element, measured with rk4 in float64."""
@@ -33,8 +32,7 @@ def make_scene(config: RunConfig) -> Scene:
     """
     parameters = _scene_parameters(config)
     scene = get_scene(config.scene, **parameters)
-    effects = [text for text in config.settings if not _of_scene(text)]
-    return apply_settings(scene, effects)
+    return apply_settings(scene, effect_settings(config.settings))
 
 
 def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
@@ -62,9 +60,11 @@ def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
     """All that two runs must share for one to go on where the other stopped."""
+    from swe_sphere.steppers import get_stepper
+
     return {
         "scene": scene.name,
-        "stepper": config.stepper,
+        "stepper": get_stepper(config.stepper).name,
         "ne": mesh.ne,
         "np": mesh.np,
         "stretch": mesh.stretch,
@@ -92,19 +92,9 @@ def _check_memory(ne: int, np: int) -> None:
 
 
 def _scene_parameters(config: RunConfig) -> dict[str, float | bool | str]:
-    parameters: dict[str, float | bool | str] = {}
-    for text in filter(_of_scene, config.settings):
-        key, equals, value = text.partition("=")
-        name = key.strip().removeprefix(SCENE_PREFIX).strip()
-        if not (equals and name and value.strip()):
-            raise ConfigError(f"a setting reads scene.parameter=value, not {text!r}")
-        parameters[name] = value.strip()
+    parameters: dict[str, float | bool | str] = {**settings_of(config.settings, SCENE)}
     if config.alpha is not None:
         if "alpha" in parameters:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
         parameters["alpha"] = config.alpha
     return parameters
-
-
-def _of_scene(setting: str) -> bool:
-    return setting.strip().startswith(SCENE_PREFIX)

@@ -1,0 +1,98 @@
+"""Options of the stepper and the length of its steps, where the user leaves them open."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.settings import STEPPER, settings_of
+
+if TYPE_CHECKING:
+    from swe_sphere.mesh import Mesh
+    from swe_sphere.simulation.moment import Array
+    from swe_sphere.steppers import Stepper
+
+__all__ = ["StepChoice", "accurate_step", "choose_step", "stepper_options"]
+
+COURANT = 2.0
+"""Advective Courant number of an automatic step without a stability limit."""
+
+LONGEST = 3600.0
+"""An automatic step without a stability limit is no longer than this [s]."""
+
+
+@dataclass(frozen=True)
+class StepChoice:
+    """A time step before it is fitted to the frames."""
+
+    dt: float
+    """[s]"""
+    rule: str
+    """How it was chosen, in words."""
+
+
+def choose_step(
+    asked: float | None, days: float, stable_dt: float, safety: float, accurate: float
+) -> StepChoice:
+    """The step asked for [s], else one within the stability limit or, without one, an accurate one.
+
+    days: length of the run, which an automatic step does not exceed; stable_dt: stability limit
+    [s], infinite where there is none; safety: part of it to use; accurate: see `accurate_step`.
+    """
+    if asked is not None:
+        return StepChoice(asked, "as given")
+    if math.isfinite(stable_dt):
+        return StepChoice(min(safety * stable_dt, days * DAY), f"{safety:g} of the stability limit")
+    rule = f"advective Courant number {COURANT:g}, at most {LONGEST:g} s"
+    return StepChoice(min(accurate, days * DAY), rule)
+
+
+def accurate_step(mesh: Mesh, fields: dict[str, Array]) -> float:
+    """Step [s] that takes the fastest wind u, v (N,) [m s-1] over `COURANT` of the finest spacings.
+
+    It is `LONGEST` at the most.
+    """
+    wind = float(np.hypot(fields["u"], fields["v"]).max())
+    return min(LONGEST, COURANT * mesh.spacing()[0] / wind) if wind > 0.0 else LONGEST
+
+
+def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
+    """Everything the stepper is built with besides model and dt: as asked for, else its defaults.
+
+    Raises:
+        ConfigError: the stepper takes no such option, or not that value.
+    """
+    known = dict(inspect.signature(kind, eval_str=True).parameters)
+    del known["model"], known["dt"]
+    options = {name: parameter.default for name, parameter in known.items()}
+    for name, value in _asked(config).items():
+        if name not in known:
+            has = f"it has {', '.join(known)}" if known else "implicit steppers have some"
+            raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
+        options[name] = _converted(kind.name, name, value, known[name].annotation)
+    return options
+
+
+def _asked(config: RunConfig) -> dict[str, object]:
+    flags = {"preconditioner": config.preconditioner, "tolerance": config.tolerance}
+    given: dict[str, object] = {key: value for key, value in flags.items() if value is not None}
+    settings = settings_of(config.settings, STEPPER)
+    for name in given.keys() & settings.keys():
+        raise ConfigError(f"{name} is given twice: by {name} and by set stepper.{name}")
+    return given | settings
+
+
+def _converted(stepper: str, name: str, value: object, annotation: Any) -> object:
+    try:
+        return TypeAdapter(annotation).validate_python(value)
+    except ValidationError as error:
+        message = error.errors()[0]["msg"].replace("Input should", "must")
+        raise ConfigError(f"stepper {stepper}: {name} {message}, not {value!r}") from None

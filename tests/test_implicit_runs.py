@@ -1,0 +1,110 @@
+"""Runs with implicit steppers: options, costs, automatic step, restart, failure."""
+
+import json
+import re
+
+import netCDF4
+import numpy as np
+import pytest
+
+from swe_sphere.errors import RunFailed
+from swe_sphere.experiment import run
+from swe_sphere.mesh import build_mesh
+from swe_sphere.output.runfile import RunFile
+from swe_sphere.simulation import accurate_step, make_config
+from swe_sphere.steppers import RECOMMENDED, STEPPERS
+
+SMALL = {"ne": 2, "np": 4, "days": 1.0, "stepper": "tr-bdf2", "dt": 7200.0}
+
+
+def small(**values):
+    return run(make_config({"scene": "williamson6", **SMALL, **values}))
+
+
+def test_the_recommended_scheme_goes_by_two_names(tmp_path):
+    summary = small(stepper="fully-implicit", out=tmp_path / "a.nc")
+    assert (summary["stepper"], summary["scheme"]) == ("fully-implicit", RECOMMENDED)
+    assert summary["energy"] == small(stepper=RECOMMENDED)["energy"]
+    attributes = RunFile(tmp_path / "a.nc").attributes
+    assert (attributes["stepper"], attributes["scheme"]) == ("fully-implicit", RECOMMENDED)
+    assert json.loads(attributes["stepper_options"])["preconditioner"] == "helmholtz"
+
+
+def test_costs_of_the_solver_are_told(tmp_path):
+    numbers = json.loads(small(out=tmp_path / "a.nc").as_json())
+    assert numbers["newton_iterations"] >= 2 * numbers["steps"] == 24
+    assert numbers["krylov_iterations"] == numbers["tangent_evaluations"] > 24
+    assert numbers["preconditioner_applications"] == numbers["krylov_iterations"]
+    assert numbers["setups"] >= 1 and 0.0 < numbers["setup_seconds"] < numbers["wall_seconds"]
+    assert numbers["rejected_steps"] == 0
+    with netCDF4.Dataset(tmp_path / "a.nc") as file:
+        assert file.krylov_iterations == numbers["krylov_iterations"]
+
+
+def test_options_reach_the_solver():
+    plain, strict, bare = small(), small(tolerance=1e-6), small(preconditioner="none")
+    assert strict["krylov_iterations"] > 1.3 * plain["krylov_iterations"]
+    assert bare["krylov_iterations"] > 2 * plain["krylov_iterations"]
+    assert (bare["setups"], bare["preconditioner"]) == (0, "none")
+    by_setting = small(settings=["stepper.tolerance=1e-6"])
+    assert by_setting["tolerance"] == strict["tolerance"] == 1e-6
+    assert by_setting["krylov_iterations"] == strict["krylov_iterations"]
+
+
+def test_explicit_runs_tell_that_they_solve_nothing():
+    summary = small(stepper="rk4", dt="auto", days=0.1)
+    assert summary["scheme"] == "rk4" and summary["preconditioner"] is None
+    assert summary["krylov_iterations"] == summary["setups"] == summary["rejected_steps"] == 0
+
+
+def test_an_automatic_step_follows_the_wind():
+    mesh = build_mesh(8, 4)
+    u = np.full(mesh.size, 3.0)
+    wind = {"u": 100.0 * u, "v": -400.0 / 3.0 * u}
+    assert accurate_step(mesh, wind) == pytest.approx(2.0 * mesh.spacing()[0] / 500.0)
+    assert accurate_step(mesh, {"u": 0.1 * u, "v": 0.0 * u}) == 3600.0
+    assert accurate_step(mesh, {"u": 0.0 * u, "v": 0.0 * u}) == 3600.0
+    summary = small(dt="auto")
+    assert summary["stable_dt"] is None and summary["dt"] == 3600.0
+    assert "Courant number 2" in summary["dt_rule"]
+
+
+@pytest.mark.parametrize("stepper", ["tr-bdf2", "bdf2"])
+def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper):
+    """Also where the set-up of the preconditioner in use was made for an earlier depth."""
+    whole, part, rest = (tmp_path / name for name in ("whole.nc", "part.nc", "rest.nc"))
+    values = {"stepper": stepper, "every": 6.0, "tolerance": 0.01}
+    through = small(**values, out=whole)
+    small(**values | {"days": 0.5}, out=part)
+    config = {"scene": "williamson6", "days": 1.0, "restart": part, "out": rest}
+    restarted = run(make_config(config))
+    for field in ("u", "v", "h"):
+        assert np.array_equal(RunFile(whole).values(field), RunFile(rest).values(field))
+    for name in ("steps", "rhs_evaluations", "newton_iterations", "krylov_iterations", "dt"):
+        assert through[name] == restarted[name], name
+    assert restarted["tolerance"] == 0.01
+
+
+def test_a_restart_knows_the_scheme_by_both_names(tmp_path):
+    small(stepper="fully-implicit", days=0.5, out=tmp_path / "a.nc")
+    config = {"scene": "williamson6", "restart": tmp_path / "a.nc", "stepper": RECOMMENDED}
+    assert run(make_config(config | {"days": 1.0})).completed
+
+
+def test_a_solve_that_fails_ends_the_run_and_keeps_its_frames(tmp_path, monkeypatch):
+    """The third step fails, in however many parts it is taken."""
+    attempt = STEPPERS["tr-bdf2"]._attempt
+
+    def failing(self, t, dt, out):
+        if t < 2 * 7200.0:
+            return attempt(self, t, dt, out)
+        out.fill_(np.nan)
+        return self._solve(dt, t, self.state, out)
+
+    monkeypatch.setattr(STEPPERS["tr-bdf2"], "_attempt", failing)
+    summary = small(out=tmp_path / "a.nc", every=2.0)
+    assert (summary.completed, summary.exit_status) == (False, RunFailed.exit_status)
+    assert re.search(r"tr-bdf2: the step from 14400 s cannot be solved .* --dt", summary.reason)
+    assert "\n" not in summary.reason
+    assert RunFile(tmp_path / "a.nc").times.tolist() == [0.0, 7200.0, 14400.0]
+    assert summary["rejected_steps"] >= 6
