@@ -13,7 +13,7 @@ from ..errors import ConfigError, RunFailed
 from ..linear import FlexibleGMRES, LinearResult, VectorSpace
 from ..linear.preconditioners import make_preconditioner
 from ..model.model import Model
-from ..newton import NewtonKrylov, NewtonResult
+from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
 from .base import Stepper
 
 SMALLEST_PART = 64
@@ -21,6 +21,10 @@ SMALLEST_PART = 64
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
 """Basis vectors kept by GMRES, and the memory they may take [bytes]."""
+NEWTON_ITERATIONS = 12
+"""A solve that needs more is cheaper in two halves of the step."""
+LINEAR = EisenstatWalker(first=1e-15)
+"""For linear equations: to where Newton is to get, at once."""
 WORTHLESS = 1e-12
 """Residuals below this part of the state (or a few round-offs) are not worth an iteration."""
 
@@ -100,13 +104,19 @@ class ImplicitStepper(Stepper):
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
         self._newton = NewtonKrylov(
-            space, _gmres(space), rtol=tolerance, max_krylov=2 * KRYLOV_SIZE
+            space,
+            _gmres(space),
+            rtol=tolerance,
+            max_iterations=NEWTON_ITERATIONS,
+            max_krylov=2 * KRYLOV_SIZE,
+            forcing=LINEAR if model.scene.wind else EisenstatWalker(),
         )
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
         self._new, self._rate = model.zeros(), 0.0
         self._depth_unit = self._unit_depth()
+        self._has_waves = model.scene.effect("pressure-gradient") is not None
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
@@ -170,20 +180,28 @@ class ImplicitStepper(Stepper):
         while done < parts:
             dt = self.dt / parts
             failure = self._attempt(self.time + done * dt, dt, self._new)
-            if failure is None:
+            trouble = failure.message if failure else self._trouble()
+            if trouble is None:
                 self._accept(dt, self._new)
                 done += 1
             else:
                 self.counters["rejected_steps"] += 1
                 done, parts = 2 * done, 2 * parts
-                self._give_up_below(parts, failure)
+                self._give_up_below(parts, trouble)
 
-    def _give_up_below(self, parts: int, failure: Failure) -> None:
+    def _give_up_below(self, parts: int, trouble: str) -> None:
         if parts > SMALLEST_PART:
             raise RunFailed(
                 f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
-                f"{parts // 2} parts: {failure.message}; choose a smaller --dt"
+                f"{parts // 2} parts: {trouble}; choose a smaller --dt"
             )
+
+    def _trouble(self) -> str | None:
+        """What is wrong with the new state: gravity waves need a positive depth."""
+        if not self._has_waves:
+            return None
+        lowest = float(self._new.numpy()[-self.model.mesh.size :].min())
+        return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
         """Solve x - tau F(x, t) = rhs from the guess x."""
