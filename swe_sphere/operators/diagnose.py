@@ -37,8 +37,10 @@ def _weights(mesh: Mesh) -> Array:
 
 
 def _along_1(mesh: Mesh, field: Array) -> Array:
-    return np.einsum("im,emj->eij", mesh.derivative, field)
+    slope: Array = np.einsum("im,emj->eij", mesh.derivative, field)
+    return slope
 
 
 def _along_2(mesh: Mesh, field: Array) -> Array:
-    return np.einsum("jm,eim->eij", mesh.derivative, field)
+    slope: Array = np.einsum("jm,eim->eij", mesh.derivative, field)
+    return slope

@@ -33,7 +33,7 @@ def divergence(mesh: Mesh) -> sp.csr_matrix:
 
 
 def weak_laplacian(mesh: Mesh, coefficient: Array | None = None) -> sp.csr_matrix:
-    """(N, N) compact Laplacian div(coefficient grad), integrated by parts within the elements [m-2].
+    """(N, N) [m-2]: compact div(coefficient grad), integrated by parts within the elements.
 
     `coefficient` (N,) is taken at the nodes, 1 by default.
     """

@@ -93,9 +93,9 @@ def _turned(vertices: Int) -> NDArray[np.bool_]:
     neighbour = np.zeros(leads.size, dtype=bool)
     for mine in (far_1, far_2):
         neighbour |= (mine == far_1[first]) | (mine == far_2[first])
-    turned = np.where(neighbour, leads == leads[first], leads != leads[first])
+    turned: NDArray[np.bool_] = np.where(neighbour, leads == leads[first], leads != leads[first])
     turned[first] = False
-    return turned.reshape(vertices.shape)
+    return turned.reshape(-1, 4)
 
 
 def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
@@ -108,6 +108,6 @@ def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
     where = np.broadcast_to(columns[:, None, :], rows.shape)
     values = np.broadcast_to(values, rows.shape)
     used = (where >= 0) & (values != 0.0)
-    shape = (mesh.size, int(columns.max()) + 1)
-    total = sp.coo_array((values[used], (rows[used], where[used])), shape).tocsr()
+    size = (mesh.size, int(columns.max()) + 1)
+    total = sp.coo_array((values[used], (rows[used], where[used])), size).tocsr()
     return (sp.diags_array(1.0 / np.diff(mesh.gather_offsets)) @ total).tocsr()

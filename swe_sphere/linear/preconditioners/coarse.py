@@ -59,7 +59,8 @@ class CoarseCorrection:
         split = self._ends[1]
         coarse[:split] = self._direct.solve(coarse[:split].astype(np.float64))
         coarse[split:] = self._sweep(coarse[split:])
-        return self._prolongation @ coarse
+        correction: Float32 = self._prolongation @ coarse
+        return correction
 
     def _sweep(self, r: Float32) -> Float32:
         r, x = r.copy(), np.zeros_like(r)

@@ -1,5 +1,7 @@
 """Approximate inverses of the Schur complement S, in the number type of the operator."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -29,7 +31,7 @@ class InnerSolver:
         """x near S^-1 b, both (N,); b may be overwritten."""
         raise NotImplementedError
 
-    def _put(self, values: NDArray[np.floating], x: wp.array) -> None:
+    def _put(self, values: NDArray[Any], x: wp.array) -> None:
         """Numpy values into a vector of the operator."""
         wp.copy(x, self.operator.mesh.upload(values))
 
@@ -60,8 +62,9 @@ class Direct(InnerSolver):
         bytes_ = 12.0 * 2.2 * degree * n**1.5
         if bytes_ > LARGEST_MEMORY:
             raise ConfigError(
-                f"the factors of a {n} x {n} Schur complement would take about {bytes_ / 1e9:.0f} GB; "
-                "choose the preconditioner helmholtz (multilevel) instead of helmholtz-direct"
+                f"the factors of a {n} x {n} Schur complement would take about "
+                f"{bytes_ / 1e9:.0f} GB; choose the preconditioner helmholtz (multilevel) instead "
+                "of helmholtz-direct"
             )
         self._factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
 

@@ -39,8 +39,8 @@ class SchurMatrix:
 
     def diagonal(self, tau: float, depth: Array) -> Array:
         """Diagonal of S (N,)."""
-        weight = self.weight(tau, depth)
-        return 1.0 - tau**2 * self.gravity * (self._squares @ np.concatenate([weight, weight]))
+        rates: Array = self._squares @ np.tile(self.weight(tau, depth), 2)
+        return 1.0 - tau**2 * self.gravity * rates
 
     def matrix(self, tau: float, depth: Array) -> sp.csr_matrix:
         """S (N, N)."""
@@ -51,7 +51,9 @@ class SchurMatrix:
         product = self.divergence @ (turn @ self.gradient)
         return (sp.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
-    def galerkin(self, basis: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array):
+    def galerkin(
+        self, basis: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array
+    ) -> sp.csr_matrix:
         """basis^T M S basis of the symmetric part of S, with slopes = G basis and M the areas."""
         area, weight = self.mesh.area, self.weight(tau, depth)
         mass = basis.T @ (sp.diags_array(area) @ basis)
@@ -59,10 +61,10 @@ class SchurMatrix:
         return (mass + tau**2 * self.gravity * stiffness).tocsr()
 
     def largest_eigenvalue(self, tau: float, depth: Array, steps: int = 20) -> float:
-        """Bound (with 5 % in reserve) on the spectrum of S over its diagonal, by power iteration."""
+        """Bound (5 % in reserve) on the spectrum of S over its diagonal, by power iteration."""
         weight = np.tile(self.weight(tau, depth), 2)
         inverse = 1.0 / self.diagonal(tau, depth)
-        x, factor, growth = np.random.default_rng(0).standard_normal(self.mesh.size), 0.0, 1.0
+        x, growth = np.random.default_rng(0).standard_normal(self.mesh.size), 1.0
         factor = tau**2 * self.gravity
         for _ in range(steps):
             x = inverse * (x - factor * (self.divergence @ (weight * (self.gradient @ x))))

@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 class Schwarz(InnerSolver):
     """Each element solves on itself and its neighbours and keeps the values of its own nodes.
 
-    The rows of the patch inverses that are kept are computed once, so that a sweep is a product with
-    a sparse matrix of fixed row length (Cai & Sarkis 1999, doi:10.1137/S106482759732678X).
+    The rows of the patch inverses that are kept are computed once, so that a sweep is a product
+    with a sparse matrix of fixed row length (Cai & Sarkis 1999, doi:10.1137/S106482759732678X).
     """
 
     def setup(self, tau: float, depth: Array) -> None:
