@@ -7,6 +7,7 @@ G adjoint, S = I - tau^2 g H D G is symmetric for the areas as weights.
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -110,6 +111,7 @@ class GravityWaveSolver:
         self._launch, self._outer = model.launch, model.device_mesh.real
         self.operator = self._schur_operator(wp.float64, self._outer)
         self.space = VectorSpace(model.mesh.area / model.mesh.area.sum(), model.device)
+        self.setups, self.setup_seconds = 0, 0.0
         self._make_preconditioner()
         self._krylov: Any = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
@@ -125,12 +127,15 @@ class GravityWaveSolver:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
         if tau == self.tau:
             return
+        start = time.perf_counter()
         self.tau = tau
         depth = np.full(self.waves.model.mesh.size, self.waves.depth)
         inverse = 1.0 / self._matrix.diagonal(tau, depth)
         for operator in (self.operator, self._rough):
             operator.configure(tau, depth, inverse)
         self._inner.setup(tau, depth)
+        self.setups += 1
+        self.setup_seconds += time.perf_counter() - start
 
     def solve(self, r: wp.array, guess: wp.array, out: wp.array) -> LinearResult:
         """out (3N,) = (I - tau L)^-1 r for r (3N,), from a guess (N,) of the depth.

@@ -21,9 +21,9 @@ Rows = tuple[tuple[float, ...], ...]
 class ImexRungeKutta(SplitStepper):
     """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
 
-    The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is one
-    of the change; L Y_i is what the solved equation implies, and the guess for it is the one of a
-    step before.
+    The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is
+    one of the change; L Y_i is what the solved equation implies, and the guess for it is the one of
+    a step before.
     """
 
     explicit: ClassVar[Rows]

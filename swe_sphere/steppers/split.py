@@ -25,8 +25,8 @@ class SplitStepper(Stepper):
     """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
 
     `tolerance`: of the solves, relative to the change of the eliminated state that is solved for.
-    `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the same
-    model, to share; it brings both options.  Raises ConfigError for options out of range and
+    `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the
+    same model, to share; it brings both options.  Raises ConfigError for options out of range and
     for a scene without gravity waves.
     """
 
@@ -60,6 +60,11 @@ class SplitStepper(Stepper):
                 f"{self.name}: the gravity waves at {self.time:.0f} s cannot be solved for: "
                 f"{result.message}; choose a smaller --dt"
             )
+
+    def costs(self) -> dict[str, float]:
+        """Counts of the solver, and seconds of its set-up."""
+        mine = {"setups": self.solver.setups, "setup_seconds": self.solver.setup_seconds}
+        return super().costs() | mine
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:

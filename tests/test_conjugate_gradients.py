@@ -1,0 +1,157 @@
+"""Conjugate gradients against scipy, and where it must stop by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+import warp as wp
+
+from swe_sphere.linear import ConjugateGradients, LinearResult, Status, VectorSpace
+
+N = 400
+
+
+def operator(apply):
+    """A function of numpy vectors as one of Warp vectors."""
+
+    def call(v: wp.array, out: wp.array) -> None:
+        np.copyto(out.numpy(), apply(v.numpy()), casting="same_kind")
+
+    return call
+
+
+def laplacian(shift: float = 0.01) -> sp.csr_array:
+    """A positive matrix of condition number about 4/shift, with a rough diagonal."""
+    line = sp.diags_array([-1.0, 2.0 + shift, -1.0], offsets=[-1, 0, 1], shape=(N, N))
+    rough = sp.diags_array(np.random.default_rng(3).uniform(0.3, 3.0, N))
+    return (rough @ line @ rough).tocsr()
+
+
+def random(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(N)
+
+
+def solve(
+    apply, b, weights=None, guess=None, real=wp.float64, kernels=False, precondition=None, **options
+) -> tuple[LinearResult, np.ndarray]:
+    """Result and solution."""
+    space = VectorSpace(np.ones(N) if weights is None else weights, real=real, kernels=kernels)
+    x = space.zeros() if guess is None else wp.array(guess, dtype=real, device="cpu")
+    result = ConjugateGradients(space).solve(
+        operator(apply),
+        wp.array(b, dtype=real, device="cpu"),
+        x,
+        None if precondition is None else operator(precondition),
+        **options,
+    )
+    return result, x.numpy().astype(np.float64)
+
+
+def scipy_iterations(matrix, b, rtol: float, inverse=None) -> tuple[np.ndarray, int]:
+    count = []
+    made = None if inverse is None else sla.LinearOperator((N, N), matvec=inverse)
+    x, failed = sla.cg(matrix, b, rtol=rtol, M=made, callback=lambda x: count.append(1))
+    assert not failed
+    return x, len(count)
+
+
+@pytest.mark.parametrize("kernels", [False, True])
+@pytest.mark.parametrize("preconditioned", [False, True])
+def test_same_answer_after_as_many_iterations_as_scipy(preconditioned, kernels) -> None:
+    matrix, b = laplacian(), random()
+    diagonal = matrix.diagonal()
+    inverse = (lambda r: r / diagonal) if preconditioned else None
+    x, count = scipy_iterations(matrix, b, 1e-8, inverse)
+    result, ours = solve(
+        matrix.__matmul__, b, precondition=inverse, rtol=1e-8, max_iterations=2000, kernels=kernels
+    )
+    assert result.status is Status.CONVERGED and not result.roundoff
+    assert abs(result.iterations - count) <= 2
+    assert len(result.history) == result.iterations + 1
+    assert ours == pytest.approx(x, abs=1e-5 * np.abs(x).max())
+    assert np.linalg.norm(b - matrix @ ours) <= 1.01e-8 * np.linalg.norm(b)
+
+
+def test_symmetric_in_the_inner_product_of_the_weights() -> None:
+    """W^-1 K is not a symmetric matrix, but it is symmetric for the weights W."""
+    weights, matrix, b = np.random.default_rng(5).uniform(0.1, 10.0, N), laplacian(), random()
+    apply = lambda v: (matrix @ v) / weights  # noqa: E731
+    result, x = solve(apply, b, weights, rtol=1e-10, max_iterations=2000)
+    assert result.converged
+    assert np.linalg.norm(matrix @ x - weights * b) < 1e-8 * np.linalg.norm(weights * b)
+    wrong, _ = solve(apply, b, rtol=1e-10, max_iterations=result.iterations)
+    assert not wrong.converged
+
+
+def test_preconditioner_that_is_not_quite_symmetric_and_in_float32() -> None:
+    """A symmetric Gauss-Seidel sweep and some of a forward one, which is not symmetric."""
+    matrix, b = laplacian(), random()
+    lower, diagonal = sp.tril(matrix).tocsr(), matrix.diagonal()
+
+    def sweep(r: np.ndarray) -> np.ndarray:
+        forward = sla.spsolve_triangular(lower, r)
+        back = sla.spsolve_triangular(lower.T.tocsr(), diagonal * forward, lower=False)
+        return (back + 0.3 * forward).astype(np.float32)
+
+    result, _ = solve(matrix.__matmul__, b, precondition=sweep, rtol=1e-6, max_iterations=400)
+    assert result.converged
+    plain, _ = solve(matrix.__matmul__, b, rtol=1e-6, max_iterations=2000)
+    assert result.iterations < 0.7 * plain.iterations
+
+
+def test_a_good_guess_costs_nothing_and_a_zero_right_hand_side_too() -> None:
+    matrix, x = laplacian(), random()
+    result, same = solve(matrix.__matmul__, matrix @ x, guess=x, rtol=1e-6)
+    assert (result.status, result.iterations) == (Status.CONVERGED, 0)
+    assert np.array_equal(same, x)
+    result, zero = solve(matrix.__matmul__, np.zeros(N), guess=x)
+    assert result.converged and not zero.any()
+
+
+@pytest.mark.parametrize(("real", "size"), [(wp.float64, 1e-13), (wp.float32, 1e-5)])
+def test_tolerance_zero_ends_at_round_off(real, size) -> None:
+    matrix, b = laplacian(1.0), random()
+    result, x = solve(matrix.__matmul__, b, real=real, rtol=0.0, max_iterations=2000)
+    assert result.converged and result.roundoff and "round-off" in result.message
+    assert np.linalg.norm(b - matrix @ x) < size * np.linalg.norm(b)
+
+
+def test_out_of_iterations_is_stagnated_with_the_true_residual() -> None:
+    matrix, b = laplacian(), random()
+    result, x = solve(matrix.__matmul__, b, rtol=1e-8, max_iterations=5)
+    assert (result.status, result.iterations) == (Status.STAGNATED, 5)
+    assert result.residual == pytest.approx(np.linalg.norm(b - matrix @ x), rel=1e-10)
+
+
+def test_what_is_not_positive_is_named() -> None:
+    matrix, b = laplacian(), random()
+    result, _ = solve(lambda v: -(matrix @ v), b)
+    assert result.status is Status.DIVERGED and "operator is not positive" in result.message
+    result, _ = solve(matrix.__matmul__, b, precondition=lambda r: -r)
+    assert result.status is Status.DIVERGED and "preconditioner is not positive" in result.message
+
+
+def test_not_a_number_never_enters_the_solution() -> None:
+    matrix, b = laplacian(), random()
+    bad = b.copy()
+    bad[7] = np.nan
+    for result, x in (
+        solve(matrix.__matmul__, bad),
+        solve(lambda v: np.full(N, np.nan) if v.any() else v, b),
+        solve(matrix.__matmul__, b, precondition=lambda r: r * np.inf),
+    ):
+        assert result.status is Status.NOT_A_NUMBER
+        assert np.all(np.isfinite(x))
+
+
+def test_repeats_to_the_last_bit() -> None:
+    matrix, b, space = laplacian(), random(), VectorSpace(np.ones(N))
+    solver, found = ConjugateGradients(space), []
+    rhs = wp.array(b, dtype=wp.float64, device="cpu")
+    for _ in range(2):
+        x = space.zeros()
+        result = solver.solve(operator(matrix.__matmul__), rhs, x, max_iterations=2000)
+        found.append((result.history, x.numpy().tobytes()))
+    assert found[0] == found[1]
