@@ -1,0 +1,326 @@
+"""Semi-implicit leapfrog and implicit-explicit Runge-Kutta: solver, order, stability, restart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import warp as wp
+from support import make_scene, random_state, relative
+
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.linear.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Viscosity
+from swe_sphere.operators import sparse
+from swe_sphere.planet import Planet
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers import leapfrog as leapfrog_module
+from swe_sphere.testcases import get_scene
+
+NAMES = ("semi-implicit", "ark2", "ars343")
+RUNGE_KUTTA = ("ark2", "ars343")
+WAVES = ("advection", "pressure", "rotation", "orography")
+
+
+def advance(name: str, model: Model, state, dt: float, duration: float, **options):
+    """A stepper after `duration` [s]."""
+    stepper = STEPPERS[name](model, dt, **options)
+    stepper.start(state)
+    for _ in range(round(duration / dt)):
+        stepper.step()
+    return stepper
+
+
+# --- the linear operator and its inverse
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+def test_operator_against_sparse_matrices(small_mesh, coriolis: str, precision: str) -> None:
+    model = Model(small_mesh, make_scene(*WAVES), precision=precision)
+    waves, out = GravityWaves(model, coriolis), model.zeros()
+    x = random_state(model)
+    waves.apply(model.device_mesh.upload(x), out)
+    u, v, h = np.split(x, 3)
+    f = model.coriolis if coriolis == "implicit" else 0.0
+    slope = sparse.gradient(small_mesh) @ h
+    slope_u, slope_v = np.split(model.scene.planet.gravity * slope, 2)
+    flow = waves.depth * (sparse.divergence(small_mesh) @ np.concatenate([u, v]))
+    expected = np.concatenate([f * v - slope_u, -f * u - slope_v, -flow])
+    assert relative(out.numpy(), expected, 3) < (1e-12 if precision == "float64" else 1e-4)
+
+
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+@pytest.mark.parametrize("tau", [100.0, 3000.0, 50000.0])
+def test_solver_inverts_the_operator(small_mesh, coriolis: str, tau: float) -> None:
+    model = Model(small_mesh, make_scene(*WAVES))
+    waves = GravityWaves(model, coriolis)
+    solver = GravityWaveSolver(waves, 1e-11)
+    x, product, found = random_state(model), model.zeros(), model.zeros()
+    waves.apply(model.device_mesh.upload(x), product)
+    rhs = x - tau * product.numpy()
+    solver.setup(tau)
+    guess = wp.zeros(small_mesh.size, dtype=wp.float64, device="cpu")
+    result = solver.solve(model.device_mesh.upload(rhs), guess, found)
+    assert result.converged and result.iterations > 0
+    assert relative(found.numpy(), x, 3) < 1e-6
+    mass = np.sum(small_mesh.area * (found.numpy() - rhs)[-small_mesh.size :])
+    assert abs(mass) < 1e-13 * np.sum(small_mesh.area * np.abs(rhs[-small_mesh.size :]))
+    again = solver.solve(model.device_mesh.upload(rhs), found[2 * small_mesh.size :], model.zeros())
+    assert again.iterations <= 1, "the guess was not used"
+
+
+def test_reference_depth_is_deep_enough(small_mesh) -> None:
+    flat = make_scene(*WAVES)
+    assert GravityWaves(Model(small_mesh, flat)).depth == pytest.approx(1000.0)
+    hill = lambda lon, lat: (0.0 * lat, 0.0 * lat, 1000.0 + 4000.0 * (lat > 1.0))  # noqa: E731
+    deep = GravityWaves(Model(small_mesh, replace(flat, initial=hill))).depth
+    assert deep == pytest.approx(4000.0)
+
+
+def test_what_cannot_be_semi_implicit_is_refused(small_mesh) -> None:
+    model = Model(small_mesh, make_scene(*WAVES))
+    with pytest.raises(ConfigError, match="coriolis is explicit or implicit"):
+        STEPPERS["semi-implicit"](model, 60.0, coriolis="sometimes")
+    with pytest.raises(ConfigError, match="tolerance"):
+        STEPPERS["ark2"](model, 60.0, tolerance=1.0)
+    for scene in (get_scene("williamson1"), make_scene("advection", "rotation")):
+        with pytest.raises(ConfigError, match="no gravity waves"):
+            STEPPERS["semi-implicit"](Model(small_mesh, scene), 60.0)
+
+
+# --- methods
+
+
+@pytest.mark.parametrize("name", RUNGE_KUTTA)
+def test_order_conditions_of_both_tableaus_and_between_them(name: str) -> None:
+    """Kennedy & Carpenter 2003, section 2: all trees to order 3 with any mixture of the two."""
+    cls = STEPPERS[name]
+    b = np.array(cls.b)
+    tableaus = [cls._square(cls.explicit), cls._square(cls.implicit)]
+    c_e, c_i = (a.sum(axis=1) for a in tableaus)
+    assert c_e == pytest.approx(c_i, abs=1e-14)
+    assert b.sum() == pytest.approx(1.0, abs=1e-14)
+    for c in (c_e, c_i):
+        assert b @ c == pytest.approx(1 / 2, abs=1e-14)
+    if cls.order < 3:
+        return
+    for a in tableaus:
+        assert b @ a @ c_i == pytest.approx(1 / 6, abs=1e-14)
+    assert b @ c_i**2 == pytest.approx(1 / 3, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", RUNGE_KUTTA)
+def test_implicit_tableau_is_l_stable_with_one_diagonal(name: str) -> None:
+    cls = STEPPERS[name]
+    assert len({row[-1] for row in cls.implicit}) == 1
+    z = np.array([0.1j, 1j, 10j, 1e4j, 1e8j])
+    growth = cls._growth(z, 0.0 * z, 0.0 * z)
+    assert np.all(growth <= 1.0 + 1e-12) and growth[-1] < 1e-7
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """The unsteady flow of Läuter, its state, and the state after four hours in tiny steps."""
+    model = Model(build_mesh(2, 4), get_scene("lauter"))
+    state = model.initial_state()
+    return model, state, advance("rk4", model, state, 40.0, 14400.0).state.numpy()
+
+
+def orders(moving, name: str, steps, **options) -> list[float]:
+    """Orders found from successive halvings of the time step, by the error of the whole state."""
+    model, state, reference = moving
+    scale = np.repeat(np.abs(reference).reshape(3, -1).max(axis=1), model.mesh.size)
+    weight = np.tile(model.mesh.area, 3) / scale**2
+    errors = []
+    for dt in steps:
+        after = advance(name, model, state, dt, 14400.0, tolerance=1e-9, **options).state.numpy()
+        errors.append(np.sqrt(np.sum(weight * (after - reference) ** 2)))
+    return [float(np.log2(coarse / fine)) for coarse, fine in pairwise(errors)]
+
+
+STEPS = (400.0, 200.0, 100.0, 50.0)
+
+
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+@pytest.mark.parametrize("name", RUNGE_KUTTA)
+def test_order_by_three_halvings(moving, name: str, coriolis: str) -> None:
+    found = orders(moving, name, STEPS, coriolis=coriolis)
+    assert found == pytest.approx([STEPPERS[name].order] * 3, abs=0.15)
+
+
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+def test_semi_implicit_without_its_filter_is_of_second_order(
+    moving, monkeypatch, coriolis: str
+) -> None:
+    monkeypatch.setattr(leapfrog_module, "FILTER", 0.0)
+    found = orders(moving, "semi-implicit", STEPS, coriolis=coriolis)
+    assert found == pytest.approx([2.0] * 3, abs=0.15)
+
+
+def test_its_filter_leaves_first_order_in_the_limit(moving) -> None:
+    """As in leapfrog: the filter damps by a part of ν (2α - 1) (ω Δt)² a step."""
+    found = orders(moving, "semi-implicit", (100.0, 50.0, 25.0))
+    assert found[-1] == pytest.approx(1.0, abs=0.15)
+
+
+def test_semi_implicit_solves_its_equation(small_mesh) -> None:
+    """(I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x-, then Williams' filter, to round-off."""
+    model, dt = Model(small_mesh, make_scene(*WAVES, "viscosity")), 900.0
+    stepper = STEPPERS["semi-implicit"](model, dt, tolerance=1e-12)
+    stepper.start(model.initial_state())
+    for _ in range(3):
+        stepper.step()
+    memory = stepper.memory()
+    past, now = memory["previous"], memory["state"]
+    upload, linear, rate, loss = model.device_mesh.upload, model.zeros(), model.zeros(), None
+    loss = model.zeros()
+    model.conservative_tendency(upload(now), 0.0, rate)
+    model.dissipative_tendency(upload(past), loss)
+
+    def wave(x: np.ndarray) -> np.ndarray:
+        stepper.waves.apply(upload(x), linear)
+        return linear.numpy().copy()
+
+    stepper.step()
+    # undo the filter: with d = nu/2 (x- - 2x + x+) the two levels are x + a d and x+ - (1 - a) d
+    d = (stepper.memory()["previous"] - now) / leapfrog_module.SHARE
+    new = stepper.state.numpy() + (1.0 - leapfrog_module.SHARE) * d
+    left = new - dt * wave(new)
+    right = past + 2 * dt * (rate.numpy() + loss.numpy() - wave(now)) + dt * wave(past)
+    assert relative(left, right, 3) < 1e-8
+    assert d == pytest.approx(0.5 * leapfrog_module.FILTER * (past - 2 * now + new), abs=1e-8)
+
+
+# --- properties of runs
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mass_is_kept_to_round_off_whatever_the_tolerance(name: str) -> None:
+    model = Model(build_mesh(3, 5), get_scene("williamson5"))
+    state = model.initial_state()
+    after = advance(name, model, state, 1800.0, 108000.0, tolerance=0.03).state
+    before, now = (np.sum(model.mesh.area * model.fields(x)["h"]) for x in (state, after))
+    assert abs(now / before - 1.0) < 1e-13
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("name", NAMES)
+def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
+    """Interrupted at any step, with dissipation and an odd start time."""
+    scene = get_scene("williamson5").with_effect(Viscosity(1e5))
+    whole = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
+    whole.start(whole.model.initial_state(), 123.0)
+    memories = [whole.memory()]
+    for _ in range(5):
+        whole.step()
+        memories.append(whole.memory())
+    for steps in (0, 1, 3):
+        resumed = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
+        resumed.restore(memories[steps], steps)
+        for _ in range(5 - steps):
+            resumed.step()
+        assert resumed.time == whole.time
+        for key, value in resumed.memory().items():
+            assert value.tobytes() == memories[-1][key].tobytes(), key
+
+
+@pytest.fixture(scope="module")
+def mountain():
+    """Williamson 5 on a coarse mesh, its state, the leapfrog limit and the spectrum left."""
+    model = Model(build_mesh(8, 4), get_scene("williamson5"))
+    state = model.initial_state()
+    limit = STEPPERS["leapfrog"].stable_dt(model.spectrum(state).wave)
+    return model, state, limit, STEPPERS["semi-implicit"].spectrum(model, state)
+
+
+@pytest.mark.parametrize(("name", "beyond"), [("semi-implicit", 8), ("ark2", 7), ("ars343", 20)])
+def test_stable_far_beyond_the_explicit_limit(mountain, name: str, beyond: float) -> None:
+    model, state, limit, rest = mountain
+    dt = STEPPERS[name].safety * STEPPERS[name].stable_dt(rest.wave)
+    assert dt > beyond * limit
+    fields = model.fields(advance(name, model, state, dt, 86400.0).state)
+    assert np.hypot(fields["u"], fields["v"]).max() < 45.0
+    assert 3000.0 < fields["h"].min() < fields["h"].max() < 6100.0
+
+
+def test_unstable_above_the_limit_that_it_names(mountain) -> None:
+    model, state, _, rest = mountain
+    dt = 1.4 * STEPPERS["semi-implicit"].stable_dt(rest.wave)
+    with pytest.raises(RunFailed, match="smaller --dt"), np.errstate(all="ignore"):
+        advance("semi-implicit", model, state, dt, 60 * dt)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_steady_flow_stays_at_large_steps(name: str) -> None:
+    """Williamson 2 after a day in steps of half an hour: the error is that of the mesh."""
+    model = Model(build_mesh(4, 6), get_scene("williamson2"))
+    state = model.initial_state()
+    exact = state.numpy()
+
+    def error(stepper) -> float:
+        return relative(stepper.state.numpy()[-model.mesh.size :], exact[-model.mesh.size :])
+
+    explicit = error(advance("rk4", model, state, 300.0, 86400.0))
+    assert error(advance(name, model, state, 1800.0, 86400.0)) < 3.0 * explicit + 1e-6
+
+
+# --- counts
+
+
+def iterations(model: Model, dt: float, name: str = "semi-implicit", **options) -> float:
+    """Krylov iterations a step, over ten steps after the start."""
+    stepper = STEPPERS[name](model, dt, **options)
+    stepper.start(model.initial_state())
+    stepper.step()
+    before = stepper.counters["krylov_iterations"]
+    for _ in range(10):
+        stepper.step()
+    return (stepper.counters["krylov_iterations"] - before) / 10
+
+
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+def test_counts_do_not_grow_with_the_mesh(coriolis: str) -> None:
+    found = [
+        iterations(
+            Model(build_mesh(ne, 4), get_scene("williamson5")), 1200.0, tolerance=1e-6,
+            coriolis=coriolis,
+        )
+        for ne in (4, 8, 16)
+    ]  # fmt: skip
+    assert max(found) < 9.0
+    assert max(found[1:]) <= 1.3 * min(found[1:])
+    assert max(found) <= 1.3 * found[0] + 1.0
+
+
+def test_same_counts_on_another_planet_of_the_same_physics() -> None:
+    """Radius and gravity in other units: length / 1000, time / 60."""
+    length, time = 1e-3, 1.0 / 60.0
+    scene = get_scene("williamson5")
+    ours = scene.planet
+    planet = Planet(
+        radius=ours.radius * length, gravity=ours.gravity * length / time**2,
+        rotation=ours.rotation / time,
+    )  # fmt: skip
+
+    def initial(lon, lat):
+        u, v, h = scene.initial(lon, lat)
+        return u * length / time, v * length / time, h * length
+
+    small = replace(
+        scene,
+        planet=planet,
+        initial=initial,
+        bottom=lambda lon, lat: scene.bottom(lon, lat) * length,
+        coriolis=lambda lon, lat: scene.coriolis(lon, lat) / time,
+    )
+    for name in ("semi-implicit", "ars343"):
+        counts = [
+            iterations(Model(build_mesh(4, 4, radius=s.planet.radius), s), dt, name)
+            for s, dt in ((scene, 1800.0), (small, 1800.0 * time))
+        ]
+        assert counts[0] == counts[1] > 0
