@@ -7,7 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.experiment import run
 from swe_sphere.mesh import build_mesh
 from swe_sphere.output.runfile import RunFile
@@ -51,6 +51,23 @@ def test_options_reach_the_solver():
     assert by_setting["krylov_iterations"] == strict["krylov_iterations"]
 
 
+def test_a_semi_implicit_run_has_a_limit_and_options_of_its_own():
+    explicit = small(stepper="leapfrog", dt="auto", ne=4)
+    split = small(stepper="semi-implicit", dt="auto", ne=4, settings=["stepper.coriolis=implicit"])
+    assert split["stable_dt"] > 1.5 * explicit["stable_dt"]
+    assert "of the stability limit" in split["dt_rule"]
+    assert split["coriolis"] == "implicit" and split["krylov_iterations"] > 0
+    with pytest.raises(ConfigError, match="it has tolerance, coriolis$"):
+        small(stepper="semi-implicit", preconditioner="none")
+
+
+def test_factors_that_memory_cannot_hold_are_refused_before_any_file(tmp_path, monkeypatch):
+    monkeypatch.setattr("swe_sphere.linear.preconditioners.inner.LARGEST_MEMORY", 1e5)
+    with pytest.raises(ConfigError, match="choose the preconditioner helmholtz .* instead"):
+        small(preconditioner="helmholtz-direct", out=tmp_path / "a.nc")
+    assert not any(tmp_path.iterdir())
+
+
 def test_explicit_runs_tell_that_they_solve_nothing():
     summary = small(stepper="rk4", dt="auto", days=0.1)
     assert summary["scheme"] == "rk4" and summary["preconditioner"] is None
@@ -69,7 +86,7 @@ def test_an_automatic_step_follows_the_wind():
     assert "Courant number 2" in summary["dt_rule"]
 
 
-@pytest.mark.parametrize("stepper", ["tr-bdf2", "bdf2"])
+@pytest.mark.parametrize("stepper", ["tr-bdf2", "bdf2", "semi-implicit", "ark2"])
 def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper):
     """Also where the set-up of the preconditioner in use was made for an earlier depth."""
     whole, part, rest = (tmp_path / name for name in ("whole.nc", "part.nc", "rest.nc"))

@@ -116,7 +116,7 @@ def _built(
     options = stepper_options(kind, config)
     model = make_model(config, scene, mesh)
     state = model.initial_state()
-    spectrum = model.spectrum(state)
+    spectrum = kind.spectrum(model, state)
     stable_dt = kind.stable_dt(spectrum.wave, spectrum.dissipation)
     asked = None if config.dt == "auto" else config.dt
     accurate = accurate_step(mesh, model.fields(state))

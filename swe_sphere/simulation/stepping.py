@@ -70,8 +70,11 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     Raises:
         ConfigError: the stepper takes no such option, or not that value.
     """
-    known = dict(inspect.signature(kind, eval_str=True).parameters)
-    del known["model"], known["dt"]
+    known = {
+        name: parameter
+        for name, parameter in inspect.signature(kind, eval_str=True).parameters.items()
+        if isinstance(parameter.default, (bool, int, float, str))
+    }
     options = {name: parameter.default for name, parameter in known.items()}
     for name, value in _asked(config).items():
         if name not in known:

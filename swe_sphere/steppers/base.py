@@ -12,6 +12,7 @@ from ..errors import ConfigError
 from ..kernels import combine_kernel
 from ..kernels.vectors import AT_ONCE
 from ..model.model import Model
+from ..model.spectrum import Spectrum
 
 
 class Stepper(ABC):
@@ -52,6 +53,11 @@ class Stepper(ABC):
 
     @abstractmethod
     def _advance(self) -> None: ...
+
+    @classmethod
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for."""
+        return model.spectrum(state, t)
 
     @classmethod
     @abstractmethod

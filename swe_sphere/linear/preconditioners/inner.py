@@ -49,16 +49,14 @@ class Jacobi(InnerSolver):
 
 
 class Direct(InnerSolver):
-    """Sparse LU factors of S, on the host."""
+    """Sparse LU factors of S, on the host.
 
-    def setup(self, tau: float, depth: Array) -> None:
-        """Factorise for the implicit step tau [s] and the depth (N,) [m].
+    Raises ConfigError where the factors would not fit.
+    """
 
-        Raises ConfigError where the factors would not fit.
-        """
-        from scipy.sparse.linalg import splu
-
-        n, degree = self.matrix.mesh.size, self.matrix.mesh.np - 1
+    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
+        super().__init__(operator, matrix)
+        n, degree = matrix.mesh.size, matrix.mesh.np - 1
         bytes_ = 12.0 * 2.2 * degree * n**1.5
         if bytes_ > LARGEST_MEMORY:
             raise ConfigError(
@@ -66,6 +64,11 @@ class Direct(InnerSolver):
                 f"{bytes_ / 1e9:.0f} GB; choose the preconditioner helmholtz (multilevel) instead "
                 "of helmholtz-direct"
             )
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
+        from scipy.sparse.linalg import splu
+
         self._factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
 
     def solve(self, b: wp.array, x: wp.array) -> None:
