@@ -1,0 +1,195 @@
+"""Steps of a length that follows their error, inside the fixed steps of a run."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, RunFailed
+from .base import Stepper
+from .control import LEAST, PIController
+from .measure import make_measure
+
+CAUTION = 0.1
+"""The first step, as a part of what the time scale of the start allows."""
+SOLVER = 0.1
+"""Part of the tolerance that may be errors of the solver."""
+SMALLEST_PART = 1e-6
+"""Steps shorter than this part of the outer step are given up."""
+CUTS_KEPT = 100
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A step that was taken back: when [s], how long it was [s], and why."""
+
+    time: float
+    dt: float
+    why: str
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"at {self.time:.6g} s a step of {self.dt:.6g} s was taken back: {self.why}"
+
+
+class AdaptiveStepper(Stepper):
+    """An implicit scheme whose steps follow their error; `dt` is the outer step, met exactly.
+
+    `by="embedded"`: the difference to the companion method in the energy norm, over the norm of the
+    state, a step.  The error of a run then goes with the tolerance for rosenbrock-w, whose estimate
+    is that of the companion of lower order, and with its power 2/3 for tr-bdf2; for esdirk4 with a
+    power between the two while steps are longer than the fastest gravity waves (`lauter`, ne 3).
+
+    `by="energy"`: relative drift of the total energy, per day.  All of it is the time integrator's,
+    as the discretisation in space keeps energy.  It goes with the error of schemes that damp
+    (implicit-euler, bdf2, tr-bdf2, sdirk3, esdirk4, rosenbrock-w), though as a sum over the globe
+    it may pass through zero, and it says nothing of phases.  It is no measure of error, but an
+    alarm that the solver is not well, for implicit-midpoint, crank-nicolson, gauss-legendre and
+    average-vector-field: on williamson5 at dt = 7200 s midpoint drifts by 4e-10 where depths are
+    wrong by 1e-3.
+
+    Errors of the solver are part of the error: it is asked for `SOLVER` of the tolerance, or for
+    the scheme's own tolerance where that is stricter.
+
+    A step that is not good enough, or cannot be solved, is taken again, shorter, and noted in
+    `cuts`; no step is longer than the outer one.  `first`: length of the very first step [s].
+    Raises ConfigError for what has no such estimate.
+    """
+
+    def __init__(
+        self,
+        scheme: Stepper,
+        tolerance: float,
+        by: str = "embedded",
+        first: float | None = None,
+    ) -> None:
+        self._scheme, self._measure = make_measure(by, scheme)
+        self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
+        super().__init__(scheme.model, scheme.dt)
+        self.state = scheme.state
+        self.counters = scheme.counters
+        self.counters["accepted_steps"] = 0
+        self.controller = PIController(tolerance, self._measure.order)
+        self._loosest = self._scheme.options.tolerance
+        self._first, self._next, self._before = first, 0.0, tolerance
+        self._cuts: deque[Cut] = deque(maxlen=CUTS_KEPT)
+
+    @property
+    def cuts(self) -> list[Cut]:
+        """The last steps that were taken back, since the start or a restart."""
+        return list(self._cuts)
+
+    @property
+    def next_dt(self) -> float:
+        """Length of the next step [s], if the outer step leaves room for it."""
+        return self._next
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Infinite: the step is limited by accuracy alone."""
+        return np.inf
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self._scheme.start(state, t)
+        self._before = self.controller.tolerance
+        self._next = min(self.dt, self._first or self._first_guess())
+        self._cuts.clear()
+
+    def costs(self) -> dict[str, float]:
+        """What the steps so far have taken."""
+        return self._scheme.costs()
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs, the controller's included."""
+        control = {"adaptive": np.array([self._next, self._before])}
+        return self._scheme.memory() | control
+
+    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `memory` returned after that many outer steps.
+
+        Raises ConfigError when the memory is not that of an adaptive stepper.
+        """
+        if "adaptive" not in memory:
+            raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
+        self._scheme.restore(memory, steps)
+        self._origin, self.steps = float(memory["origin"]), steps
+        self._next, self._before = (float(value) for value in memory["adaptive"])
+
+    def _advance(self) -> None:
+        done = 0.0
+        while done < self.dt:
+            dt = self._fitted(self.dt - done)
+            if self._try(self.time + done, dt):
+                # the last one ends the outer step whatever the round-off of the sum
+                done = self.dt if dt >= self.dt - done else done + dt
+
+    def _fitted(self, rest: float) -> float:
+        """The next step, fitted to the rest of the outer step without leaving a sliver of it."""
+        if self._next >= rest * (1.0 - 1e-9):
+            return rest
+        return min(self._next, 0.5 * rest)
+
+    def _try(self, t: float, dt: float) -> bool:
+        """Attempt a step, keep it if it is good, and set the length of the next one."""
+        trouble = self._attempt(t, dt)
+        if trouble is not None:
+            self._cut(t, dt, trouble, LEAST)
+            return False
+        error = self._measure(self._scheme._new, dt)
+        if not self.controller.accepts(error):
+            why = f"{self._measure.unit} {error:.3g} above {self.controller.tolerance:.3g}"
+            self._cut(t, dt, why, self.controller.ratio(error, self._before))
+            return False
+        self._keep(dt, error)
+        return True
+
+    def _keep(self, dt: float, error: float) -> None:
+        """Accept; after a step that was short to fit the outer one, what came before holds."""
+        self._scheme._accept(dt, self._scheme._new)
+        self.counters["accepted_steps"] += 1
+        proposed = dt * self.controller.ratio(error, self._before)
+        if dt >= self._next * (1.0 - 1e-9):
+            self._next, self._before = min(self.dt, proposed), error
+        else:
+            self._next = min(self.dt, max(self._next, proposed))
+
+    def _cut(self, t: float, dt: float, why: str, ratio: float) -> None:
+        self._cuts.append(Cut(t, dt, why))
+        self.counters["rejected_steps"] += 1
+        self._next = dt * ratio
+        if self._next < SMALLEST_PART * self.dt:
+            raise RunFailed(
+                f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
+                f" {why}; choose a larger tolerance of adaptive"
+            )
+
+    def _attempt(self, t: float, dt: float) -> str | None:
+        """Put the state after dt into the scheme's new state; what went wrong, if anything did."""
+        self._set_solver(dt)
+        failure = self._scheme._attempt(t, dt, self._scheme._new)
+        return failure.message if failure else self._scheme._trouble()
+
+    def _set_solver(self, dt: float) -> None:
+        """Have the equations solved as exactly as a step of dt [s] needs it."""
+        change = self._measure.per_change(dt)
+        needed = SOLVER * self.controller.tolerance / change if change > 0.0 else math.inf
+        tolerance = min(self._loosest, needed)
+        for scheme in (self._scheme, getattr(self._scheme, "_starter", None)):
+            if scheme is not None:
+                scheme.options = replace(scheme.options, tolerance=tolerance)
+                scheme._newton.rtol = tolerance
+
+    def _first_guess(self) -> float:
+        """A step [s] from the time the state takes to change by itself; the outer one at rest."""
+        rate = self._scheme._rate
+        if rate == 0.0:
+            return self.dt
+        scale = self._scheme.space.norm(self.state) / rate
+        part = self.controller.tolerance ** (1.0 / self.controller.order)
+        return max(CAUTION * part * scale, 1e-3 * self.dt)
