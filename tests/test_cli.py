@@ -75,8 +75,20 @@ def test_the_table_tells_step_limit_and_shortening(swe):
     status, out, err = swe("run", "williamson2", *SMALL, "--dt", "5000")
     assert (status, err) == (0, "")
     flat = " ".join(out.replace("│", " ").split())
-    assert re.search(r"4800 s, as given \(limit 86\d\d\.\d s\), shortened from 5000 s", flat)
+    assert "4800 s (as given), shortened from 5000 s to fit the frames" in flat
+    assert re.search(r"stability limit 86\d\d\.\d s", flat)
     assert "error of depth" in out and "completed at day 0.5" in flat
+
+
+def test_the_table_tells_what_the_solver_cost(swe):
+    status, out, err = swe("run", "williamson2", *SMALL, "--stepper", "fully-implicit")
+    assert (status, err) == (0, "")
+    flat = " ".join(out.replace("│", " ").split())
+    assert "williamson2 with fully-implicit (tr-bdf2)" in flat
+    assert "3600 s (advective Courant number 2, at most 3600 s)" in flat
+    assert "stability limit none" in flat
+    assert re.search(r"iterations \d+ Newton, \d+ Krylov", flat)
+    assert re.search(r"preconditioner helmholtz: \d+ applications, set up .* in .* s", flat)
 
 
 def test_quiet_prints_nothing(swe):

@@ -114,6 +114,7 @@ def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
     yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
     yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
     yield "time step", _step(n)
+    yield "stability limit", _limit(n)
     yield "machine", f"{n['device']}, {n['precision']}"
     yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
     yield "right-hand sides", str(n["rhs_evaluations"])
@@ -151,9 +152,12 @@ def _preconditioner(n: dict[str, Any]) -> str:
     )
 
 
+def _limit(n: dict[str, Any]) -> str:
+    return "none" if n["stable_dt"] is None else f"{n['stable_dt']:.5g} s"
+
+
 def _step(n: dict[str, Any]) -> str:
-    limit = "no stability limit" if n["stable_dt"] is None else f"limit {n['stable_dt']:.5g} s"
-    text = f"{n['dt']:.6g} s, {n['dt_rule']} ({limit})"
+    text = f"{n['dt']:.6g} s ({n['dt_rule']})"
     if abs(n["dt"] - n["dt_wanted"]) > 1e-9 * n["dt"]:
         text += f", shortened from {n['dt_wanted']:.6g} s to fit the frames"
     return text

@@ -161,7 +161,7 @@ def _write_titles(axes: Axes, source: Source, kind: Field, time: float | None) -
     if isinstance(source, RunFile):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
         parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
-        parts += [str(source.attributes["stepper"])] if "stepper" in source.attributes else []
+        parts += [str(scheme)] if (scheme := source.attributes.get("scheme")) else []
         if isinstance(dt := source.attributes.get("dt"), (int, float)):
             parts += [f"Δt = {dt:g} s"]
     axes.text(
