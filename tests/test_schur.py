@@ -1,0 +1,223 @@
+"""Block elimination on the device and its Schur complement as a matrix."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+import warp as wp
+from support import make_scene, relative, tangent
+
+from swe_sphere.linear.preconditioners import make_preconditioner
+from swe_sphere.linear.preconditioners.chebyshev import chebyshev_coefficients
+from swe_sphere.linear.preconditioners.inner import Multilevel
+from swe_sphere.linear.preconditioners.schur_matrix import SchurMatrix
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.operators import DeviceMesh
+from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.schur import SchurOperator
+
+TAU, GRAVITY = 3000.0, 9.8
+ROUNDOFF = {"float64": 1e-12, "float32": 2e-5}
+SHAPES = ("element", "node")
+
+
+@functools.cache
+def mesh_of(np_: int):
+    """Few elements of that many nodes, stretched and turned."""
+    return build_mesh({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+
+
+def matrix_of(mesh) -> SchurMatrix:
+    """With a Coriolis parameter for which tau f is about 1 in places."""
+    return SchurMatrix(mesh, GRAVITY, 3e-4 * np.sin(2.0 * mesh.lat + mesh.lon))
+
+
+def rough(size: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(size)
+
+
+def depth_of(mesh) -> np.ndarray:
+    return 1000.0 + 300.0 * np.cos(mesh.lat) * np.sin(mesh.lon)
+
+
+class System:
+    """A configured operator, its matrix, and the passage of vectors between numpy and device."""
+
+    def __init__(self, np_: int, precision: str, shape: str, device: str = "cpu") -> None:
+        mesh, model = mesh_of(np_), Model(mesh_of(np_), make_scene("pressure"), device)
+        self.mesh, self.host, self.depth = mesh, matrix_of(mesh), depth_of(mesh)
+        real = REALS[precision]
+        on_device = DeviceMesh(mesh, model.device, real, shape)
+        self.operator = SchurOperator(on_device, model.launch, GRAVITY, self.host.coriolis, real)
+        self.diagonal = self.host.diagonal(TAU, self.depth)
+        self.operator.configure(TAU, self.depth, 1.0 / self.diagonal)
+        self.matrix = self.host.matrix(TAU, self.depth)
+        self.up = on_device.upload
+
+    @property
+    def turn(self) -> np.ndarray:
+        """T as (2, 2, N): east and north of (1 + tau f k x)^-1."""
+        angle = TAU * self.host.coriolis
+        return np.array([[1.0 + 0.0 * angle, angle], [-angle, 1.0 + 0.0 * angle]]) / (1 + angle**2)
+
+    def turned(self, wind: np.ndarray) -> np.ndarray:
+        """T V, (2N,)."""
+        return np.einsum("abn,bn->an", self.turn, wind.reshape(2, -1)).ravel()
+
+
+@pytest.fixture(params=[(n, p, s) for n in (3, 4, 8) for p in ROUNDOFF for s in SHAPES], ids=str)
+def case(request):
+    """A system and how exact its number type is."""
+    return System(*request.param), ROUNDOFF[request.param[1]]
+
+
+def test_elimination_against_matrices(case) -> None:
+    system, tolerance = case
+    n = system.mesh.size
+    r, b = rough(3 * n, 1), system.operator.vector()
+    system.operator.eliminate(system.up(r), b)
+    flux = np.tile(system.depth, 2) * system.turned(r[: 2 * n])
+    assert relative(b.numpy(), r[2 * n :] - TAU * (system.host.divergence @ flux)) < tolerance
+
+
+def test_substitution_against_matrices(case) -> None:
+    system, tolerance = case
+    n = system.mesh.size
+    r, h, out = rough(3 * n, 1), 100.0 * rough(n, 2), system.operator.vector(3)
+    system.operator.substitute(system.up(r), system.up(h), out)
+    wind = system.turned(r[: 2 * n] - TAU * GRAVITY * (system.host.gradient @ h))
+    assert relative(out.numpy(), np.concatenate([wind, h])) < tolerance
+    assert relative(out.numpy()[2 * n :], h) < tolerance
+
+
+def test_product_and_residual_against_the_matrix(case) -> None:
+    system, tolerance = case
+    d, b, out = rough(system.mesh.size, 3), rough(system.mesh.size, 4), system.operator.vector()
+    product = system.matrix @ d
+    system.operator.apply(system.up(d), out)
+    assert relative(out.numpy(), product) < tolerance
+    given, x = system.up(b), system.up(d)
+    system.operator.residual(given, x, out)
+    assert relative(out.numpy(), b - product) < tolerance
+    assert np.array_equal(given.numpy(), system.up(b).numpy())
+    assert np.array_equal(x.numpy(), system.up(d).numpy())
+
+
+def test_chebyshev_step_against_the_matrix(case) -> None:
+    system, tolerance = case
+    r, d, x = (rough(system.mesh.size, seed) for seed in (5, 6, 7))
+    on_device = [system.up(v) for v in (r, d, x)]
+    keep, take, beta = 0.3, 1.7, 1.2
+    system.operator.chebyshev_step((keep, take, beta), *on_device)
+    r = r - system.matrix @ d
+    d = keep * d + take * r / system.diagonal
+    x = x + beta * d
+    for ours, theirs in zip(on_device, (r, d, x), strict=True):
+        assert relative(ours.numpy(), theirs) < tolerance
+
+
+def test_matrix_is_what_elimination_leaves_of_the_model() -> None:
+    """S = A_hh - A_hV A_VV^-1 A_Vh of the dense I - tau J of the model at rest, rotation on."""
+    mesh = mesh_of(3)
+    model, rest = Model(mesh, make_scene("pressure", "rotation")), at_rest(mesh)
+    n, eye = mesh.size, np.eye(3 * mesh.size)
+    jacobian = np.stack([tangent(model, rest, column) for column in eye], axis=1)
+    a, two = eye - TAU * jacobian, slice(0, 2 * n)
+    wind = np.linalg.solve(a[two, two], a[two, 2 * n :])
+    complement = a[2 * n :, 2 * n :] - a[2 * n :, two] @ wind
+    host = SchurMatrix(mesh, model.scene.planet.gravity, model.coriolis)
+    assert relative(host.matrix(TAU, rest[2 * n :]).toarray(), complement) < 1e-11
+
+
+def at_rest(mesh) -> np.ndarray:
+    return np.concatenate([np.zeros(2 * mesh.size), np.full(mesh.size, 2000.0)])
+
+
+@pytest.mark.parametrize("rotation", [(), ("rotation",)], ids=["still", "rotating"])
+@pytest.mark.parametrize("np_", [4, 8])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_direct_is_the_inverse_of_the_model_at_rest(np_: int, rotation, shape: str) -> None:
+    """Both ways round: M^-1 (I - tau J) d = d and (I - tau J) M^-1 r = r."""
+    mesh = mesh_of(np_)
+    model, rest = Model(mesh, make_scene("pressure", *rotation), shape=shape), at_rest(mesh)
+    direct = make_preconditioner("helmholtz-direct", model)
+    direct.setup(wp.array(rest), TAU)
+    d, out = rough(3 * mesh.size, 8), model.zeros()
+    direct.apply(wp.array(d - TAU * tangent(model, rest, d)), out)
+    assert relative(out.numpy(), d, 3) < 1e-10
+    direct.apply(wp.array(d), out)
+    assert relative(out.numpy() - TAU * tangent(model, rest, out.numpy()), d, 3) < 1e-10
+
+
+@pytest.mark.parametrize("np_", [3, 4, 8])
+def test_diagonal_and_bound_on_the_spectrum(np_: int) -> None:
+    """The symmetric part of S over its diagonal stays below the bound, and not far below it."""
+    host = matrix_of(mesh_of(np_))
+    depth = depth_of(host.mesh)
+    dense = host.matrix(TAU, depth).toarray()
+    diagonal = host.diagonal(TAU, depth)
+    assert relative(diagonal, np.diag(dense)) < 1e-13
+    largest = np.abs(np.linalg.eigvals(dense / diagonal[:, None])).max()
+    assert largest <= host.largest_eigenvalue(TAU, depth) <= 1.06 * largest
+
+
+def test_galerkin_is_the_symmetric_part() -> None:
+    host = matrix_of(mesh_of(4))
+    n, depth = host.mesh.size, depth_of(host.mesh)
+    weighted = host.mesh.area[:, None] * host.matrix(TAU, depth).toarray()
+    basis = sp.csr_array(rough(n * 12, 9).reshape(n, 12))
+    expected = basis.T @ (0.5 * (weighted + weighted.T)) @ basis
+    assert np.abs(weighted - weighted.T).max() > 1e-3 * np.abs(weighted).max()
+    ours = host.galerkin(basis, (host.gradient @ basis).tocsr(), TAU, depth)
+    assert relative(ours.toarray(), expected) < 1e-12
+
+
+def smoothing_constant(steps: list[tuple[float, float, float]], largest: float) -> float:
+    """max t p²/(1 - p²) over the largest eigenvalue, of the error polynomial p of the steps.
+
+    It decides the bound on a V-cycle, Lottes 2023, doi:10.1002/nla.2518.
+    """
+    t = np.linspace(1e-4, 1.0, 20001) * largest
+    r, d, x = np.ones_like(t), np.zeros_like(t), np.zeros_like(t)
+    for keep, take, beta in steps:
+        r = r - t * d
+        d = keep * d + take * r
+        x = x + beta * d
+    p = 1.0 - t * x
+    assert np.abs(p).max() < 1.0
+    return float(np.max(t * p**2 / (1.0 - p**2)) / largest)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 6])
+def test_chebyshev_steps_have_the_optimal_smoothing_constant(degree: int) -> None:
+    """1/(4/pi² (2k + 1)² - 2/3) to a per cent; plain fourth-kind steps have a larger one."""
+    steps = chebyshev_coefficients(degree, 2.5)
+    constant = smoothing_constant(steps, 2.5)
+    best = 1.0 / (4.0 / np.pi**2 * (2 * degree + 1) ** 2 - 2.0 / 3.0)
+    assert constant == pytest.approx(best, rel=1e-2)
+    plain = [(keep, take, 1.0) for keep, take, _ in steps]
+    assert constant < 0.9 * smoothing_constant(plain, 2.5)
+
+
+def test_symmetric_multilevel_is_symmetric() -> None:
+    """Without rotation M B^-1 is, so that conjugate gradients can use it; and it is positive."""
+    mesh = mesh_of(3)
+    model = Model(mesh, make_scene("pressure"))
+    on_device = DeviceMesh(mesh, model.device, wp.float32, model.shape)
+    host = SchurMatrix(mesh, GRAVITY, np.zeros(mesh.size))
+    operator = SchurOperator(on_device, model.launch, GRAVITY, host.coriolis, wp.float32)
+    depth = depth_of(mesh)
+    operator.configure(TAU, depth, 1.0 / host.diagonal(TAU, depth))
+    inner, x = Multilevel(operator, host, symmetric=True), operator.vector()
+    inner.setup(TAU, depth)
+    columns = []
+    for unit in np.eye(mesh.size):
+        inner.solve(on_device.upload(unit), x)
+        columns.append(x.numpy().astype(np.float64))
+    weighted = mesh.area[:, None] * np.stack(columns, axis=1)
+    assert np.abs(weighted - weighted.T).max() < 1e-5 * np.abs(weighted).max()
+    assert np.linalg.eigvalsh(weighted + weighted.T)[0] > 0.0
