@@ -25,7 +25,8 @@ class BDF2(ImplicitStepper):
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._previous_dt = 0.0
         self._starter = TRBDF2(model, dt, tolerance, "none")
-        self._starter.problem = self.problem  # with the preconditioner, whose costs are counted
+        # with the preconditioner, whose costs are counted, and one Krylov basis for both
+        self._starter.problem, self._starter._newton = self.problem, self._newton
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""

@@ -121,6 +121,8 @@ class ImplicitStepper(Stepper):
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
+        if self.problem.preconditioner is not None:
+            self.problem.preconditioner.restore({})
         self.model.tendency(self.state, t, self._new)
         self._rate = self.space.norm(self._new)
 

@@ -28,7 +28,7 @@ class Preconditioner(Protocol):
         ...
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Make the set-up again that `memory` tells of, if there was one."""
+        """Make the set-up again that `memory` tells of; where it tells of none, be as new."""
         ...
 
 

@@ -59,10 +59,10 @@ class Helmholtz:
         return {"setup_tau": np.array(self._tau), "setup_depth": self._depth.copy()}
 
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
-        """Make that set-up again; nothing to do where there was none."""
-        tau = float(memory.get("setup_tau", np.zeros(())))
-        if tau > 0.0:
-            self._make(tau, np.array(memory["setup_depth"]))
+        """Make that set-up again; where there was none, forget the present one."""
+        self._tau = float(memory.get("setup_tau", np.zeros(())))
+        if self._tau > 0.0:
+            self._make(self._tau, np.array(memory["setup_depth"]))
 
     def _make(self, tau: float, depth: Array) -> None:
         start = time.perf_counter()

@@ -1,0 +1,342 @@
+"""Implicit steppers: conservation, exact restart, failing solves, precision."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import make_scene, random_state, relative
+
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Viscosity
+from swe_sphere.model.poisson import PoissonTendency
+from swe_sphere.output.diagnostics import integrals
+from swe_sphere.planet import DAY, HOUR
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+
+SOLVES = {
+    "implicit-euler": 1,
+    "crank-nicolson": 1,
+    "implicit-midpoint": 1,
+    "bdf2": 1,
+    "tr-bdf2": 2,
+    "sdirk3": 3,
+    "esdirk4": 5,
+    "gauss-legendre": 1,
+    "average-vector-field": 1,
+    "rosenbrock-w": 0,
+}
+"""Nonlinear solves a step."""
+NEWTON = tuple(name for name, solves in SOLVES.items() if solves)
+SHAPES = ("element", "node")
+
+
+def advance(name: str, model: Model, dt: float, steps: int, state=None, **options):
+    """A stepper after some steps of dt [s], from the scene's initial state."""
+    stepper = STEPPERS[name](model, dt, **options)
+    stepper.start(model.initial_state() if state is None else state)
+    for _ in range(steps):
+        stepper.step()
+    return stepper
+
+
+def invariants(model: Model, state) -> dict[str, float]:
+    u, v, h = (model.fields(state)[name] for name in "uvh")
+    return integrals(model.mesh, model.scene.planet, u, v, h, model.bottom)
+
+
+@pytest.fixture(scope="module")
+def mountain() -> Model:
+    """Flow over a mountain on a turning planet: 96 elements of np 4."""
+    return Model(build_mesh(4, 4), get_scene("williamson5"))
+
+
+@pytest.fixture(scope="module")
+def small_mountain() -> Model:
+    return Model(build_mesh(2, 4), get_scene("williamson5"))
+
+
+@pytest.fixture(scope="module")
+def after_a_day(mountain):
+    """Relative changes of mass and energy over a day of hours, for every scheme."""
+    start, changes = invariants(mountain, mountain.initial_state()), {}
+    for name in SOLVES:
+        last = invariants(mountain, advance(name, mountain, HOUR, 24, tolerance=1e-10).state)
+        changes[name] = {key: last[key] / start[key] - 1.0 for key in ("mass", "energy")}
+    return changes
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_mass_is_kept_to_round_off(after_a_day, name: str) -> None:
+    assert abs(after_a_day[name]["mass"]) < 1e-13
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_mass_is_kept_by_inexact_solves(small_mountain, name: str) -> None:
+    last = advance(name, small_mountain, HOUR, 12, tolerance=0.1).state
+    start = invariants(small_mountain, small_mountain.initial_state())["mass"]
+    assert abs(invariants(small_mountain, last)["mass"] / start - 1.0) < 1e-13
+
+
+def test_energy_is_kept_or_lost_as_the_scheme_promises(after_a_day) -> None:
+    energy = {name: changes["energy"] for name, changes in after_a_day.items()}
+    for name in ("implicit-midpoint", "gauss-legendre"):
+        assert abs(energy[name]) < 2e-9
+    for name in ("bdf2", "tr-bdf2", "implicit-euler", "rosenbrock-w"):
+        assert -1e-3 < energy[name] < -1e-7
+    assert energy["implicit-euler"] < energy["bdf2"] < energy["tr-bdf2"]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_average_vector_field_keeps_energy(shape: str) -> None:
+    """With mountain and rotation, at a step 5 times what waves allow an explicit scheme."""
+    model = Model(build_mesh(4, 4), get_scene("williamson5"), shape=shape)
+    start = invariants(model, model.initial_state())
+    last = invariants(
+        model, advance("average-vector-field", model, HOUR, 24, tolerance=1e-10).state
+    )
+    assert abs(last["energy"] / start["energy"] - 1.0) < 1e-13
+    assert abs(last["mass"] / start["mass"] - 1.0) < 1e-13
+
+
+EFFECTS = ("advection", "pressure", "rotation", "orography")
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_skew_form_between_equal_states_is_the_right_hand_side(small_mesh, shape: str) -> None:
+    model = Model(small_mesh, make_scene(*EFFECTS), shape=shape)
+    state = model.device_mesh.upload(random_state(model))
+    plain, skew = model.zeros(), model.zeros()
+    model.tendency(state, 0.0, plain)
+    PoissonTendency(model)(state, state, skew)
+    assert relative(skew.numpy(), plain.numpy(), 3) < 1e-12
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("effects", [EFFECTS, EFFECTS[:2]], ids="+".join)
+def test_skew_form_does_no_work(small_mesh, shape: str, effects) -> None:
+    """Times the average slope of the energy between two rough states it gives zero."""
+    model = Model(small_mesh, make_scene(*effects), shape=shape)
+    first, last = random_state(model, 1), random_state(model, 2)
+    out = model.zeros()
+    PoissonTendency(model)(model.device_mesh.upload(first), model.device_mesh.upload(last), out)
+    # three-point Gauss quadrature is exact for the slope of a cubic
+    points, weights = np.polynomial.legendre.leggauss(3)
+    along = [first + 0.5 * (1.0 + p) * (last - first) for p in points]
+    slope = sum(0.5 * w * energy_slope(model, x) for w, x in zip(weights, along, strict=True))
+    work = np.tile(model.mesh.area, 3) * slope * out.numpy()
+    assert abs(work.sum()) < 1e-13 * np.abs(work).sum()
+
+
+def energy_slope(model: Model, state: np.ndarray) -> np.ndarray:
+    u, v, h = state.reshape(3, -1)
+    head = 0.5 * (u**2 + v**2) + model.scene.planet.gravity * (h + model.bottom)
+    return np.concatenate([h * u, h * v, head])
+
+
+def test_skew_form_needs_the_whole_dynamics(small_mesh) -> None:
+    with pytest.raises(ConfigError, match="momentum-advection and pressure-gradient"):
+        PoissonTendency(Model(small_mesh, make_scene("pressure", "rotation")))
+
+
+@pytest.mark.parametrize("name", ["average-vector-field", "implicit-midpoint"])
+def test_methods_of_one_mean_agree_where_the_equations_are_linear(small_mesh, name: str) -> None:
+    """A viscous fluid without waves: both are Crank-Nicolson."""
+    model = Model(small_mesh, make_scene("viscosity").with_effect(Viscosity(1e8)))
+    state = model.device_mesh.upload(random_state(model))
+    ours = advance(name, model, HOUR, 3, state, tolerance=1e-11).state.numpy()
+    theirs = advance("crank-nicolson", model, HOUR, 3, state, tolerance=1e-11).state.numpy()
+    assert relative(ours, theirs, 3) < 1e-9
+    assert relative(ours, state.numpy(), 3) > 1e-3
+
+
+def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
+    scene = get_scene("williamson2").with_effect(Viscosity(1e7))
+    model = Model(build_mesh(2, 4), scene)
+    pair = [
+        advance(name, model, HOUR, 4, tolerance=1e-9).state.numpy()
+        for name in ("average-vector-field", "implicit-midpoint")
+    ]
+    inviscid = advance("implicit-midpoint", Model(model.mesh, get_scene("williamson2")), HOUR, 4)
+    assert relative(pair[0], pair[1], 3) < 1e-3
+    assert relative(inviscid.state.numpy(), pair[1], 3) > 1e-2
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_restart_is_exact_to_the_last_bit(name: str) -> None:
+    """Interrupted at any step, with dissipation, at an odd start time and a depth that changes."""
+    scene = get_scene("williamson5").with_effect(Viscosity(1e5))
+    whole = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
+    whole.start(whole.model.initial_state(), 123.0)
+    memories = [whole.memory()]
+    for _ in range(6):
+        whole.step()
+        memories.append(whole.memory())
+    for steps in (0, 1, 4):
+        resumed = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
+        resumed.restore(memories[steps], steps)
+        assert resumed.time == 123.0 + 7200.0 * steps
+        for _ in range(6 - steps):
+            resumed.step()
+        for key, value in resumed.memory().items():
+            assert value.tobytes() == memories[-1][key].tobytes(), key
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_step_in_two_halves_is_two_steps_of_half_the_size(
+    small_mountain, monkeypatch, name: str
+) -> None:
+    """A first attempt that is said to fail is taken again in halves, and the run goes on."""
+    halves = advance(name, small_mountain, 900.0, 2)
+    stepper = STEPPERS[name](small_mountain, 1800.0)
+    stepper.start(small_mountain.initial_state())
+    verdicts = iter(["not today"])
+    monkeypatch.setattr(stepper, "_trouble", lambda: next(verdicts, None))
+    stepper.step()
+    assert stepper.counters["rejected_steps"] == 1
+    assert (stepper.steps, stepper.time) == (1, 1800.0)
+    assert relative(stepper.state.numpy(), halves.state.numpy(), 3) < 1e-6
+    stepper.step()
+    assert stepper.counters["rejected_steps"] == 1
+
+
+@pytest.mark.parametrize("name", NEWTON)
+def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: str) -> None:
+    """With two Newton iterations allowed, a step of two days fails and its parts do not."""
+    stepper = STEPPERS[name](small_mountain, 2.0 * DAY, tolerance=1e-4)
+    stepper.start(small_mountain.initial_state())
+    stepper._newton.max_iterations = 2
+    stepper.step()
+    assert 0 < stepper.counters["rejected_steps"] < 20
+    assert stepper.time == 2.0 * DAY
+    fine = advance(name, small_mountain, HOUR, 48).state
+    assert relative(stepper.state.numpy(), fine.numpy(), 3) < 0.5
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
+    """A fluid whose depth is negative somewhere has no gravity waves but an explosion."""
+    base = get_scene("williamson2")
+
+    def dry(lon, lat):
+        u, v, _ = base.initial(lon, lat)
+        return u, v, 100.0 - 150.0 * np.cos(2.0 * lon) * np.cos(lat) ** 2
+
+    stepper = STEPPERS[name](Model(build_mesh(2, 4), replace(base, initial=dry)), HOUR)
+    stepper.start(stepper.model.initial_state())
+    with pytest.raises(RunFailed, match=r"64 parts: the depth falls to -\d+.* smaller --dt") as end:
+        stepper.step()
+    assert "\n" not in str(end.value) and name in str(end.value)
+    assert stepper.counters["rejected_steps"] == 7
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_starting_again_forgets_the_past(small_mountain, name: str) -> None:
+    stepper, results = STEPPERS[name](small_mountain, 2.0 * HOUR), []
+    for _ in range(2):
+        stepper.start(small_mountain.initial_state())
+        for _ in range(6):
+            stepper.step()
+        results.append(stepper.state.numpy().tobytes())
+    assert results[0] == results[1]
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) -> None:
+    """Lengths times 0.03, times times 0.7: the same flow, as the solver should see it."""
+    length, time = 0.03, 0.7
+    speed, scene = length / time, small_mountain.scene
+    planet = replace(
+        scene.planet,
+        radius=length * scene.planet.radius,
+        gravity=length / time**2 * scene.planet.gravity,
+        rotation=scene.planet.rotation / time,
+    )
+
+    def initial(lon, lat):
+        u, v, h = scene.initial(lon, lat)
+        return speed * u, speed * v, length * h
+
+    other = replace(
+        scene,
+        planet=planet,
+        initial=initial,
+        bottom=lambda lon, lat: length * scene.bottom(lon, lat),
+        coriolis=lambda lon, lat: scene.coriolis(lon, lat) / time,
+    )
+    model = Model(build_mesh(2, 4, radius=planet.radius), other)
+    ours, theirs = advance(name, model, time * HOUR, 6), advance(name, small_mountain, HOUR, 6)
+    assert ours.counters == theirs.counters
+    scaled = ours.state.numpy().reshape(3, -1) / [[speed], [speed], [length]]
+    assert relative(scaled.ravel(), theirs.state.numpy(), 3) < 1e-5
+
+
+def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain) -> None:
+    stepper = STEPPERS["tr-bdf2"](small_mountain, 2.0 * DAY, tolerance=1e-8)
+    stepper.start(small_mountain.initial_state())
+    stepper._newton.max_iterations = 1
+    with pytest.raises(RunFailed, match="64 parts: out of Newton iterations"):
+        stepper.step()
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_rosenbrock_and_others_notice_states_that_are_not_numbers(
+    small_mountain, name: str
+) -> None:
+    state = small_mountain.initial_state().numpy().copy()
+    state[3] = np.nan
+    stepper = STEPPERS[name](small_mountain, HOUR)
+    stepper.start(small_mountain.device_mesh.upload(state))
+    with pytest.raises(RunFailed, match=name):
+        stepper.step()
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_tolerance_zero_solves_to_round_off(small_mountain, name: str) -> None:
+    exact, tight = (
+        advance(name, small_mountain, HOUR, 3, tolerance=tolerance).state.numpy()
+        for tolerance in (0.0, 1e-9)
+    )
+    loose = advance(name, small_mountain, HOUR, 3, tolerance=1e-2).state.numpy()
+    assert relative(tight, exact, 3) < 1e-8 < relative(loose, exact, 3)
+
+
+def test_tolerances_out_of_range_are_refused(small_mountain) -> None:
+    for name in SOLVES:
+        for tolerance in (-1.0, 1.0, np.nan):
+            with pytest.raises(ConfigError, match="tolerance"):
+                STEPPERS[name](small_mountain, HOUR, tolerance=tolerance)
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_prescribed_wind_takes_one_newton_iteration_a_solve(name: str) -> None:
+    model = Model(build_mesh(2, 4), get_scene("williamson1"))
+    stepper = advance(name, model, HOUR, 5, tolerance=1e-6)
+    start_up = SOLVES["tr-bdf2"] - 1 if name == "bdf2" else 0
+    assert stepper.counters["newton_iterations"] == 5 * SOLVES[name] + start_up
+    reference = advance("rk4", model, 60.0, 5 * 60).state.numpy()
+    assert relative(stepper.state.numpy(), reference) < (0.3 if name == "implicit-euler" else 0.05)
+
+
+@pytest.mark.parametrize("name", SOLVES)
+def test_float32_follows_float64(small_mountain, name: str) -> None:
+    single = Model(small_mountain.mesh, small_mountain.scene, precision="float32")
+    ours, exact = (advance(name, m, HOUR, 5).state.numpy() for m in (single, small_mountain))
+    assert ours.dtype == np.float32
+    assert relative(ours.astype(np.float64), exact, 3) < 5e-3
+
+
+@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("preconditioner", ["none", "jacobi", "helmholtz-direct"])
+def test_solution_does_not_depend_on_the_preconditioner(
+    small_mountain, name: str, preconditioner: str
+) -> None:
+    pair = [
+        advance(name, small_mountain, HOUR, 2, tolerance=1e-9, preconditioner=kind)
+        for kind in ("helmholtz", preconditioner)
+    ]
+    assert relative(*(stepper.state.numpy() for stepper in pair), 3) < 1e-7
