@@ -43,6 +43,16 @@ def run(
             " without one, advective Courant number 2, but no more than an hour.",
         ),
     ] = None,
+    adaptive: Annotated[
+        float | None,
+        _number("--adaptive", "TOL", "Let steps inside of --dt follow their error (relative)."),
+    ] = None,
+    adaptive_by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="embedded|energy", help="That error: of a step, or the energy drift per day."
+        ),
+    ] = None,
     days: Annotated[
         float | None, _number("--days", "D", "Length of the run, from the very start.")
     ] = None,

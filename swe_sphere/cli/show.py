@@ -120,7 +120,9 @@ def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
     yield "right-hand sides", str(n["rhs_evaluations"])
     if n["krylov_iterations"]:
         yield "iterations", f"{n['newton_iterations']} Newton, {n['krylov_iterations']} Krylov"
-    if n["rejected_steps"]:
+    if "accepted_steps" in n:
+        yield "steps in these", f"{n['accepted_steps']}, {n['rejected_steps']} taken back"
+    elif n["rejected_steps"]:
         yield "rejected steps", str(n["rejected_steps"])
     if n["setups"]:
         yield "preconditioner", _preconditioner(n)

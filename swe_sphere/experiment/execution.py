@@ -16,6 +16,7 @@ from swe_sphere.simulation.moment import Array
 
 if TYPE_CHECKING:
     from swe_sphere.output.netcdf import FrameWriter
+    from swe_sphere.steppers import Stepper
 
 __all__ = ["Execution"]
 
@@ -36,7 +37,7 @@ class Execution:
         self._prepared, self._watcher = prepared, watcher
         model, plan = prepared.model, prepared.plan
         start = _start_fields(prepared)
-        self._sampler = Sampler(model, plan.dt, start)
+        self._sampler = Sampler(model, self._step_length, start)
         self._health = HealthCheck(model, start, _advice(prepared))
         stepper = prepared.config.stepper
         self._recorder = Recorder(self._sampler, plan, writer, stepper, self._counts)
@@ -64,6 +65,10 @@ class Execution:
             self._watcher.end()
         numbers = self._numbers()
         return Summary(numbers, self._exit_status == 0, self._reason, self._exit_status)
+
+    def _step_length(self) -> float:
+        """The present step [s], which follows its error in an adaptive run."""
+        return float(getattr(self._prepared.stepper, "next_dt", self._prepared.plan.dt))
 
     def _stop(self, reason: str, exit_status: int) -> None:
         self._reason, self._exit_status = reason, exit_status
@@ -114,12 +119,19 @@ class Execution:
             "dt_rule": prepared.dt_rule,
             "stable_dt": prepared.stable_dt,
             "out": None if config.out is None else str(config.out),
+            **_cuts(prepared.stepper),
         }
 
     def _reference_errors(self) -> dict[str, float]:
         if self._prepared.reference is None or self._exit_status:
             return {}
         return self._prepared.reference(self._prepared.model, self._loop.moment())
+
+
+def _cuts(stepper: Stepper) -> dict[str, list[str]]:
+    """Of an adaptive run: the last steps that were taken back, since a restart, and why."""
+    cuts = getattr(stepper, "cuts", None)
+    return {} if cuts is None else {"cuts": [str(cut) for cut in cuts]}
 
 
 def _start_fields(prepared: Prepared) -> dict[str, Array]:

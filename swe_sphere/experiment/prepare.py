@@ -20,6 +20,7 @@ from swe_sphere.simulation import (
     choose_step,
     continued_plan,
     identity,
+    longest_step,
     make_mesh,
     make_model,
     make_scene,
@@ -121,14 +122,25 @@ def _built(
     asked = None if config.dt == "auto" else config.dt
     accurate = accurate_step(mesh, model.fields(state))
     choice = choose_step(asked, days, stable_dt, kind.safety, accurate)
+    if config.adaptive is not None and asked is None:
+        choice = longest_step(config, days)
     plan, dt_rule = _plan(config, days, checkpoint, choice)
     before = dict(model.counters)
-    stepper = kind(model, plan.dt, **options)
+    stepper = _adapted(config, kind(model, plan.dt, **options))
     counts = _begin(stepper, state, checkpoint)
     return Prepared(
         config, days, scene, model, stepper, options, plan, dt_rule, stable_dt, counts, before,
         reference,
     )  # fmt: skip
+
+
+def _adapted(config: RunConfig, stepper: Stepper) -> Stepper:
+    """The stepper, with steps that follow their error where that is asked for."""
+    from swe_sphere.steppers.adaptive import AdaptiveStepper
+
+    if config.adaptive is None:
+        return stepper
+    return AdaptiveStepper(stepper, config.adaptive, config.adaptive_by)
 
 
 def _plan(

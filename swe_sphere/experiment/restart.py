@@ -18,6 +18,7 @@ __all__ = ["adopt", "carried_counts", "check_identity", "check_step"]
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
     "device", "precision", "launch", "settings", "preconditioner", "tolerance",
+    "adaptive", "adaptive_by",
 })  # fmt: skip
 """What a restarted run takes from the file unless it is told."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,15 +25,20 @@ __all__ = ["ReferenceErrors", "Sampler"]
 class Sampler:
     """Diagnostics of a state; drifts are relative to the scene's own start."""
 
-    def __init__(self, model: Model, dt: float, start: dict[str, NDArray[np.float64]]) -> None:
-        """start: u, v, h, vorticity and divergence at the very start, each (N,); dt: step [s]."""
+    def __init__(
+        self, model: Model, dt: Callable[[], float], start: dict[str, NDArray[np.float64]]
+    ) -> None:
+        """start: u, v, h, vorticity and divergence at the very start, each (N,).
+
+        dt: tells the length of the present step [s].
+        """
         self._model, self._dt = model, dt
         self._start = self._integrals(start)
 
     def __call__(self, moment: Moment) -> dict[str, float]:
         """All numbers at that moment."""
         now = self._integrals(moment.all_fields)
-        courant = courant_numbers(self._model.mesh, self._dt, now)
+        courant = courant_numbers(self._model.mesh, self._dt(), now)
         return now | drifts(self._start, now) | courant | self.errors(moment)
 
     def errors(self, moment: Moment) -> dict[str, float]:

@@ -11,6 +11,7 @@ from swe_sphere.simulation.stepping import (
     StepChoice,
     accurate_step,
     choose_step,
+    longest_step,
     stepper_options,
 )
 
@@ -29,6 +30,7 @@ __all__ = [
     "continued_plan",
     "identity",
     "load_config",
+    "longest_step",
     "make_config",
     "make_mesh",
     "make_model",

@@ -60,7 +60,11 @@ class RunConfig(BaseModel):
     tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     """Of the solves of an implicit stepper, relative to the change over a step."""
     dt: TimeStep = "auto"
-    """Time step [s]."""
+    """Time step [s]; of an adaptive run the longest one, by default the time between frames."""
+    adaptive: Positive | None = None
+    """Tolerance of steps that follow their error, for implicit steppers with an estimate."""
+    adaptive_by: Literal["embedded", "energy"] = "embedded"
+    """The error: of a step, relative to the state; or relative drift of the energy per day."""
     days: Positive | None = None
     """Length of the run from its very start [days]."""
     ne: int | None = None

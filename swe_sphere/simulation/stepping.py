@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.planet import DAY
+from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.settings import STEPPER, settings_of
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from swe_sphere.simulation.moment import Array
     from swe_sphere.steppers import Stepper
 
-__all__ = ["StepChoice", "accurate_step", "choose_step", "stepper_options"]
+__all__ = ["StepChoice", "accurate_step", "choose_step", "longest_step", "stepper_options"]
 
 COURANT = 2.0
 """Advective Courant number of an automatic step without a stability limit."""
@@ -53,6 +53,12 @@ def choose_step(
         return StepChoice(min(safety * stable_dt, days * DAY), f"{safety:g} of the stability limit")
     rule = f"advective Courant number {COURANT:g}, at most {LONGEST:g} s"
     return StepChoice(min(accurate, days * DAY), rule)
+
+
+def longest_step(config: RunConfig, days: float) -> StepChoice:
+    """The outer step of an adaptive run of that length [days]: the time between frames."""
+    interval = DAY if config.every is None else config.every * HOUR
+    return StepChoice(min(interval, days * DAY), "time between frames, in which steps adapt")
 
 
 def accurate_step(mesh: Mesh, fields: dict[str, Array]) -> float:

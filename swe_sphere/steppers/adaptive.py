@@ -192,4 +192,4 @@ class AdaptiveStepper(Stepper):
             return self.dt
         scale = self._scheme.space.norm(self.state) / rate
         part = self.controller.tolerance ** (1.0 / self.controller.order)
-        return max(CAUTION * part * scale, 1e-3 * self.dt)
+        return float(max(CAUTION * part * scale, 1e-3 * self.dt))

@@ -43,6 +43,6 @@ class PIController:
             return LEAST
         if error == 0.0:
             return MOST
-        present = (self.tolerance / error) ** (PRESENT / self.order)
-        past = (before / self.tolerance) ** (PAST / self.order)
+        present: float = (self.tolerance / error) ** (PRESENT / self.order)
+        past: float = (before / self.tolerance) ** (PAST / self.order)
         return min(MOST, max(LEAST, SAFETY * present * past))

@@ -22,7 +22,7 @@ ROUNDOFFS = 10.0
 class Measure(Protocol):
     """The error of a step last attempted by a scheme."""
 
-    unit: str
+    unit: ClassVar[str]
     """What its values are, in words."""
     order: int
     """The power of dt that they go with."""
