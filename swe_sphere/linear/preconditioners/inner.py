@@ -14,6 +14,9 @@ from .schur_matrix import SchurMatrix
 
 Array = NDArray[np.float64]
 
+COURANT_A_CYCLE = 20.0
+MOST_CYCLES = 4
+"""Gravity-wave Courant number (root of the largest diagonal entry of S) one cycle is good for."""
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
@@ -77,9 +80,10 @@ class Direct(InnerSolver):
 
 
 class Multilevel(InnerSolver):
-    """Coarse correction on four wave branches, then Chebyshev steps on S itself.
+    """Cycles of a coarse correction on four wave branches and Chebyshev steps on S itself.
 
-    With `symmetric`, as many steps go before it, so that conjugate gradients can use it.
+    One cycle will do up to a gravity-wave Courant number of COURANT_A_CYCLE; beyond, more are taken.
+    With `symmetric`, as many steps go before the correction, as conjugate gradients need.
     """
 
     def __init__(
@@ -100,21 +104,28 @@ class Multilevel(InnerSolver):
         largest = self.matrix.largest_eigenvalue(tau, depth)
         self._steps = chebyshev_coefficients(self._degree, largest)
         self._coarse.setup(tau, depth)
+        courant = float(np.sqrt(self.matrix.diagonal(tau, depth).max()))
+        self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b is overwritten."""
         x.zero_()
-        rest = b
-        if self._symmetric:
-            rest = self._rest
-            wp.copy(rest, b)
-            self._smooth(rest, x)
-            self.operator.residual(b, x, rest)
-        self._put(x.numpy() + self._coarse.solve(rest.numpy()), x)
+        for cycle in range(self._cycles):
+            rest = b
+            if self._symmetric:
+                wp.copy(self._rest, b)
+                self._smooth(self._rest, x)
+            if self._symmetric or cycle > 0:
+                rest = self._rest
+                self.operator.residual(b, x, rest)
+            self._put(x.numpy() + self._coarse.solve(rest.numpy()), x)
+            if cycle < self._cycles - 1:
+                wp.copy(self._rest, b)
+                self._smooth(self._rest, x)
         self._smooth(b, x)
 
-    def _smooth(self, b: wp.array, x: wp.array) -> None:
-        """Chebyshev steps from x; b is overwritten."""
+    def _smooth(self, r: wp.array, x: wp.array) -> None:
+        """Chebyshev steps from x; r, the right-hand side, is overwritten."""
         wp.copy(self._direction, x)
         for step in self._steps:
-            self.operator.chebyshev_step(step, b, self._direction, x)
+            self.operator.chebyshev_step(step, r, self._direction, x)
