@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -121,6 +122,16 @@ def test_implicit_tableau_is_l_stable_with_one_diagonal(name: str) -> None:
     z = np.array([0.1j, 1j, 10j, 1e4j, 1e8j])
     growth = cls._growth(z, 0.0 * z, 0.0 * z)
     assert np.all(growth <= 1.0 + 1e-12) and growth[-1] < 1e-7
+
+
+@pytest.mark.parametrize(("name", "powers"), [("ark2", 3), ("ars343", 4)])
+def test_explicit_part_alone_is_exponential_as_far_as_the_authors_say(
+    name: str, powers: int
+) -> None:
+    """For linear problems ark2 is one order better, and ars343 has the stability of rk4."""
+    z = np.array([0.3j, 1.2j, 2.5j, -1.0 + 0.5j])
+    series = sum(z**k / math.factorial(k) for k in range(powers + 1))
+    assert STEPPERS[name]._growth(0.0 * z, z, 0.0 * z) == pytest.approx(np.abs(series), rel=1e-9)
 
 
 @pytest.fixture(scope="module")
