@@ -113,7 +113,7 @@ def test_continued_plan_keeps_the_step():
         ({"ne": 2.5}, "ne: must be a valid integer"),
         ({"precision": "float16"}, "precision: must be 'float64' or 'float32', not 'float16'"),
         ({"centre_lon": "east"}, "centre-lon: must be a valid number"),
-        ({"nee": 3}, "there is no option 'nee'; there are alpha, centre-lat"),
+        ({"nee": 3}, "there is no option 'nee'; there are adaptive, "),
         ({"settings": {"viscosity": 3}}, "set: must be tables"),
     ],
 )

@@ -1,0 +1,291 @@
+"""Adaptive steps: the controller, errors that follow the tolerance, cuts, restart, refusals."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import netCDF4
+import numpy as np
+import pytest
+
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.experiment import run
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Viscosity
+from swe_sphere.output.diagnostics import integrals
+from swe_sphere.simulation import make_config
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.control import PIController
+from swe_sphere.steppers.measure import ESTIMATES
+from swe_sphere.testcases import get_scene
+
+OUTER = 7200.0
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """The unsteady flow of Läuter: its model, start, and the state after two outer steps."""
+    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    state, exact = model.initial_state(), STEPPERS["rk4"](model, 30.0)
+    exact.start(state)
+    for _ in range(480):
+        exact.step()
+    return SimpleNamespace(model=model, state=state, exact=exact.state.numpy().copy())
+
+
+def make(flow, name: str, tolerance: float, outer: float = OUTER, **options) -> AdaptiveStepper:
+    """A stepper at the start of a flow."""
+    stepper = AdaptiveStepper(STEPPERS[name](flow.model, outer), tolerance, **options)
+    stepper.start(flow.state)
+    return stepper
+
+
+def error(flow, name: str, tolerance: float, **options) -> float:
+    """Error after two outer steps in the energy norm, relative to the state."""
+    stepper = make(flow, name, tolerance, **options)
+    stepper.step()
+    stepper.step()
+    space = stepper._scheme.space
+    difference = flow.model.device_mesh.upload(stepper.state.numpy() - flow.exact)
+    return space.norm(difference) / space.norm(flow.state)
+
+
+# --- the rule
+
+
+@pytest.mark.parametrize(
+    ("now", "before", "ratio"),
+    [
+        (1e-4, 1e-4, 0.9),
+        (1e-5, 1e-4, 1.5401949),  # 0.9 * 10^(0.7/3)
+        (1e-4, 1e-5, 0.6620780),  # 0.9 * 10^(-0.4/3)
+        (2e-4, 5e-5, 0.6980151),  # 0.9 * 2^(-1.1/3)
+        (1e-9, 1e-4, 2.0),
+        (0.0, 1e-4, 2.0),
+        (1.0, 1e-4, 0.5),
+        (np.nan, 1e-4, 0.5),
+        (np.inf, 1e-4, 0.5),
+    ],
+)
+def test_ratio_of_steps_by_hand(now: float, before: float, ratio: float) -> None:
+    assert PIController(1e-4, 3).ratio(now, before) == pytest.approx(ratio, rel=1e-6)
+
+
+def test_a_step_stands_up_to_the_tolerance() -> None:
+    accepts = PIController(1e-4, 3).accepts
+    assert [accepts(value) for value in (0.0, 1e-4, 1.01e-4, np.nan)] == [True, True, False, False]
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, np.nan, np.inf])
+def test_a_tolerance_out_of_range_is_refused(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match=r"^adaptive: the tolerance must be positive"):
+        PIController(tolerance, 3)
+
+
+# --- the measures
+
+
+def test_every_stepper_with_a_companion_is_known() -> None:
+    assert {name for name, cls in STEPPERS.items() if getattr(cls, "embedded", None)} == {
+        *ESTIMATES
+    }
+
+
+@pytest.mark.parametrize("name", ESTIMATES)
+def test_estimates_go_with_their_power_of_the_step(moving, name: str) -> None:
+    found = []
+    for dt in (200.0, 100.0):
+        scheme = STEPPERS[name](moving.model, dt, tolerance=1e-9)
+        scheme.start(moving.state)
+        scheme._attempt(0.0, dt, scheme._new)
+        found.append(scheme.error_estimate())
+    assert np.log2(found[0] / found[1]) == pytest.approx(ESTIMATES[name], abs=0.3)
+
+
+def test_error_is_proportional_to_the_tolerance(moving) -> None:
+    ratios = [error(moving, "rosenbrock-w", tol) / tol for tol in (1e-5, 1e-6, 1e-7)]
+    assert 0.2 < min(ratios) < max(ratios) < 1.5
+
+
+@pytest.mark.parametrize(("name", "power"), [("tr-bdf2", 2 / 3), ("esdirk4", 2 / 3)])
+def test_error_goes_with_a_power_of_the_tolerance(moving, name: str, power: float) -> None:
+    """esdirk4 has not all of its order where steps are longer than the fastest waves."""
+    coarse, fine = (error(moving, name, tol) for tol in (1e-5, 1e-8))
+    assert np.log10(coarse / fine) / 3.0 == pytest.approx(power, abs=0.12)
+
+
+def test_energy_drift_measures_the_error_of_a_damping_scheme(moving) -> None:
+    errors = [error(moving, "sdirk3", tol, by="energy") for tol in (1e-5, 1e-6)]
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[0] < 2e-5
+
+
+def test_energy_drift_is_only_an_alarm_for_a_scheme_without_damping(moving) -> None:
+    """The midpoint rule under the same tolerance is a hundred times less accurate."""
+    assert error(moving, "implicit-midpoint", 1e-5, by="energy") > 3e-4
+
+
+def test_the_solver_is_as_exact_as_the_tolerance_needs(moving) -> None:
+    """Solves to the scheme's own tolerance, 1e-3, would be the larger error."""
+    stepper = make(moving, "esdirk4", 1e-7)
+    stepper.step()
+    assert stepper._scheme.options.tolerance < 1e-4
+    loose = make(moving, "esdirk4", 1e-2)
+    loose.step()
+    assert loose._scheme.options.tolerance == 1e-3
+
+
+# --- the steps
+
+
+def test_steps_grow_to_the_outer_step_on_a_steady_flow() -> None:
+    model = Model(build_mesh(2, 8), get_scene("williamson2"))
+    flow = SimpleNamespace(model=model, state=model.initial_state())
+    stepper = make(flow, "tr-bdf2", 1e-4, outer=21600.0, first=100.0)
+    taken = [stepper.step() or stepper.counters["accepted_steps"] for _ in range(6)]
+    assert stepper.next_dt == 21600.0
+    # doubling takes eight for the first; the last ones are each one step
+    assert taken[0] < 11
+    assert taken[-1] == taken[-2] + 1
+    assert stepper.counters["rejected_steps"] == 0
+
+
+def test_a_first_step_that_is_too_large_is_taken_back_and_noted(moving) -> None:
+    stepper = make(moving, "rosenbrock-w", 1e-6, first=OUTER)
+    stepper.step()
+    cuts = stepper.cuts
+    assert len(cuts) == stepper.counters["rejected_steps"] >= 2
+    assert (cuts[0].time, cuts[0].dt, cuts[1].dt) == (0.0, OUTER, OUTER / 2)
+    assert cuts[0].why.startswith("relative error of a step ")
+    assert cuts[0].why.endswith(" above 1e-06")
+    assert error(moving, "rosenbrock-w", 1e-6, first=OUTER) < 1.5e-6
+
+
+def failing_above(stepper: AdaptiveStepper, longest: float, monkeypatch) -> list[tuple]:
+    """Make solves of longer steps fail; the steps that were attempted come into the list."""
+    attempt, seen = stepper._scheme._attempt, []
+
+    def limited(t, dt, out):
+        seen.append((t, dt))
+        return SimpleNamespace(message="no way") if dt > longest else attempt(t, dt, out)
+
+    monkeypatch.setattr(stepper._scheme, "_attempt", limited)
+    return seen
+
+
+def test_a_step_that_cannot_be_solved_is_halved(moving, monkeypatch) -> None:
+    stepper = make(moving, "tr-bdf2", 1e-2, first=OUTER)
+    seen = failing_above(stepper, 2000.0, monkeypatch)
+    stepper.step()
+    assert [dt for _, dt in seen[:3]] == [OUTER, OUTER / 2, OUTER / 4]
+    assert [str(cut) for cut in stepper.cuts[:1]] == [
+        "at 0 s a step of 7200 s was taken back: no way"
+    ]
+    assert stepper.counters["accepted_steps"] + stepper.counters["rejected_steps"] == len(seen)
+
+
+def test_a_run_that_cannot_go_on_says_so_in_one_line(moving, monkeypatch) -> None:
+    stepper = make(moving, "tr-bdf2", 1e-2)
+    failing_above(stepper, 0.0, monkeypatch)
+    with pytest.raises(RunFailed, match=r"^tr-bdf2: no step from 0 s is short enough.*no way") as e:
+        stepper.step()
+    assert "\n" not in str(e.value)
+
+
+def test_steps_fill_the_outer_step_exactly(moving, monkeypatch) -> None:
+    stepper = make(moving, "rosenbrock-w", 1e-6, outer=5000.0 / 3.0)
+    seen = failing_above(stepper, np.inf, monkeypatch)
+    for _ in range(3):
+        stepper.step()
+    ends = [t + dt for t, dt in seen]
+    assert stepper.counters["rejected_steps"] == 0
+    assert [t for t, _ in seen[1:]] == pytest.approx(ends[:-1], rel=1e-14)
+    assert {5000.0 / 3.0, 10000.0 / 3.0} <= {t for t, _ in seen}
+    assert stepper.time == 5000.0
+    assert ends[-1] == pytest.approx(5000.0, rel=1e-14)
+    assert min(dt for _, dt in seen[1:]) > 0.4 * max(dt for _, dt in seen)
+
+
+def test_mass_is_kept_to_round_off(moving) -> None:
+    stepper = make(moving, "esdirk4", 1e-6, first=OUTER)
+    stepper.step()
+    model = moving.model
+    before, after = (
+        integrals(model.mesh, model.scene.planet, **model.fields(state))["mass"]
+        for state in (moving.state, stepper.state)
+    )
+    assert stepper.counters["rejected_steps"] > 0
+    assert abs(after / before - 1.0) < 1e-14
+
+
+# --- restart
+
+
+@pytest.mark.parametrize("by", ["embedded", "energy"])
+@pytest.mark.parametrize("name", ["tr-bdf2", "rosenbrock-w"])
+def test_a_restarted_run_is_the_same_to_the_bit(moving, name: str, by: str) -> None:
+    through = make(moving, name, 1e-5, outer=2400.0, by=by)
+    through.step()
+    memory = through.memory()
+    again = AdaptiveStepper(STEPPERS[name](moving.model, 2400.0), 1e-5, by=by)
+    again.restore(memory, 1)
+    for _ in range(2):
+        through.step()
+        again.step()
+    assert again.time == through.time == 7200.0
+    assert np.array_equal(again.state.numpy(), through.state.numpy())
+    assert again.next_dt == through.next_dt
+
+
+def test_memory_of_fixed_steps_is_refused(moving) -> None:
+    fixed = STEPPERS["tr-bdf2"](moving.model, OUTER)
+    fixed.start(moving.state)
+    with pytest.raises(ConfigError, match="of a run with fixed steps"):
+        make(moving, "tr-bdf2", 1e-5).restore(fixed.memory(), 1)
+
+
+# --- what cannot be
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "line"),
+    [
+        ("rk4", "embedded", r"stepper rk4 only takes equal steps; take one of tr-bdf2, "),
+        ("sdirk3", "embedded", r"stepper sdirk3 has no error estimate; .* or adaptive-by energy"),
+        ("tr-bdf2", "enstrophy", r"there is no 'enstrophy'; there are embedded, energy"),
+    ],
+)
+def test_what_has_no_estimate_is_refused_in_one_line(moving, name, by, line) -> None:
+    with pytest.raises(ConfigError, match=line):
+        make(moving, name, 1e-5, by=by)
+
+
+def test_energy_is_no_measure_where_it_is_not_kept() -> None:
+    lossy = get_scene("lauter").with_effect(Viscosity(1e5))
+    for scene in (lossy, get_scene("williamson1")):
+        scheme = STEPPERS["tr-bdf2"](Model(build_mesh(2, 4), replace(scene)), OUTER)
+        with pytest.raises(ConfigError, match="does not conserve energy; take adaptive-by"):
+            AdaptiveStepper(scheme, 1e-5, by="energy")
+
+
+# --- from the command line on
+
+
+def test_a_run_notes_its_cuts_and_goes_on_from_its_file(tmp_path) -> None:
+    asked = {
+        "scene": "williamson5", "stepper": "rosenbrock-w", "adaptive": 1e-4, "ne": 2, "np": 4,
+        "every": 6.0, "quiet": True,
+    }  # fmt: skip
+    whole = run(make_config(asked | {"days": 0.5, "out": tmp_path / "whole.nc"}))
+    run(make_config(asked | {"days": 0.25, "out": tmp_path / "half.nc"}))
+    rest = make_config({"scene": "williamson5", "restart": tmp_path / "half.nc", "days": 0.5})
+    rest = run(rest)
+    assert (whole["dt"], whole["steps"]) == (21600.0, 2)
+    for name in ("l2_h", "energy", "energy_drift", "accepted_steps", "rejected_steps"):
+        assert rest[name] == whole[name]
+    assert len(whole["cuts"]) == min(100, whole["rejected_steps"])
+    with netCDF4.Dataset(tmp_path / "whole.nc") as file:
+        assert json.loads(file.cuts) == whole["cuts"]
+        assert file.accepted_steps == whole["accepted_steps"] > 2
