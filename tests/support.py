@@ -15,6 +15,7 @@ from swe_sphere.model.effects import (
     Rotation,
     Viscosity,
 )
+from swe_sphere.steppers import STEPPERS, Stepper
 
 EFFECTS = {
     "advection": MomentumAdvection(),
@@ -100,6 +101,15 @@ def tangent(model: Model, state: np.ndarray, direction: np.ndarray, t: float = 0
     model.linearise(model.device_mesh.upload(state), t)
     model.tangent(model.device_mesh.upload(direction), out)
     return out.numpy().astype(np.float64)
+
+
+def advance(name: str, model: Model, state, dt: float, duration: float, **options) -> Stepper:
+    """A stepper that began from a state, after `duration` [s]."""
+    stepper = STEPPERS[name](model, dt, **options)
+    stepper.start(state)
+    for _ in range(round(duration / dt)):
+        stepper.step()
+    return stepper
 
 
 def relative(ours: np.ndarray, theirs: np.ndarray, blocks: int = 1) -> float:

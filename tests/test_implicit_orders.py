@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support import make_scene
+from support import advance, make_scene
 
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
@@ -131,15 +131,6 @@ def moving():
     model = Model(build_mesh(2, 4), get_scene("lauter"))
     state = model.initial_state()
     return model, state, advance("rk4", model, state, 30.0, HOURS * 3600.0).state.numpy()
-
-
-def advance(name: str, model: Model, state, dt: float, duration: float, **options):
-    """A stepper after `duration` [s]."""
-    stepper = STEPPERS[name](model, dt, **options)
-    stepper.start(state)
-    for _ in range(round(duration / dt)):
-        stepper.step()
-    return stepper
 
 
 @pytest.mark.parametrize("name", IMPLICIT)

@@ -10,7 +10,8 @@ from swe_sphere.cli.main import main
 from swe_sphere.experiment import run
 from swe_sphere.simulation import load_config, make_config
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
 SCENE, SCRIPT = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
@@ -30,6 +31,18 @@ def test_the_configuration_file_is_valid(tmp_path):
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
     config = make_config(load_config(tmp_path / "run.toml"))
     assert (config.ne, config.settings) == (16, ("hyperviscosity.nu=default",))
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "docs" / "README.md"])
+def test_links_lead_somewhere(page):
+    for link in re.findall(r"\]\((?!http)([^)#]+)", page.read_text()):
+        assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_the_index_has_every_page():
+    index = (ROOT / "docs" / "README.md").read_text()
+    for page in (ROOT / "docs").glob("*.md"):
+        assert page.name == "README.md" or f"({page.name})" in index, page.name
 
 
 @pytest.mark.parametrize(

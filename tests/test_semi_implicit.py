@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
-from support import make_scene, random_state, relative
+from support import advance, make_scene, random_state, relative
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.linear.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
@@ -25,15 +25,6 @@ from swe_sphere.testcases import get_scene
 NAMES = ("semi-implicit", "ark2", "ars343")
 RUNGE_KUTTA = ("ark2", "ars343")
 WAVES = ("advection", "pressure", "rotation", "orography")
-
-
-def advance(name: str, model: Model, state, dt: float, duration: float, **options):
-    """A stepper after `duration` [s]."""
-    stepper = STEPPERS[name](model, dt, **options)
-    stepper.start(state)
-    for _ in range(round(duration / dt)):
-        stepper.step()
-    return stepper
 
 
 # --- the linear operator and its inverse
