@@ -26,6 +26,7 @@ def test_the_recommended_scheme_goes_by_two_names(tmp_path):
     assert (summary["stepper"], summary["scheme"]) == ("fully-implicit", RECOMMENDED)
     assert summary["energy"] == small(stepper=RECOMMENDED)["energy"]
     attributes = RunFile(tmp_path / "a.nc").attributes
+    assert json.loads(attributes["identity"])["stepper"] == RECOMMENDED
     assert (attributes["stepper"], attributes["scheme"]) == ("fully-implicit", RECOMMENDED)
     assert json.loads(attributes["stepper_options"])["preconditioner"] == "helmholtz"
 

@@ -72,6 +72,7 @@ class Prepared:
             "references": scene.reference,
             **identity(config, scene, self.model.mesh),
             "identity": identity(config, scene, self.model.mesh),
+            "stepper": config.stepper,
             "configuration": config.model_dump(mode="json"),
             "scheme": self.stepper.name,
             "stepper_options": self.options,
