@@ -183,8 +183,8 @@ def _race_on(label: str, mesh: Mesh) -> list[list[str]]:
         )["l2"]
         rows.append(
             [label, name, f"{dt:.0f}", f"{dt * wave:.1f}", f"{total:.2e}",
-             f"{_near(mesh, fields):.2e}", result.counts, f"{result.seconds:.1f}", f"{result.seconds / rk4:.2f}",
-             f"{result.seconds / rhs:.0f}"]
+             f"{_near(mesh, fields):.2e}", result.counts, f"{result.seconds:.1f}",
+             f"{result.seconds / rk4:.2f}", f"{result.seconds / rhs:.0f}"]
         )  # fmt: skip
     return rows
 

@@ -1,10 +1,11 @@
 """Direct stiffness summation (DSS) as a gather, and the terms that need no derivative.
 
-Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit on
-any device.  A node has at most four; those it lacks point to a place that holds zero, so that there
-is no branch.  A pointwise term commutes with the mass-weighted average, so it is added here, once a
-unique node instead of once an element node.  Arrays are arguments of their own and not members of a
-structure: only then does Warp compile a path for contiguous arrays, twice as fast on a CPU.
+Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit
+on any device.  A node has at most four; those it lacks point to a place that holds zero, so that
+there is no branch.  A pointwise term commutes with the mass-weighted average, so it is added here,
+once a unique node instead of once an element node.  Arrays are arguments of their own and not
+members of a structure: only then does Warp compile a path for contiguous arrays, which is faster on
+a CPU.
 """
 
 import functools

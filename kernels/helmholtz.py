@@ -16,9 +16,9 @@ from .assembly import OPTIONS, Contributors, gather_sum
 def elimination_kernels(real: type, given: type) -> SimpleNamespace:
     """Kernels over the N nodes; `real` is the type inside, `given` that of the state vectors.
 
-    Common arguments, all (N,): `places_1` and `places_2` (contributors in local tendencies of one and
-    of two fields), `inverse_area` [m-2], `depth` H [m], `same` = 1/(1 + tau^2 f^2) and `cross` =
-    tau f/(1 + tau^2 f^2), the entries of T.
+    Common arguments, all (N,): `places_1` and `places_2` (contributors in local tendencies of one
+    and of two fields), `inverse_area` [m-2], `depth` H [m], `same` = 1/(1 + tau^2 f^2) and
+    `cross` = tau f/(1 + tau^2 f^2), the entries of T.
     """
     vector, state = wp.array(dtype=real), wp.array(dtype=given)
     places = wp.array(dtype=Contributors)

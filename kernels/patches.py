@@ -7,7 +7,7 @@ import warp as wp
 
 @functools.cache
 def patch_kernel(real: type) -> wp.Kernel:
-    """Kernel (columns (N, m), rows (N, m) float32, b (N,), x (N,)): x_n = sum_k rows_nk b[columns_nk]."""
+    """Kernel (columns (N, m), rows (N, m) float32, b (N,), x): x_n = sum_k rows_nk b[column_nk]."""
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def patch(

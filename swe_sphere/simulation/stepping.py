@@ -76,15 +76,20 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     Raises:
         ConfigError: the stepper takes no such option, or not that value.
     """
-    known = {
-        name: parameter
-        for name, parameter in inspect.signature(kind, eval_str=True).parameters.items()
-        if isinstance(parameter.default, (bool, int, float, str))
+    known = inspect.signature(kind, eval_str=True).parameters
+    # a default that depends on the scheme is an attribute of its class
+    defaults = {
+        name: getattr(kind, f"default_{name}", parameter.default)
+        for name, parameter in known.items()
     }
-    options = {name: parameter.default for name, parameter in known.items()}
+    options = {
+        name: default
+        for name, default in defaults.items()
+        if isinstance(default, (bool, int, float, str))
+    }
     for name, value in _asked(config).items():
-        if name not in known:
-            has = f"it has {', '.join(known)}" if known else "implicit steppers have some"
+        if name not in options:
+            has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
             raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
         options[name] = _converted(kind.name, name, value, known[name].annotation)
     return options

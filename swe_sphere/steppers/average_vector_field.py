@@ -56,9 +56,14 @@ class AverageVectorField(ImplicitStepper):
     """
 
     name, order = "average-vector-field", 2
+    default_tolerance = 1e-6
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance, preconditioner)
         self._past = model.zeros()

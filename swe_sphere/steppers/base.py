@@ -89,7 +89,7 @@ class Stepper(ABC):
 
 
 class Combiner:
-    """out = x + sum_s c[s] stack[s] with coefficients fixed at construction, for recorded launches."""
+    """out = x + sum_s c[s] stack[s], with coefficients fixed so that launches can be recorded."""
 
     def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
         self._model = model

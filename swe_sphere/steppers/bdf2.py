@@ -17,9 +17,14 @@ class BDF2(ImplicitStepper):
     """
 
     name, order = "bdf2", 2
+    default_tolerance = 1e-2
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance, preconditioner)
         self._previous, self._rhs = model.zeros(), model.zeros()

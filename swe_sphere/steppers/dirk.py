@@ -25,7 +25,11 @@ class DiagonallyImplicit(ImplicitStepper):
     """Weights of a companion of another order, where the method has one."""
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance, preconditioner)
         stages = len(self.b)
@@ -80,6 +84,7 @@ class ImplicitEuler(DiagonallyImplicit):
     """Implicit Euler: first order, damps everything fast."""
 
     name, order = "implicit-euler", 1
+    default_tolerance = 1e-2
     a = ((1.0,),)
     b = (1.0,)
 
@@ -107,6 +112,7 @@ class TRBDF2(DiagonallyImplicit):
     """
 
     name, order = "tr-bdf2", 2
+    default_tolerance = 1e-2
     _d, _w = 1.0 - math.sqrt(0.5), math.sqrt(2.0) / 4.0
     a = ((0.0,), (_d, _d), (_w, _w, _d))
     b = (_w, _w, _d)
@@ -131,6 +137,7 @@ class ESDIRK4(DiagonallyImplicit):
     """
 
     name, order = "esdirk4", 4
+    default_tolerance = 1e-4
     a = (
         (0.0,),
         (1 / 4, 1 / 4),

@@ -133,9 +133,14 @@ class GaussLegendre(ImplicitStepper):
     """
 
     name, order = "gauss-legendre", 4
+    default_tolerance = 1e-4
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance, preconditioner)
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()

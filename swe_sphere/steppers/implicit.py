@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -37,7 +37,7 @@ class SolverOptions:
     `preconditioner`: a name of `PRECONDITIONERS`.  Raises ConfigError for a tolerance out of range.
     """
 
-    tolerance: float = 1e-3
+    tolerance: float
     preconditioner: str = "helmholtz"
 
     def __post_init__(self) -> None:
@@ -93,20 +93,28 @@ class StageProblem:
 class ImplicitStepper(Stepper):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
+    default_tolerance: ClassVar[float] = 1e-3
+    """Where the error of the solver is well below that of the scheme (docs/steppers.md)."""
+
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt)
         # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
         self._blas = threadpool_limits(limits=1, user_api="blas")
-        self.options = SolverOptions(tolerance, preconditioner)
+        chosen = self.default_tolerance if tolerance is None else tolerance
+        self.options = SolverOptions(chosen, preconditioner)
         self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
         self._newton = NewtonKrylov(
             space,
             _gmres(space),
-            rtol=tolerance,
+            rtol=chosen,
             max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
             forcing=LINEAR if model.scene.wind else EisenstatWalker(),

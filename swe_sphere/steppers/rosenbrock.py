@@ -40,7 +40,11 @@ class RosenbrockW(ImplicitStepper):
     embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float = 1e-3, preconditioner: str = "helmholtz"
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance, preconditioner)
         stages = len(self.b)

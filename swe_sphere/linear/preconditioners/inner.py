@@ -82,8 +82,8 @@ class Direct(InnerSolver):
 class Multilevel(InnerSolver):
     """Cycles of a coarse correction on four wave branches and Chebyshev steps on S itself.
 
-    One cycle will do up to a gravity-wave Courant number of COURANT_A_CYCLE; beyond, more are taken.
-    With `symmetric`, as many steps go before the correction, as conjugate gradients need.
+    One cycle will do up to a gravity-wave Courant number of COURANT_A_CYCLE; beyond, more are
+    taken.  With `symmetric`, as many steps go before the correction, as conjugate gradients need.
     """
 
     def __init__(
