@@ -203,17 +203,21 @@ def test_chebyshev_steps_have_the_optimal_smoothing_constant(degree: int) -> Non
     assert constant < 0.9 * smoothing_constant(plain, 2.5)
 
 
-def test_symmetric_multilevel_is_symmetric() -> None:
-    """Without rotation M B^-1 is, so that conjugate gradients can use it; and it is positive."""
+@pytest.mark.parametrize("tau", [TAU, 60.0 * TAU])
+def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
+    """Without rotation M B^-1 is, so that conjugate gradients can use it; and it is positive.
+
+    At the larger step it makes more cycles than one.
+    """
     mesh = mesh_of(3)
     model = Model(mesh, make_scene("pressure"))
     on_device = DeviceMesh(mesh, model.device, wp.float32, model.shape)
     host = SchurMatrix(mesh, GRAVITY, np.zeros(mesh.size))
     operator = SchurOperator(on_device, model.launch, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
-    operator.configure(TAU, depth, 1.0 / host.diagonal(TAU, depth))
+    operator.configure(tau, depth, 1.0 / host.diagonal(tau, depth))
     inner, x = Multilevel(operator, host, symmetric=True), operator.vector()
-    inner.setup(TAU, depth)
+    inner.setup(tau, depth)
     columns = []
     for unit in np.eye(mesh.size):
         inner.solve(on_device.upload(unit), x)
