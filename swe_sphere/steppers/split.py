@@ -24,11 +24,15 @@ Runge-Kutta method; but such are long ones, whose growth is tiny.)"""
 class SplitStepper(Stepper):
     """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
 
+    The step is limited by the wind, which in williamson5 doubles in a few days.
+
     `tolerance`: of the solves, relative to the change of the eliminated state that is solved for.
     `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the
     same model, to share; it brings both options.  Raises ConfigError for options out of range and
     for a scene without gravity waves.
     """
+
+    safety = 0.45
 
     def __init__(
         self,
