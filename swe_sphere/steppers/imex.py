@@ -109,7 +109,8 @@ class ImexRungeKutta(SplitStepper):
         stages = len(cls.b)
         matrix = np.eye(stages) - z_i * cls._square(cls.implicit) - z_e * cls._square(cls.explicit)
         y = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
-        return np.abs(1.0 + (z_i + z_e)[..., 0, 0] * (y @ np.array(cls.b)))
+        growth: Array = np.abs(1.0 + (z_i + z_e)[..., 0, 0] * (y @ np.array(cls.b)))
+        return growth
 
 
 class ARK2(ImexRungeKutta):

@@ -98,4 +98,5 @@ class SemiImplicit(SplitStepper):
         step = np.stack(
             [present + leapfrog.SHARE * d, future - (1.0 - leapfrog.SHARE) * d], axis=-2
         )
-        return np.abs(np.linalg.eigvals(step)).max(axis=-1)
+        growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
+        return growth

@@ -89,7 +89,8 @@ class SplitStepper(Stepper):
         def growth(z_wave: Complex, z_dissipation: Complex) -> np.ndarray:
             factors = np.concatenate([-FASTER, [0.0], FASTER])
             z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
-            return cls._growth(z_implicit, z_wave, z_dissipation).max(axis=0)
+            largest: np.ndarray = cls._growth(z_implicit, z_wave, z_dissipation).max(axis=0)
+            return largest
 
         return largest_step(growth, wave, dissipation, reach=8.0)
 
