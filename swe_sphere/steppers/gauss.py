@@ -80,8 +80,7 @@ class CoupledStages:
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
     Jacobian products are exact: the model is linearised anew at each stage for each of them.  That
-    is a copy of the state beside a tangent, and keeps Newton quadratic at any step; one tangent for
-    both stages would cost a Newton iteration or two, with a product of two tangents each.
+    is a copy of the state beside a tangent, and keeps Newton quadratic at any step.
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
@@ -90,9 +89,9 @@ class CoupledStages:
         weights = np.tile(energy_weights(model), 2) / 2.0
         self.space = VectorSpace(weights, model.device, model.device_mesh.real)
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
-        made = ForwardElimination(model, single, parts) if parts else None
-        self.preconditioner = made
-        self.precondition: Operator | None = made.apply if made else None
+        pair = ForwardElimination(model, single, parts) if parts else None
+        self.preconditioner = pair
+        self.precondition: Operator | None = pair.apply if pair else None
         self._slopes = single.stack(len(C))
         self._point = self.space.zeros()
         self.time, self.dt = 0.0, 0.0
