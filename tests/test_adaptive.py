@@ -1,7 +1,6 @@
 """Adaptive steps: the controller, errors that follow the tolerance, cuts, restart, refusals."""
 
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import netCDF4
@@ -128,13 +127,15 @@ def test_energy_drift_is_only_an_alarm_for_a_scheme_without_damping(moving) -> N
 
 
 def test_the_solver_is_as_exact_as_the_tolerance_needs(moving) -> None:
-    """Solves to the scheme's own tolerance, 1e-3, would be the larger error."""
-    stepper = make(moving, "esdirk4", 1e-7)
+    """Solves to the scheme's own tolerance would be the larger error."""
+    stepper = make(moving, "tr-bdf2", 1e-7)
+    usual = stepper._scheme.options.tolerance
     stepper.step()
-    assert stepper._scheme.options.tolerance < 1e-4
+    assert stepper._scheme.options.tolerance < 0.1 * usual
     loose = make(moving, "esdirk4", 1e-2)
+    usual = loose._scheme.options.tolerance
     loose.step()
-    assert loose._scheme.options.tolerance == 1e-3
+    assert loose._scheme.options.tolerance == usual
 
 
 # --- the steps
@@ -265,7 +266,7 @@ def test_what_has_no_estimate_is_refused_in_one_line(moving, name, by, line) -> 
 def test_energy_is_no_measure_where_it_is_not_kept() -> None:
     lossy = get_scene("lauter").with_effect(Viscosity(1e5))
     for scene in (lossy, get_scene("williamson1")):
-        scheme = STEPPERS["tr-bdf2"](Model(build_mesh(2, 4), replace(scene)), OUTER)
+        scheme = STEPPERS["tr-bdf2"](Model(build_mesh(2, 4), scene), OUTER)
         with pytest.raises(ConfigError, match="does not conserve energy; take adaptive-by"):
             AdaptiveStepper(scheme, 1e-5, by="energy")
 
