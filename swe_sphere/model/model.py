@@ -13,12 +13,14 @@ from ..mesh import Mesh
 from ..operators import DeviceMesh, Launcher, TendencyOperator, find_device
 from ..operators.device_mesh import REALS
 from ..operators.diagnose import divergence, vorticity
+from .difference import DifferenceProduct
 from .effects import Hyperviscosity, Viscosity
 from .scene import Scene
 from .spectrum import Spectrum, estimate_spectrum
 
 Array = NDArray[np.float64]
 SHAPES = ("element", "node")
+JACOBIANS = ("exact", "difference")
 
 
 class Model:
@@ -28,7 +30,7 @@ class Model:
     the depths alone where the wind is prescribed.  `shape` chooses the launch shape of the kernels;
     by default one thread a group of elements on a CPU and one thread a node elsewhere.
 
-    Raises ConfigError for an unknown device, precision or launch shape.
+    Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
     """
 
     def __init__(
@@ -38,6 +40,7 @@ class Model:
         device: str = "cpu",
         precision: str = "float64",
         shape: str | None = None,
+        jacobian: str = "exact",
     ) -> None:
         if precision not in REALS:
             raise ConfigError(f"precision is float64 or float32, not {precision!r}")
@@ -46,6 +49,8 @@ class Model:
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+        if jacobian not in JACOBIANS:
+            raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         self.launch = Launcher(self.device)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
         self.names = ("h",) if scene.wind else ("u", "v", "h")
@@ -57,6 +62,7 @@ class Model:
         self._parameters = self._device_parameters()
         self._parts: dict[str, _Part] = {}
         self._part("all")
+        self._difference = DifferenceProduct(self) if jacobian == "difference" else None
 
     @property
     def compile_seconds(self) -> float:
@@ -122,15 +128,21 @@ class Model:
 
     def linearise(self, state: wp.array, t: float) -> None:
         """Make `tangent` the derivative of the right-hand side at this state."""
+        if self._difference is not None:
+            self._difference.linearise(state, t)
+            return
         self._set_wind(t)
         part = self._part("tangent")
         if part.base is not None:
             wp.copy(part.base, state)
 
     def tangent(self, direction: wp.array, out: wp.array) -> None:
-        """out = J direction, exactly, with J the Jacobian at the state of `linearise`."""
+        """out = J direction, with J the Jacobian at the state of `linearise`."""
         self.counters["tangent_evaluations"] += 1
-        self._part("tangent")(direction, out)
+        if self._difference is not None:
+            self._difference(direction, out)
+        else:
+            self._part("tangent")(direction, out)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
