@@ -3,10 +3,10 @@
 Along a line of elements the DSS'd gradient is zero not only for constants: the polynomial P_{np-1}
 has no slope at the interior GLL nodes, and opposite slopes on the two sides of an element boundary
 when its sign alternates from element to element, which average to zero.  Times a slowly varying
-envelope these patterns are as slow as the smooth waves, no smoother damps them and no compact
-Laplacian knows them.  So beside the bilinear hats for the smooth waves there is a coarse function
-hat x pattern along each of the two directions, and one along both: four branches, nearly orthogonal
-to each other.
+envelope these patterns are slow waves too, however fine the mesh: no smoother damps them and no
+compact Laplacian knows them.  So beside the bilinear hats for the smooth waves there is a coarse
+function hat x pattern along each of the two directions, and one along both: four branches, nearly
+orthogonal to each other.
 """
 
 import numpy as np

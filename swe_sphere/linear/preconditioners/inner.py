@@ -14,9 +14,11 @@ from .schur_matrix import SchurMatrix
 
 Array = NDArray[np.float64]
 
+COURANT_A_STEP = 10.0
 COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
-"""Gravity-wave Courant number (root of the largest diagonal entry of S) one cycle is good for."""
+"""Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
+Chebyshev step, and for each of which one more cycle, pays."""
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
@@ -82,8 +84,8 @@ class Direct(InnerSolver):
 class Multilevel(InnerSolver):
     """Cycles of a coarse correction on four wave branches and Chebyshev steps on S itself.
 
-    One cycle will do up to a gravity-wave Courant number of COURANT_A_CYCLE; beyond, more are
-    taken.  With `symmetric`, as many steps go before the correction, as conjugate gradients need.
+    At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
+    `symmetric`, as many steps go before the correction, as conjugate gradients need.
     """
 
     def __init__(
@@ -101,10 +103,11 @@ class Multilevel(InnerSolver):
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        largest = self.matrix.largest_eigenvalue(tau, depth)
-        self._steps = chebyshev_coefficients(self._degree, largest)
-        self._coarse.setup(tau, depth)
         courant = float(np.sqrt(self.matrix.diagonal(tau, depth).max()))
+        degree = self._degree + (courant > COURANT_A_STEP)
+        largest = self.matrix.largest_eigenvalue(tau, depth)
+        self._steps = chebyshev_coefficients(degree, largest)
+        self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
 
     def solve(self, b: wp.array, x: wp.array) -> None:
