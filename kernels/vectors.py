@@ -24,14 +24,14 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def add_2(x: vector, a: vector, ca: real, b: vector, cb: real, out: vector) -> None:
         i = wp.tid()
-        out[i] = x[i] + (ca * a[i] + cb * b[i])
+        out[i] = x[i] + ca * a[i] + cb * b[i]
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_3(
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, out: vector
     ) -> None:
         i = wp.tid()
-        out[i] = x[i] + (ca * a[i] + cb * b[i] + cc * c[i])
+        out[i] = x[i] + ca * a[i] + cb * b[i] + cc * c[i]
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_4(
@@ -47,7 +47,7 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
         out: vector,
     ) -> None:
         i = wp.tid()
-        out[i] = x[i] + ((ca * a[i] + cb * b[i]) + (cc * c[i] + cd * d[i]))
+        out[i] = x[i] + ca * a[i] + cb * b[i] + cc * c[i] + cd * d[i]
 
     return (add_1, add_2, add_3, add_4)[count - 1]
 
