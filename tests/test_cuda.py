@@ -1,0 +1,68 @@
+"""The kernels compile for CUDA, where there is no GPU too; with one, it agrees with the CPU."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, node_kernel
+from swe_sphere.kernels.gradient import derivative_kernels
+from swe_sphere.kernels.helmholtz import elimination_kernels
+from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Hyperviscosity, Viscosity
+from swe_sphere.steppers import get_stepper
+from swe_sphere.testcases import get_scene
+
+wp.init()
+ARCHITECTURE = 80
+FULL = Terms(advection=True, pressure=True, bottom=True, diffusion=True, biharmonic=True)
+TANGENT = Terms(advection=True, pressure=True, tangent=True)
+TRANSPORT = Terms(wind=True, diffusion=True)
+
+
+def kernels(real: type) -> list[wp.Kernel]:
+    """One of each kind that a GPU runs."""
+    nodes = [node_kernel(terms, 4, real) for terms in (FULL, TANGENT, TRANSPORT)]
+    derivatives = derivative_kernels(4, wp.float32, "node")
+    return [
+        *(compiled.kernel for compiled in nodes),
+        *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
+        assembly_kernel(3, real, True),
+        assembly_kernel(1, real, False),
+        combine_kernel(real, 4),
+        leapfrog_kernel(real),
+        derivatives.gradient,
+        derivatives.divergence,
+        *vars(elimination_kernels(wp.float32, real)).values(),
+    ]
+
+
+@pytest.mark.skipif(
+    not wp._src.context.runtime.is_cuda_enabled, reason="this Warp is built without CUDA"
+)
+@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
+    """To PTX, by the compiler that comes with Warp; no GPU is needed."""
+    for i, kernel in enumerate(kernels(real)):
+        folder = tmp_path / str(i)
+        wp.compile_aot_module(kernel.module, arch=ARCHITECTURE, use_ptx=True, module_dir=folder)
+        (code,) = folder.glob("*.ptx")
+        assert ".entry" in code.read_text()
+
+
+@pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no GPU on this machine")
+@pytest.mark.parametrize("stepper", ["rk4", "leapfrog", "tr-bdf2", "semi-implicit"])
+def test_gpu_agrees_with_cpu(stepper: str) -> None:
+    """After ten steps, to rounding errors; with every effect that a kernel may hold."""
+    scene = get_scene("williamson5").with_effect(Viscosity(1e4)).with_effect(Hyperviscosity(1e15))
+    ends = []
+    for device in ("cpu", "cuda:0"):
+        model = Model(build_mesh(4, 4), scene, device=device)
+        made = get_stepper(stepper)(model, 300.0)
+        made.start(model.initial_state())
+        for _ in range(10):
+            made.step()
+        ends.append(made.state.numpy())
+    bound = 1e-9 if stepper in ("rk4", "leapfrog") else 1e-5
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0.0, atol=bound * np.abs(ends[0]).max())
