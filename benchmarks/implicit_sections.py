@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from threadpoolctl import threadpool_limits
 
+from swe_sphere.errors import RunFailed
 from swe_sphere.linear import FlexibleGMRES, VectorSpace
 from swe_sphere.linear.preconditioners import make_preconditioner
 from swe_sphere.mesh import Mesh, build_mesh
@@ -25,6 +26,7 @@ from swe_sphere.steppers.implicit import energy_weights
 from swe_sphere.testcases import get_scene
 
 REFERENCES = Path(__file__).parents[1] / "tests" / "data"
+DAYS = 15.0
 MOUNTAIN = (1.5 * np.pi, np.pi / 6.0)
 
 
@@ -156,7 +158,7 @@ def race() -> Section:
         "Explicit steppers at 0.97 of their stability limit.  The gravity limit is that of "
         "leapfrog without filter, 1/ρ.  l2 near the mountain: within 30° of it.",
         ["mesh", "stepper", "Δt [s]", "Δt / gravity limit", "l2", "l2 near the mountain",
-         "Newton / Krylov a step", "wall [s]", "wall / rk4", "right-hand-side equivalents"],
+         "l2 vorticity", "Newton / Krylov a step", "wall [s]", "wall / rk4", "right-hand-side equivalents"],
         rows,
     )  # fmt: skip
 
@@ -165,28 +167,37 @@ def _race_on(label: str, mesh: Mesh) -> list[list[str]]:
     scene = get_scene("williamson5")
     wave = Model(mesh, scene).spectrum(Model(mesh, scene).initial_state()).wave
     entries = [(name, 0.97 * get_stepper(name).stable_dt(wave), {}) for name in ("rk4", "leapfrog")]
-    loose = {"tolerance": 1e-2}
-    entries += [("semi-implicit", dt, {}) for dt in (1200.0, 1800.0)]
-    entries += [("bdf2", dt, loose) for dt in (3600.0, 7200.0, 14400.0)]
-    entries += [("tr-bdf2", dt, loose) for dt in (7200.0, 14400.0)]
+    entries += [("semi-implicit", 1200.0, {}), ("ars343", 3600.0, {})]
+    entries += [("bdf2", dt, {}) for dt in (3600.0, 7200.0, 14400.0)]
+    entries += [("tr-bdf2", dt, {}) for dt in (7200.0, 14400.0, 21600.0)]
     rows, rk4 = [], 0.0
     for name, dt, options in entries:
-        days = 15.0
-        dt = days * DAY / np.ceil(days * DAY / dt)
+        dt = DAYS * DAY / np.ceil(DAYS * DAY / dt)
         model = Model(mesh, scene)
-        result = run(model, name, dt, days, **options)
+        head = [label, name, f"{dt:.0f}", f"{dt * wave:.1f}"]
+        try:
+            result = run(model, name, dt, DAYS, **options)
+        except RunFailed as failure:
+            rows.append([*head, str(failure).split(":")[0] + " failed", *[""] * 6])
+            continue
         rk4 = rk4 or result.seconds
-        (rhs,) = _interleaved(lambda m=model, r=result: m.tendency(r.stepper.state, 0.0, m.zeros()))
-        fields = result.fields | {"b": model.bottom}
-        total = reference_errors(
-            REFERENCES / "williamson5_day15.nc", mesh, fields, field="surface"
-        )["l2"]
-        rows.append(
-            [label, name, f"{dt:.0f}", f"{dt * wave:.1f}", f"{total:.2e}",
-             f"{_near(mesh, fields):.2e}", result.counts, f"{result.seconds:.1f}",
-             f"{result.seconds / rk4:.2f}", f"{result.seconds / rhs:.0f}"]
-        )  # fmt: skip
+        rows.append([*head, *_outcome(result, rk4)])
     return rows
+
+
+def _outcome(result: Run, rk4: float) -> list[str]:
+    """Errors and cost of a finished run of williamson5."""
+    model, mesh, out = result.model, result.model.mesh, result.model.zeros()
+    (rhs,) = _interleaved(lambda: model.tendency(result.stepper.state, 0.0, out))
+    fields = result.fields | {"b": model.bottom}
+    file = REFERENCES / "williamson5_day15.nc"
+    depth = reference_errors(file, mesh, fields, field="surface")["l2"]
+    fields["vorticity"] = model.vorticity(result.stepper.state)
+    vorticity = reference_errors(file, mesh, fields, field="vorticity")["l2"]
+    return [
+        f"{depth:.2e}", f"{_near(mesh, fields):.2e}", f"{vorticity:.2e}", result.counts,
+        f"{result.seconds:.1f}", f"{result.seconds / rk4:.2f}", f"{result.seconds / rhs:.0f}",
+    ]  # fmt: skip
 
 
 def drift() -> Section:

@@ -10,12 +10,10 @@ costs an iteration or two and never the answer.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
 import warp as wp
 
-from .gmres import Operator
-from .result import LinearResult, Status
+from .result import LinearResult, LinearSolve, Operator, Status
 from .space import VectorSpace
 
 __all__ = ["ConjugateGradients"]
@@ -23,27 +21,6 @@ __all__ = ["ConjugateGradients"]
 # The residual of the recurrence is not believed below this many round-offs of the terms of the true
 # one, and a residual of so few round-offs that no longer falls is as small as it gets.
 UNTRUSTED, MOST_ROUNDOFFS = 1e4, 1e3
-
-
-@dataclass
-class _Progress:
-    """One solve under way."""
-
-    operator: Operator
-    precondition: Operator | None
-    rhs: wp.array
-    x: wp.array
-    scale: float
-    target: float
-    limit: int
-    iterations: int = 0
-    history: list[float] = field(default_factory=list)
-
-    def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
-        """The result, its message led by the size of the residual."""
-        relative = self.history[-1] / (self.scale or 1.0)
-        line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
-        return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
 
 
 class ConjugateGradients:
@@ -77,7 +54,7 @@ class ConjugateGradients:
         positive.  Nothing that is not finite is ever added to x.
         """
         scale = self.space.norm(rhs)
-        p = _Progress(
+        p = LinearSolve(
             operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
         )
         if scale == 0.0:
@@ -91,7 +68,7 @@ class ConjugateGradients:
             return p.end(Status.CONVERGED, "the guess is good enough")
         return self._iterate(p)
 
-    def _iterate(self, p: _Progress) -> LinearResult:
+    def _iterate(self, p: LinearSolve) -> LinearResult:
         """Descents until the target is met or nothing more is to be gained."""
         terms = max(p.scale, p.history[0])
         trusted = p.target >= UNTRUSTED * self.space.epsilon * terms
@@ -110,7 +87,7 @@ class ConjugateGradients:
             if residual > 0.5 * start or p.iterations >= p.limit:
                 return p.end(Status.STAGNATED, "stagnated")
 
-    def _descend(self, p: _Progress, goal: float) -> LinearResult | None:
+    def _descend(self, p: LinearSolve, goal: float) -> LinearResult | None:
         """Iterate from the residual in place until it is down to the goal; None unless it fails."""
         space, fall, step = self.space, 0.0, 0.0
         while p.history[-1] > goal and p.iterations < p.limit:
@@ -132,13 +109,13 @@ class ConjugateGradients:
             p.history.append(space.norm(self._residual))
         return None
 
-    def _precondition(self, p: _Progress) -> wp.array:
+    def _precondition(self, p: LinearSolve) -> wp.array:
         if p.precondition is None:
             return self._residual
         p.precondition(self._residual, self._preconditioned)
         return self._preconditioned
 
-    def _true_residual(self, p: _Progress) -> float:
+    def _true_residual(self, p: LinearSolve) -> float:
         """Put rhs - A x in place; returns its norm."""
         p.operator(p.x, self._residual)
         self.space.axpby(1.0, p.rhs, -1.0, self._residual)

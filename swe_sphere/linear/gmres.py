@@ -9,8 +9,6 @@ the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from enum import Enum, auto
 
 import numpy as np
@@ -21,13 +19,10 @@ from swe_sphere.errors import ConfigError
 
 from .basis import OrthonormalBasis
 from .least_squares import HessenbergLeastSquares
-from .result import LinearResult, Status
+from .result import LinearResult, LinearSolve, Operator, Status
 from .space import VectorSpace
 
-__all__ = ["FlexibleGMRES", "Operator"]
-
-# An operator reads its first vector and writes its second.
-Operator = Callable[[wp.array, wp.array], None]
+__all__ = ["FlexibleGMRES"]
 
 # Below this many round-offs of the terms that cancel in it, the residual of the Arnoldi process is
 # not believed: it goes on falling where the true one cannot.
@@ -45,28 +40,6 @@ class _End(Enum):
     LIMIT = auto()
     BREAKDOWN = auto()
     NOT_FINITE = auto()
-
-
-@dataclass
-class _Progress:
-    """One solve under way."""
-
-    operator: Operator
-    precondition: Operator | None
-    rhs: wp.array
-    x: wp.array
-    scale: float
-    target: float
-    limit: int
-    iterations: int = 0
-    terms: float = 0.0
-    history: list[float] = field(default_factory=list)
-
-    def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
-        """The result, its message led by the size of the residual."""
-        relative = self.history[-1] / (self.scale or 1.0)
-        line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
-        return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
 
 
 class FlexibleGMRES:
@@ -104,7 +77,7 @@ class FlexibleGMRES:
         last restart.
         """
         scale = self.space.norm(rhs)
-        p = _Progress(
+        p = LinearSolve(
             operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
         )
         if scale == 0.0:
@@ -115,7 +88,7 @@ class FlexibleGMRES:
         p.terms = max(scale, p.history[0])
         return self._iterate(p)
 
-    def _iterate(self, p: _Progress) -> LinearResult:
+    def _iterate(self, p: LinearSolve) -> LinearResult:
         """Cycles until the target is met or nothing more is to be gained."""
         if not math.isfinite(p.history[0]):
             return p.end(Status.NOT_A_NUMBER, "the right-hand side or the guess is not finite")
@@ -134,7 +107,7 @@ class FlexibleGMRES:
             if result is not None:
                 return result
 
-    def _judge(self, p: _Progress, end: _End, start: float) -> LinearResult | None:
+    def _judge(self, p: LinearSolve, end: _End, start: float) -> LinearResult | None:
         """What to make of the true residual after a cycle that began at `start`; None = go on."""
         residual = p.history[-1]
         if not math.isfinite(residual):
@@ -155,7 +128,7 @@ class FlexibleGMRES:
             return p.end(Status.STAGNATED, "out of iterations")
         return None
 
-    def _residual(self, p: _Progress, fresh: bool = False) -> float:
+    def _residual(self, p: LinearSolve, fresh: bool = False) -> float:
         """Put rhs - A x in the first row of the basis; returns its norm."""
         row = self._basis.rows[0]
         if fresh and self.space.norm(p.x) == 0.0:
@@ -165,7 +138,7 @@ class FlexibleGMRES:
         self.space.axpby(1.0, p.rhs, -1.0, row)
         return self.space.norm(row)
 
-    def _cycle(self, p: _Progress) -> _End:
+    def _cycle(self, p: LinearSolve) -> _End:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
         start = p.history[-1]
         self._basis.start(start)
@@ -184,14 +157,14 @@ class FlexibleGMRES:
         self._update(p, small)
         return end
 
-    def _check(self, p: _Progress, goal: float, below: float, k: int) -> _End:
+    def _check(self, p: LinearSolve, goal: float, below: float, k: int) -> _End:
         if p.history[-1] <= goal:
             return _End.TARGET
         if below == 0.0:
             return _End.BREAKDOWN
         return _End.FULL if k + 1 == self.size else _End.LIMIT
 
-    def _expand(self, p: _Progress, k: int) -> tuple[NDArray[np.float64], float, float]:
+    def _expand(self, p: LinearSolve, k: int) -> tuple[NDArray[np.float64], float, float]:
         """Next basis vector, from A M v_k: its components, its length and that of what is new."""
         direction, product = self._basis.rows[k : k + 2]
         if p.precondition is not None:
@@ -208,7 +181,7 @@ class FlexibleGMRES:
             self._image_rows = [self._images[i] for i in range(self.size)]
         return self._image_rows[k]
 
-    def _update(self, p: _Progress, small: HessenbergLeastSquares) -> None:
+    def _update(self, p: LinearSolve, small: HessenbergLeastSquares) -> None:
         """x = x + sum_k y_k M v_k."""
         preconditioned = p.precondition is not None and self._images is not None
         stack = self._images if preconditioned else self._basis.stack

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 
-__all__ = ["LinearResult", "Status"]
+import warp as wp
+
+__all__ = ["LinearResult", "LinearSolve", "Operator", "Status"]
+
+# An operator reads its first vector and writes its second.
+Operator = Callable[[wp.array, wp.array], None]
 
 
 class Status(Enum):
@@ -43,3 +49,29 @@ class LinearResult:
     def residual(self) -> float:
         """The last residual norm."""
         return self.history[-1]
+
+
+@dataclass
+class LinearSolve:
+    """One solve of operator(x) = rhs under way.
+
+    scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
+    allowed; terms: size of the terms that the residual is the difference of.
+    """
+
+    operator: Operator
+    precondition: Operator | None
+    rhs: wp.array
+    x: wp.array
+    scale: float
+    target: float
+    limit: int
+    iterations: int = 0
+    terms: float = 0.0
+    history: list[float] = field(default_factory=list)
+
+    def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
+        """The result, its message led by the size of the residual."""
+        relative = self.history[-1] / (self.scale or 1.0)
+        line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
+        return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
