@@ -147,41 +147,42 @@ def price() -> Section:
 
 def race() -> Section:
     """Time to 15 days of williamson5 on a uniform and on a stretched mesh."""
-    rows = []
-    for label, mesh in (
-        ("ne16 np4", build_mesh(16, 4)),
-        ("ne16 np4, stretched 4", build_mesh(16, 4, stretch=4.0, centre=MOUNTAIN)),
-    ):
-        rows += _race_on(label, mesh)
+    uniform = [("semi-implicit", 1200.0), ("ars343", 3600.0)]
+    uniform += [("bdf2", 3600.0), ("bdf2", 7200.0), ("bdf2", 14400.0)]
+    uniform += [("tr-bdf2", 7200.0), ("tr-bdf2", 14400.0), ("tr-bdf2", 21600.0)]
+    refined = [("bdf2", 1800.0), ("bdf2", 3600.0), ("tr-bdf2", 3600.0), ("tr-bdf2", 7200.0)]
+    rows = _race_on("ne16 np4", build_mesh(16, 4), uniform)
+    stretched = build_mesh(16, 4, stretch=4.0, centre=MOUNTAIN)
+    rows += _race_on("ne16 np4, stretched 4", stretched, refined)
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
-        "Explicit steppers at 0.97 of their stability limit.  The gravity limit is that of "
+        "Explicit steppers at 0.85 of their stability limit.  The gravity limit is that of "
         "leapfrog without filter, 1/ρ.  l2 near the mountain: within 30° of it.",
         ["mesh", "stepper", "Δt [s]", "Δt / gravity limit", "l2", "l2 near the mountain",
-         "l2 vorticity", "Newton / Krylov a step", "wall [s]", "wall / rk4", "right-hand-side equivalents"],
+         "l2 vorticity", "Newton / Krylov a step", "wall [s]", "wall / rk4",
+         "right-hand-side equivalents"],
         rows,
     )  # fmt: skip
 
 
-def _race_on(label: str, mesh: Mesh) -> list[list[str]]:
+def _race_on(label: str, mesh: Mesh, implicit: list[tuple[str, float]]) -> list[list[str]]:
     scene = get_scene("williamson5")
-    wave = Model(mesh, scene).spectrum(Model(mesh, scene).initial_state()).wave
-    entries = [(name, 0.97 * get_stepper(name).stable_dt(wave), {}) for name in ("rk4", "leapfrog")]
-    entries += [("semi-implicit", 1200.0, {}), ("ars343", 3600.0, {})]
-    entries += [("bdf2", dt, {}) for dt in (3600.0, 7200.0, 14400.0)]
-    entries += [("tr-bdf2", dt, {}) for dt in (7200.0, 14400.0, 21600.0)]
+    model = Model(mesh, scene)
+    wave = model.spectrum(model.initial_state()).wave
+    explicit = [(name, 0.85 * get_stepper(name).stable_dt(wave)) for name in ("rk4", "leapfrog")]
     rows, rk4 = [], 0.0
-    for name, dt, options in entries:
+    for name, dt in explicit + implicit:
         dt = DAYS * DAY / np.ceil(DAYS * DAY / dt)
         model = Model(mesh, scene)
         head = [label, name, f"{dt:.0f}", f"{dt * wave:.1f}"]
         try:
-            result = run(model, name, dt, DAYS, **options)
+            result = run(model, name, dt, DAYS)
         except RunFailed as failure:
             rows.append([*head, str(failure).split(":")[0] + " failed", *[""] * 6])
             continue
         rk4 = rk4 or result.seconds
         rows.append([*head, *_outcome(result, rk4)])
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return rows
 
 

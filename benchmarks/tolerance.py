@@ -1,6 +1,6 @@
 """Error against solver tolerance for the implicit steppers on `lauter`; prints a table.
 
-    python benchmarks/tolerance.py
+python benchmarks/tolerance.py
 """
 
 from __future__ import annotations
