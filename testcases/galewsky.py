@@ -79,7 +79,8 @@ def jet(lat: Array) -> Array:
 def bump(lon: Array, lat: Array) -> Array:
     """The perturbation of depth [m] (eq. 4)."""
     across = np.exp(-((3.0 * wrapped(lon)) ** 2))
-    return 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
+    h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
+    return h
 
 
 def jet_drop(lat: Array) -> Array:

@@ -50,4 +50,4 @@ class DifferenceProduct:
         blocks = np.abs(state.numpy()).reshape(len(self._model.names), -1).max(axis=1)
         if blocks.size == 3:
             blocks[:2] = blocks[:2].max()
-        return np.maximum(blocks, np.finfo(np.float32).tiny)
+        return np.asarray(np.maximum(blocks, np.finfo(np.float32).tiny), dtype=np.float64)

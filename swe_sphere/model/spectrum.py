@@ -70,8 +70,9 @@ def _scaled_product(
         step = size / max(np.abs(d).max(), np.finfo(float).tiny)
         for sign, out in ((1.0, plus), (-1.0, minus)):
             operator(model.device_mesh.upload(base + sign * step * d * scale), out)
-        difference = plus.numpy().astype(np.float64) - minus.numpy()
-        return difference / (2.0 * step * scale)
+        difference: NDArray[np.float64] = plus.numpy().astype(np.float64) - minus.numpy()
+        difference /= 2.0 * step * scale
+        return difference
 
     return product
 

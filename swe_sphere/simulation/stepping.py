@@ -82,7 +82,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
         name: getattr(kind, f"default_{name}", parameter.default)
         for name, parameter in known.items()
     }
-    options = {
+    options: dict[str, Any] = {
         name: default
         for name, default in defaults.items()
         if isinstance(default, (bool, int, float, str))

@@ -50,7 +50,7 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
 
     With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
     """
-    share = model.mesh.area / model.mesh.area.sum()
+    share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
     if model.names == ("h",):
         return share
     _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)

@@ -71,4 +71,5 @@ def _growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
     past = np.broadcast_to([1.0, 0.0], future.shape)
     d = half * (past - 2.0 * present + future)
     step = np.stack([present + SHARE * d, future - (1.0 - SHARE) * d], axis=-2)
-    return np.abs(np.linalg.eigvals(step)).max(axis=-1)
+    growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
+    return growth
