@@ -88,6 +88,7 @@ def steady() -> Section:
             [name, f"{dt:.0f}", f"{error['l2_h']:.2e}", f"{error['l2_v']:.2e}", result.counts,
              rejected, f"{result.seconds:.1f}"]
         )  # fmt: skip
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return Section(
         "williamson2, ne8 np8, 5 days: the error of a steady state does not depend on the step",
         "A step that the solver cannot take at once is taken in parts (rejected).",
