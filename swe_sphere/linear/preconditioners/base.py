@@ -30,15 +30,3 @@ class Preconditioner(Protocol):
     def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
         """Make the set-up again that `memory` tells of; where it tells of none, be as new."""
         ...
-
-
-class InnerSolver(Protocol):
-    """Approximate inverse of the Schur complement S."""
-
-    def setup(self, tau: float, depth: object) -> None:
-        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        ...
-
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x near S^-1 b, both (N,); b may be overwritten."""
-        ...

@@ -1,5 +1,6 @@
 """Approximate inverses of the Schur complement S, in the number type of the operator."""
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -23,18 +24,19 @@ LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
 
-class InnerSolver:
+class InnerSolver(ABC):
     """Approximate inverse of S; `setup` comes before the first `solve`."""
 
     def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
         self.operator, self.matrix = operator, matrix
 
+    @abstractmethod
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
 
+    @abstractmethod
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b may be overwritten."""
-        raise NotImplementedError
 
     def _put(self, values: NDArray[Any], x: wp.array) -> None:
         """Numpy values into a vector of the operator."""
