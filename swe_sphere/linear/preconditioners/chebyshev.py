@@ -1,5 +1,13 @@
 """Fourth-kind Chebyshev smoothing, which needs a bound on the largest eigenvalue alone."""
 
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
 OPTIMAL = {
     1: (1.12500000000000,),
     2: (1.02387287570313, 1.26408905371085),
@@ -29,3 +37,13 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
         for k in range(2, degree + 1)
     ]
     return [(*step, beta) for step, beta in zip(steps, OPTIMAL[degree], strict=True)]
+
+
+def spectral_bound(product: Callable[[Array], Array], size: int, steps: int = 20) -> float:
+    """Bound, 5 % in reserve, on the spectrum of an operator (size, size), by power iteration."""
+    x, growth = np.random.default_rng(0).standard_normal(size), 1.0
+    for _ in range(steps if size else 0):
+        x = product(x)
+        growth = float(np.linalg.norm(x))
+        x /= growth
+    return 1.05 * growth

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from ...operators import sparse
 from .branches import branch_spaces
-from .chebyshev import chebyshev_coefficients
+from .chebyshev import chebyshev_coefficients, spectral_bound
 from .schur_matrix import SchurMatrix
 
 Array = NDArray[np.float64]
@@ -25,11 +25,10 @@ class CoarseCorrection:
 
     def __init__(self, schur: SchurMatrix) -> None:
         self._schur = schur
-        self._spaces = branch_spaces(schur.mesh)
-        self._slopes = [(schur.gradient @ space).tocsr() for space in self._spaces]
+        self._smooth, *spurious = branch_spaces(schur.mesh)
+        self._branches = [(space, (schur.gradient @ space).tocsr()) for space in spurious]
         area = sp.diags_array(schur.mesh.area)
-        self._ends = np.cumsum([0, *(space.shape[1] for space in self._spaces)])
-        together = sp.hstack(self._spaces, format="csr")
+        together = sp.hstack([self._smooth, *spurious], format="csr")
         self._prolongation = together.astype(np.float32)
         self._restriction = (together.T @ area).tocsr().astype(np.float32)
 
@@ -37,7 +36,7 @@ class CoarseCorrection:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
         from scipy.sparse.linalg import splu
 
-        schur, smooth = self._schur, self._spaces[0]
+        schur, smooth = self._schur, self._smooth
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth))
         area = sp.diags_array(schur.mesh.area)
         matrix = smooth.T @ ((area + tau**2 * schur.gravity * compact) @ smooth)
@@ -45,18 +44,16 @@ class CoarseCorrection:
             matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
-        blocks = [
-            schur.galerkin(space, slopes, tau, depth)
-            for space, slopes in zip(self._spaces[1:], self._slopes[1:], strict=True)
-        ]
+        blocks = [schur.galerkin(space, slopes, tau, depth) for space, slopes in self._branches]
         self._spurious = sp.block_diag(blocks, format="csr").astype(np.float32)
         self._inverse = (1.0 / self._spurious.diagonal()).astype(np.float32)
-        self._coefficients = chebyshev_coefficients(SPURIOUS_SWEEPS, self._largest_eigenvalue())
+        largest = spectral_bound(lambda x: self._inverse * (self._spurious @ x), self._inverse.size)
+        self._coefficients = chebyshev_coefficients(SPURIOUS_SWEEPS, largest)
 
     def solve(self, b: Float32) -> Float32:
         """The correction (N,) for the residual b (N,)."""
         coarse = self._restriction @ b
-        split = self._ends[1]
+        split = self._smooth.shape[1]
         coarse[:split] = self._direct.solve(coarse[:split].astype(np.float64))
         coarse[split:] = self._sweep(coarse[split:])
         correction: Float32 = self._prolongation @ coarse
@@ -71,11 +68,3 @@ class CoarseCorrection:
             d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
             x = x + np.float32(beta) * d
         return x
-
-    def _largest_eigenvalue(self) -> float:
-        x, growth = np.random.default_rng(0).standard_normal(self._inverse.size), 1.0
-        for _ in range(20 if x.size else 0):
-            x = self._inverse * (self._spurious @ x)
-            growth = float(np.linalg.norm(x))
-            x /= growth
-        return 1.05 * growth

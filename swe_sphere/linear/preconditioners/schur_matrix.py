@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...mesh import Mesh
 from ...operators import sparse
+from .chebyshev import spectral_bound
 
 Array = NDArray[np.float64]
 
@@ -60,14 +61,13 @@ class SchurMatrix:
         stiffness = slopes.T @ (sp.diags_array(np.tile(area * weight, 2)) @ slopes)
         return (mass + tau**2 * self.gravity * stiffness).tocsr()
 
-    def largest_eigenvalue(self, tau: float, depth: Array, steps: int = 20) -> float:
-        """Bound (5 % in reserve) on the spectrum of S over its diagonal, by power iteration."""
+    def largest_eigenvalue(self, tau: float, depth: Array) -> float:
+        """Bound on the spectrum of S over its diagonal."""
         weight = np.tile(self.weight(tau, depth), 2)
-        inverse = 1.0 / self.diagonal(tau, depth)
-        x, growth = np.random.default_rng(0).standard_normal(self.mesh.size), 1.0
-        factor = tau**2 * self.gravity
-        for _ in range(steps):
-            x = inverse * (x - factor * (self.divergence @ (weight * (self.gradient @ x))))
-            growth = float(np.linalg.norm(x))
-            x /= growth
-        return 1.05 * growth
+        inverse, factor = 1.0 / self.diagonal(tau, depth), tau**2 * self.gravity
+
+        def product(x: Array) -> Array:
+            waves: Array = self.divergence @ (weight * (self.gradient @ x))
+            return inverse * (x - factor * waves)
+
+        return spectral_bound(product, self.mesh.size)
