@@ -58,14 +58,7 @@ class AverageVectorField(ImplicitStepper):
     name, order = "average-vector-field", 2
     default_tolerance = 1e-6
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-    ) -> None:
-        super().__init__(model, dt, tolerance, preconditioner)
+    def _allocate(self, model: Model) -> None:
         self._past = model.zeros()
 
     def start(self, state: wp.array, t: float = 0.0) -> None:

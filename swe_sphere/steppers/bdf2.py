@@ -19,17 +19,10 @@ class BDF2(ImplicitStepper):
     name, order = "bdf2", 2
     default_tolerance = 1e-2
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-    ) -> None:
-        super().__init__(model, dt, tolerance, preconditioner)
+    def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._previous_dt = 0.0
-        self._starter = TRBDF2(model, dt, tolerance, "none")
+        self._starter = TRBDF2(model, self.dt, self.options.tolerance, "none")
         # with the preconditioner, whose costs are counted, and one Krylov basis for both
         self._starter.problem, self._starter._newton = self.problem, self._newton
 

@@ -24,14 +24,7 @@ class DiagonallyImplicit(ImplicitStepper):
     embedded: ClassVar[tuple[float, ...] | None] = None
     """Weights of a companion of another order, where the method has one."""
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-    ) -> None:
-        super().__init__(model, dt, tolerance, preconditioner)
+    def _allocate(self, model: Model) -> None:
         stages = len(self.b)
         self._stack = self.space.stack(stages)
         self._past = self.space.stack(stages)

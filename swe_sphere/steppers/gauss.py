@@ -134,14 +134,7 @@ class GaussLegendre(ImplicitStepper):
     name, order = "gauss-legendre", 4
     default_tolerance = 1e-4
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-    ) -> None:
-        super().__init__(model, dt, tolerance, preconditioner)
+    def _allocate(self, model: Model) -> None:
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()
 
     def start(self, state: wp.array, t: float = 0.0) -> None:

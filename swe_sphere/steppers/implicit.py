@@ -125,6 +125,10 @@ class ImplicitStepper(Stepper):
         self._new, self._rate = model.zeros(), 0.0
         self._depth_unit = self._unit_depth()
         self._has_waves = model.scene.effect("pressure-gradient") is not None
+        self._allocate(model)
+
+    def _allocate(self, model: Model) -> None:
+        """Make the work vectors of the scheme; the solver and its space are there."""
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""

@@ -39,14 +39,7 @@ class RosenbrockW(ImplicitStepper):
     b = (0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900)
     embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-    ) -> None:
-        super().__init__(model, dt, tolerance, preconditioner)
+    def _allocate(self, model: Model) -> None:
         stages = len(self.b)
         self._stack, self._past = self.space.stack(stages), self.space.stack(stages)
         self._solutions = [self._stack[i] for i in range(stages)]
