@@ -24,7 +24,7 @@ def _number(flag: str, unit: str, text: str) -> Any:
 def run(
     context: typer.Context,
     scene: Annotated[
-        str | None, typer.Argument(help="Name of a scene, or a .py file that defines scene().")
+        str | None, typer.Argument(help="Name of a scene, or a .py or .toml file with one.")
     ] = None,
     stepper: Annotated[str | None, typer.Option(metavar="NAME", help="Time integrator.")] = None,
     preconditioner: Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.model.effects import EFFECTS, Effect
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = ["Array", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
+__all__ = ["Array", "Parameter", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
 
 Array = NDArray[np.float64]
 Scalar = Callable[[Array, Array], Array]
@@ -24,6 +25,8 @@ UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
 Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
+Parameter = float | bool | str
+"""Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Scene:
     """Whether the prescribed wind is the same at all times, so that it need be evaluated once."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
-    parameters: Mapping[str, float | bool] = field(default_factory=dict)
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
     """The scene parameters (alpha, ...) this scene was made with."""
 
     def __post_init__(self) -> None:
@@ -89,6 +92,23 @@ class Scene:
             return replace(self, effects=(*self.effects, effect))
         swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
         return replace(self, effects=swapped)
+
+    def without_effect(self, name: str) -> Scene:
+        """The scene without the effect of that name and the function that it needs.
+
+        What was exact with one of the scene's own effects is not exact without it.
+
+        Raises:
+            ConfigError: the scene does not have the effect.
+        """
+        effect = self.effect(name)
+        if effect is None:
+            has = ", ".join(each.name for each in self.effects)
+            raise ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
+        changes: dict[str, Any] = {"effects": tuple(e for e in self.effects if e.name != name)}
+        if not effect.dissipation:
+            changes |= {"exact": None} | ({effect.needs: None} if effect.needs else {})
+        return replace(self, **changes)
 
 
 def _check_effects(scene: Scene) -> None:

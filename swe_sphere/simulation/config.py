@@ -53,7 +53,7 @@ class RunConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     scene: str
-    """Name of a scene, or path of a .py file that defines `scene(**parameters)`."""
+    """Name of a scene, or path of a .py file that defines `scene(**parameters)`, or of a .toml."""
     stepper: str = "rk4"
     preconditioner: str | None = None
     """Of the linear solves of an implicit stepper."""

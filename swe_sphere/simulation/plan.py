@@ -53,9 +53,7 @@ def time_plan(days: float, every: float | None, dt: float) -> TimePlan:
     if dt > length * (1 + 1e-9):
         raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")
     if length / Fraction(dt) > MOST_STEPS:
-        raise ConfigError(
-            f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt"
-        )
+        raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
     common = _common_measure(length, interval)
     count = max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))

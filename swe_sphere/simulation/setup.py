@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model.effects import apply_settings
-from swe_sphere.model.scene import Scene
+from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.warp_start import start_warp
@@ -91,8 +91,8 @@ def _check_memory(ne: int, np: int) -> None:
         )
 
 
-def _scene_parameters(config: RunConfig) -> dict[str, float | bool | str]:
-    parameters: dict[str, float | bool | str] = {**settings_of(config.settings, SCENE)}
+def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:
+    parameters: dict[str, Parameter] = {**settings_of(config.settings, SCENE)}
     if config.alpha is not None:
         if "alpha" in parameters:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")

@@ -1,0 +1,120 @@
+"""A scene in a TOML file of the user: another scene with some things changed.
+
+base = "williamson5"                    # a scene, or a .py or .toml file beside this one
+name = "my-mountain"                    # by default the name of the file
+title = "slow flow over a mountain"
+ne = 8                                  # and np, dt [s], days: what is recommended
+days = 5
+
+[parameters]                            # of the base; --set scene.… goes first
+alpha = 0.5
+
+[effects]
+viscosity = { nu = 1e5 }                # on, or its parameters changed
+rotation = false                        # off; then the exact solution no longer holds
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.model.effects import apply_settings
+from swe_sphere.model.scene import Parameter, Scene
+
+__all__ = ["load"]
+
+DEPTH = 8
+"""So many files may build on each other; more are taken for a circle."""
+
+Value = bool | int | float | str
+Positive = Annotated[float, Field(gt=0.0)]
+Whole = Annotated[int, Field(gt=0)]
+
+
+class _File(BaseModel):
+    """What may stand in the file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    base: str
+    name: str | None = None
+    title: str | None = None
+    report: str | None = None
+    ne: Whole | None = None
+    np: Whole | None = None
+    dt: Positive | None = None
+    days: Positive | None = None
+    parameters: dict[str, Value] = {}
+    effects: dict[str, dict[str, Value] | Literal[False]] = {}
+
+
+def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
+    """The scene that the file describes, with these parameters before those of the file.
+
+    Raises:
+        ConfigError: no such file, no TOML, an unknown key, or what the base does not have.
+    """
+    if depth == DEPTH:
+        raise ConfigError(f"{path}: its bases go round in a circle")
+    file = _checked(path)
+    given = {**file.parameters, **parameters}
+    try:
+        scene = _with_effects(_base(path, file.base, given, depth), file)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}" if depth == 0 else str(error)) from None
+    asked = {key: getattr(file, key) for key in ("title", "report", "ne", "np", "dt", "days")}
+    said = {key: value for key, value in asked.items() if value is not None}
+    return replace(scene, name=file.name or path.stem, **said)
+
+
+def _checked(path: Path) -> _File:
+    """What the file says."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"there is no scene file {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    try:
+        return _File.model_validate(table)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_complaint(error)}") from None
+
+
+def _complaint(error: ValidationError) -> str:
+    """The first of the complaints, in a line."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"][:2])
+    if first["type"] == "extra_forbidden":
+        return f"there is no {key!r} in a scene; there are {', '.join(_File.model_fields)}"
+    if first["type"] == "missing":
+        return f'say which scene it changes: {key} = "williamson5"'
+    if first["loc"][0] == "effects" and len(first["loc"]) > 1:
+        return f"{key} must be false or a table of parameters, not {first['input']!r}"
+    return f"{key}: {first['msg'].replace('Input should', 'must')}, not {first['input']!r}"
+
+
+def _base(path: Path, base: str, given: Mapping[str, Parameter], depth: int) -> Scene:
+    """The scene that the file builds on; paths are relative to the file."""
+    from swe_sphere.testcases import get_scene
+
+    if base.endswith(".toml"):
+        return load(path.parent / base, given, depth + 1)
+    found: Scene = get_scene(str(path.parent / base) if base.endswith(".py") else base, **given)
+    return found
+
+
+def _with_effects(scene: Scene, file: _File) -> Scene:
+    for name, values in file.effects.items():
+        if values is False:
+            scene = scene.without_effect(name)
+        else:
+            scene = apply_settings(scene, [f"{name}.{key}={v}" for key, v in values.items()])
+    return scene
