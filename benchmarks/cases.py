@@ -9,7 +9,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from rhs_cost import measure
@@ -19,12 +18,11 @@ from swe_sphere.model import Model, Scene
 from swe_sphere.model.effects import Viscosity
 from swe_sphere.output.diagnostics import drifts, integrals
 from swe_sphere.output.norms import errors
-from swe_sphere.output.reference import Reference, reference_errors
+from swe_sphere.output.reference import SHIPPED, Reference, reference_errors
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
-REFERENCES = Path(__file__).parents[1] / "tests" / "data"
 MASS = 1e-13
 """Largest relative drift of mass in any run."""
 
@@ -119,7 +117,7 @@ def _exact_errors(run: Run, days: float) -> dict[str, float]:
 
 
 def _against(run: Run, file: str, name: str = "surface") -> dict[str, float]:
-    return reference_errors(REFERENCES / file, run.model.mesh, run.fields, name)
+    return reference_errors(SHIPPED / file, run.model.mesh, run.fields, name)
 
 
 def _williamson2(alpha: float, ne: int, np_: int, limit: float) -> Callable[[], Result]:
@@ -181,7 +179,7 @@ def galewsky_viscous() -> Result:
 
 def _correlation(run: Run, file: str) -> float:
     """Correlation of vorticity with the reference's: the same picture, in one number."""
-    reference = Reference(REFERENCES / file)
+    reference = Reference(SHIPPED / file)
     ours = Interpolator(run.model.mesh, *reference.points)(run.fields["vorticity"])
     covariance = np.cov(ours, reference.values("vorticity"), aweights=reference.area)
     return float(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,12 @@ from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model import Model
 from swe_sphere.output.diagnostics import drifts, integrals
 from swe_sphere.output.norms import errors, l2
-from swe_sphere.output.reference import Reference, reference_errors
+from swe_sphere.output.reference import SHIPPED, Reference, reference_errors
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import RECOMMENDED, get_stepper
 from swe_sphere.steppers.implicit import energy_weights
 from swe_sphere.testcases import get_scene
 
-REFERENCES = Path(__file__).parents[1] / "tests" / "data"
 DAYS = 15.0
 MOUNTAIN = (1.5 * np.pi, np.pi / 6.0)
 
@@ -192,7 +190,7 @@ def _outcome(result: Run, rk4: float) -> list[str]:
     model, mesh, out = result.model, result.model.mesh, result.model.zeros()
     (rhs,) = _interleaved(lambda: model.tendency(result.stepper.state, 0.0, out))
     fields = result.fields | {"b": model.bottom}
-    file = REFERENCES / "williamson5_day15.nc"
+    file = SHIPPED / "williamson5_day15.nc"
     depth = reference_errors(file, mesh, fields, field="surface")["l2"]
     fields["vorticity"] = model.vorticity(result.stepper.state)
     vorticity = reference_errors(file, mesh, fields, field="vorticity")["l2"]
@@ -313,7 +311,7 @@ def _integrals(model: Model, state: wp.array) -> dict[str, float]:
 
 def _near(mesh: Mesh, fields: dict[str, np.ndarray]) -> float:
     """l2 of the surface height within 30 degrees of the mountain."""
-    reference = Reference(REFERENCES / "williamson5_day15.nc")
+    reference = Reference(SHIPPED / "williamson5_day15.nc")
     lon, lat = MOUNTAIN
     centre = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
     area = mesh.area * (mesh.xyz @ centre > np.cos(np.radians(30.0)))

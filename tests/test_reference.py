@@ -1,7 +1,5 @@
 """Errors against references and between files on different grids."""
 
-from pathlib import Path
-
 import netCDF4
 import numpy as np
 import pytest
@@ -11,11 +9,16 @@ from swe_sphere.mesh import build_mesh
 from swe_sphere.output.compare import compare
 from swe_sphere.output.netcdf import FrameWriter
 from swe_sphere.output.norms import norms
-from swe_sphere.output.reference import Reference, latitude_weights, reference_errors
+from swe_sphere.output.reference import (
+    SHIPPED,
+    Reference,
+    latitude_weights,
+    reference_errors,
+    shipped_reference,
+)
 from swe_sphere.planet import DAY
 
-DATA = Path(__file__).parent / "data"
-REFERENCES = sorted(DATA.glob("*_day*.nc"))
+REFERENCES = sorted(SHIPPED.glob("*_day*.nc"))
 
 
 def smooth(lon, lat):
@@ -186,7 +189,12 @@ def test_a_grid_that_is_not_global(tmp_path):
 
 def test_williamson5_references_differ_in_time():
     """The reduced files give the norms of the full ones (l2 1.46991e-2, linf 6.7463e-2)."""
-    early, late = (Reference(DATA / f"williamson5_day{day}.nc") for day in (5, 15))
+    early, late = (Reference(shipped_reference("williamson5", day)) for day in (5, 15))
     found = norms(early.area, early.values("surface"), late.values("surface"))
     assert found["l2"] == pytest.approx(1.46991e-2, rel=1e-3)
     assert found["linf"] == pytest.approx(6.7463e-2, rel=1e-3)
+
+
+def test_only_what_is_shipped_is_found():
+    assert shipped_reference("williamson5", 15.0) == SHIPPED / "williamson5_day15.nc"
+    assert shipped_reference("williamson5", 3.0) is None

@@ -19,7 +19,7 @@ from swe_sphere.output.norms import norms
 from swe_sphere.output.runfile import attributes, reading
 from swe_sphere.planet import DAY
 
-__all__ = ["Reference", "latitude_weights", "reference_errors"]
+__all__ = ["Reference", "latitude_weights", "reference_errors", "shipped_reference"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,19 @@ NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
 
 RIM = 8
 """Rows and columns repeated around the grid, so that the spline knows no edges."""
+
+
+SHIPPED = Path(__file__).parents[1] / "data"
+"""Where the references lie that come with the package; each says in its attributes what it is."""
+
+
+def shipped_reference(scene: str, days: float) -> Path | None:
+    """File of the solution of a scene at that day [days] that comes with the package, if any.
+
+    The scene "galewsky_viscous" is galewsky with the viscosity of 1e5 m2 s-1.
+    """
+    path = SHIPPED / f"{scene}_day{days:g}.nc"
+    return path if path.exists() else None
 
 
 def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
