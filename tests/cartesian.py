@@ -95,8 +95,14 @@ class Cartesian:
 
     def tendency(self, state, t=0.0):
         """d state / dt, stacked as the state."""
-        if self.scene.wind is not None:
-            return self._transport(state, t)
+        rate = self._dynamics(state) if self.scene.wind is None else self._transport(state, t)
+        return rate + self._forcing(t) if "forcing" in self.effects else rate
+
+    def _forcing(self, t):
+        rates = self.scene.forcing(self.mesh.lon, self.mesh.lat, t)
+        return rates[2] if self.scene.wind is not None else np.concatenate(rates)
+
+    def _dynamics(self, state):
         u, v, h = state.reshape(3, -1)
         wind = self._times(self.frame[0], u) + self._times(self.frame[1], v)
         local, depth, g = wind[self.nodes], h[self.nodes], self.scene.planet.gravity

@@ -7,6 +7,7 @@ import numpy as np
 from swe_sphere.mesh import Mesh
 from swe_sphere.model import Model, Scene
 from swe_sphere.model.effects import (
+    Forcing,
     Hyperviscosity,
     MomentumAdvection,
     Orography,
@@ -23,6 +24,7 @@ EFFECTS = {
     "rotation": Rotation(),
     "orography": Orography(),
     "wind": PrescribedWind(),
+    "forcing": Forcing(),
     "viscosity": Viscosity(1e6),
     "hyperviscosity": Hyperviscosity(1e18),
 }
@@ -40,6 +42,7 @@ def make_scene(*names: str) -> Scene:
         bottom=(lambda lon, lat: 300.0 * np.cos(3.0 * lon + lat)) if "orography" in names else None,
         coriolis=(lambda lon, lat: 1e-4 * np.sin(2.0 * lat + lon)) if "rotation" in names else None,
         wind=_wind if "wind" in names else None,
+        forcing=_forcing if "forcing" in names else None,
         report="",
         ne=2,
         np=4,
@@ -50,6 +53,12 @@ def make_scene(*names: str) -> Scene:
 
 def _wind(lon, lat, t):
     return 20.0 * np.cos(lat + t) + 5.0 * np.sin(2.0 * lon), 10.0 * np.cos(lon - t)
+
+
+def _forcing(lon, lat, t):
+    slow = 1e-3 * t
+    u, v = 1e-3 * np.cos(lat + slow) * np.sin(lon), 2e-3 * np.cos(2.0 * lon - slow) * np.cos(lat)
+    return u, v, 3e-2 * np.cos(lat) * np.sin(lon + slow) + 1e-2
 
 
 SMOOTH = {

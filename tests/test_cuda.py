@@ -8,6 +8,7 @@ from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, node_kern
 from swe_sphere.kernels.gradient import derivative_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.model.effects import Hyperviscosity, Viscosity
@@ -30,6 +31,8 @@ def kernels(real: type) -> list[wp.Kernel]:
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
         assembly_kernel(3, real, True),
         assembly_kernel(1, real, False),
+        pointwise_kernel(3, real, Pointwise(rotation=True, forcing=True)).kernel,
+        pointwise_kernel(1, real, Pointwise(forcing=True)).kernel,
         combine_kernel(real, 4),
         leapfrog_kernel(real),
         derivatives.gradient,

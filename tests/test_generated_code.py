@@ -28,6 +28,7 @@ OPTIONAL = {
     "inverse_jacobian": ("viscosity", "hyperviscosity"),
     "fluxes": ("viscosity", "hyperviscosity"),
     "coriolis": ("rotation",),
+    "forcing": ("forcing",),
     "base": (),
 }
 """Names of arrays and coefficients, and the effects that call for each."""
@@ -88,6 +89,9 @@ def code_of(scene, shape: str, part: str = "all") -> Code:
         ("pressure", "rotation", "hyperviscosity"),
         ("wind",),
         ("wind", "viscosity"),
+        ("wind", "forcing"),
+        ("advection", "pressure", "forcing"),
+        ("pressure", "rotation", "viscosity", "forcing"),
         ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity"),
     ],
     ids="+".join,
@@ -142,6 +146,8 @@ def test_tangent_has_a_base_and_no_bottom(shape: str) -> None:
     """What is constant has no derivative."""
     tangent = code_of(get_scene("williamson5"), shape, "tangent")
     assert tangent.has("base") and not tangent.has("bottom")
+    forced = code_of(make_scene("pressure", "forcing"), shape, "tangent")
+    assert forced.text == code_of(make_scene("pressure"), shape, "tangent").text
 
 
 def kernel_functions() -> list[tuple[str, ast.FunctionDef]]:

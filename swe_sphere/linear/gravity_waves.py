@@ -16,6 +16,7 @@ import warp as wp
 from ..errors import ConfigError
 from ..kernels import Terms
 from ..kernels.convert import convert_kernel
+from ..kernels.pointwise import Pointwise
 from ..model.model import Model
 from ..model.spectrum import Spectrum, estimate_spectrum
 from ..operators import DeviceMesh, TendencyOperator
@@ -68,10 +69,11 @@ class GravityWaves:
         parameters = {
             "gravity": model.scene.planet.gravity,
             "base": upload(np.concatenate([np.zeros(2 * n), np.full(n, self.depth)])),
+            "coriolis": upload(self.coriolis),
         }
         self.apply = TendencyOperator(
             model.device_mesh, Terms(pressure=True, tangent=True), model.launch, parameters,
-            upload(self.coriolis) if turning else None,
+            Pointwise(rotation=turning),
         )  # fmt: skip
         """out (3N,) = L d: apply(d, out)."""
 

@@ -24,6 +24,7 @@ __all__ = [
     "DYNAMICS",
     "EFFECTS",
     "Effect",
+    "Forcing",
     "Hyperviscosity",
     "MomentumAdvection",
     "Orography",
@@ -112,6 +113,14 @@ class PrescribedWind(Effect):
 
 
 @dataclass(frozen=True)
+class Forcing(Effect):
+    """Given rates of change of wind [m s-2] and depth [m s-1], whatever the state is."""
+
+    name = "forcing"
+    needs = "forcing"
+
+
+@dataclass(frozen=True)
 class Viscosity(Effect):
     """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
 
@@ -182,6 +191,7 @@ EFFECTS: dict[str, type[Effect]] = {
         Rotation,
         Orography,
         PrescribedWind,
+        Forcing,
         Viscosity,
         Hyperviscosity,
     )

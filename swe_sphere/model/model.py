@@ -1,6 +1,5 @@
 """The right-hand side of a scene on a mesh and a device."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,13 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
-from ..kernels import Terms
 from ..mesh import Mesh
-from ..operators import DeviceMesh, Launcher, TendencyOperator, find_device
+from ..operators import DeviceMesh, Launcher, find_device
 from ..operators.device_mesh import REALS
 from ..operators.diagnose import divergence, vorticity
 from .difference import DifferenceProduct
-from .effects import Hyperviscosity, Viscosity
+from .given import GivenForcing, GivenWind
+from .parts import Part, device_parameters
 from .scene import Scene
 from .spectrum import Spectrum, estimate_spectrum
 
@@ -58,9 +57,11 @@ class Model:
         self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         self.bottom = _on_nodes(scene.bottom, mesh)
         self.coriolis = _on_nodes(scene.coriolis, mesh)
-        self._wind_time: float | None = None
-        self._parameters = self._device_parameters()
-        self._parts: dict[str, _Part] = {}
+        self.parameters = device_parameters(self)
+        """Coefficients and fields of the effects, on the device."""
+        self._wind = GivenWind(self)
+        self._forcing = GivenForcing(self)
+        self._parts: dict[str, Part] = {}
         self._part("all")
         self._difference = DifferenceProduct(self) if jacobian == "difference" else None
 
@@ -113,13 +114,13 @@ class Model:
     def tendency(self, state: wp.array, t: float, out: wp.array) -> None:
         """out = d state / dt at time t [s], after DSS; counted as one right-hand side."""
         self.counters["rhs_evaluations"] += 1
-        self._set_wind(t)
+        self.set_time(t)
         self._part("all")(state, out)
 
     def conservative_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
         """The right-hand side without dissipation; counted as one right-hand side."""
         self.counters["rhs_evaluations"] += 1
-        self._set_wind(t)
+        self.set_time(t)
         self._part("conservative")(state, out)
 
     def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
@@ -131,7 +132,7 @@ class Model:
         if self._difference is not None:
             self._difference.linearise(state, t)
             return
-        self._set_wind(t)
+        self._wind.set_time(t)
         part = self._part("tangent")
         if part.base is not None:
             wp.copy(part.base, state)
@@ -146,89 +147,29 @@ class Model:
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
-        self._set_wind(t)
+        self.set_time(t)
         parts = ["conservative"] + ["dissipative"] * self.dissipative
         return estimate_spectrum(self, state, *(self._part(name) for name in parts))
 
-    # --- building
+    # --- what changes in time
 
-    def _part(self, name: str) -> "_Part":
+    def set_time(self, t: float) -> None:
+        """Bring the prescribed wind and the forcing to time t [s]."""
+        self._wind.set_time(t)
+        self._forcing.set_time(t)
+
+    def mean_source(self, t: float) -> float:
+        """Mean of the given rate of change of depth at time t [m s-1], which alone moves mass."""
+        self._forcing.set_time(t)
+        return self._forcing.mean_depth_rate
+
+    def _part(self, name: str) -> Part:
         """The named part of the right-hand side, compiled when first called for."""
         if not self.dissipative and name == "conservative":
             name = "all"
         if name not in self._parts:
-            terms = self._terms(name)
-            coriolis = self._parameters.get("coriolis") if name != "dissipative" else None
-            base = self.zeros() if name == "tangent" and terms.gradient else None
-            self._parts[name] = _Part(self, terms, self._parameters, coriolis, base)
+            self._parts[name] = Part(self, name)
         return self._parts[name]
-
-    def _terms(self, part: str) -> Terms:
-        has = {effect.name for effect in self.scene.effects}
-        terms = Terms(
-            advection="momentum-advection" in has and part != "dissipative",
-            pressure="pressure-gradient" in has and part != "dissipative",
-            bottom="orography" in has,
-            wind="prescribed-wind" in has,
-            diffusion="viscosity" in has,
-            biharmonic="hyperviscosity" in has,
-            tangent=part == "tangent",
-        )
-        if part == "conservative":
-            return replace(terms, diffusion=False, biharmonic=False)
-        return replace(terms, still=True) if part == "dissipative" else terms
-
-    def _device_parameters(self) -> dict[str, Any]:
-        """Coefficients and fields of the effects, on the device."""
-        scene, upload = self.scene, self.device_mesh.upload
-        parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
-        if scene.bottom:
-            parameters["bottom"] = upload(self.bottom)
-        if scene.coriolis:
-            parameters["coriolis"] = upload(self.coriolis)
-        if scene.wind:
-            parameters["wind"] = upload(np.zeros(2 * self.mesh.size))
-        for effect in scene.effects:
-            if isinstance(effect, Viscosity):
-                parameters["nu"] = effect.nu
-            if isinstance(effect, Hyperviscosity):
-                parameters["nu4"] = effect.coefficient(self.mesh)
-        return parameters
-
-    def _set_wind(self, t: float) -> None:
-        """Bring the prescribed wind to time t, if there is one and it is not there already."""
-        if self.scene.wind is None or t == self._wind_time:
-            return
-        if self._wind_time is None or not self.scene.steady_wind:
-            wind = np.concatenate(self.scene.wind(self.mesh.lon, self.mesh.lat, t))
-            wp.copy(self._parameters["wind"], self.device_mesh.upload(wind))
-        self._wind_time = t
-
-
-class _Part:
-    """Some of the terms, with the Laplacian that hyperviscosity applies its own Laplacian to."""
-
-    def __init__(
-        self,
-        model: Model,
-        terms: Terms,
-        parameters: dict[str, Any],
-        coriolis: wp.array | None,
-        base: wp.array | None,
-    ) -> None:
-        mesh, launch, self.base = model.device_mesh, model.launch, base
-        self._laplacian, self._first = model.zeros() if terms.biharmonic else None, None
-        if terms.biharmonic:
-            raised = terms.bottom and not terms.tangent
-            once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
-            self._first = TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0})
-        mine = parameters | {"base": base, "laplacian": self._laplacian}
-        self._operator = TendencyOperator(mesh, terms, launch, mine, coriolis)
-
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        if self._first is not None:
-            self._first(x, self._laplacian)
-        self._operator(x, out)
 
 
 def _on_nodes(formula: Any, mesh: Mesh) -> Array:

@@ -5,6 +5,7 @@ import warp as wp
 from ..errors import ConfigError
 from ..kernels import Terms
 from ..kernels.average import average_kernel
+from ..kernels.pointwise import Pointwise
 from ..operators import TendencyOperator
 from .model import Model
 
@@ -26,14 +27,15 @@ class PoissonTendency:
             raise ConfigError(f"the skew form needs the effects {' and '.join(NEEDED)}")
         self._model, mesh, scene = model, model.device_mesh, model.scene
         self._mean, self._base = model.zeros(), model.zeros()
-        coriolis = mesh.upload(model.coriolis) if scene.coriolis else None
         terms = Terms(advection=True, pressure=True, poisson=True)
-        self._operator = TendencyOperator(mesh, terms, model.launch, {"base": self._base}, coriolis)
+        point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
+        own = model.parameters | {"base": self._base}
+        self._operator = TendencyOperator(mesh, terms, model.launch, own, point)
         self._average = average_kernel(mesh.real, scene.bottom is not None)
         self._constants = self._average.structure()
         self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
         if scene.bottom:
-            self._constants.bottom = mesh.upload(model.bottom)
+            self._constants.bottom = model.parameters["bottom"]
         model.launch.load(self._average.kernel)
 
     @staticmethod
@@ -41,9 +43,13 @@ class PoissonTendency:
         """Whether the scene has the energy that this form keeps."""
         return all(model.scene.effect(name) is not None for name in NEEDED)
 
-    def __call__(self, first: wp.array, last: wp.array, out: wp.array) -> None:
-        """out = the average between two states (3N,); counted as one right-hand side."""
+    def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
+        """out = the average between two states (3N,), with the forcing of time t [s] between them.
+
+        Counted as one right-hand side.
+        """
         model, nodes = self._model, self._model.mesh.size
+        model.set_time(t)
         model.counters["rhs_evaluations"] += 1
         model.launch(
             self._average.kernel, nodes, self._constants, first, last, self._mean, self._base

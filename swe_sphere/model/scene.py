@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.model.effects import EFFECTS, Effect
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = ["Array", "Parameter", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
+__all__ = ["Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
 
 Array = NDArray[np.float64]
 Scalar = Callable[[Array, Array], Array]
@@ -23,6 +23,8 @@ State = Callable[[Array, Array], tuple[Array, Array, Array]]
 """(lon, lat) [rad] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
 UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+Rates = Callable[[Array, Array, float], tuple[Array, Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> rates of change of the winds [m s-2] and of depth [m s-1]."""
 Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
 Parameter = float | bool | str
@@ -68,6 +70,10 @@ class Scene:
     """The wind, if and only if it is prescribed."""
     steady_wind: bool = False
     """Whether the prescribed wind is the same at all times, so that it need be evaluated once."""
+    forcing: Rates | None = None
+    """Rates of change whatever the state is; there if and only if the scene has forcing."""
+    steady_forcing: bool = False
+    """Whether the forcing is the same at all times, so that it need be evaluated once."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
@@ -76,6 +82,12 @@ class Scene:
     def __post_init__(self) -> None:
         _check_effects(self)
         _check_numbers(self)
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether the tendency depends on the state alone and not on time."""
+        changing_wind = self.wind is not None and not self.steady_wind
+        return not changing_wind and (self.forcing is None or self.steady_forcing)
 
     def effect(self, name: str) -> Effect | None:
         """The effect of that name, None where the scene does not have it."""

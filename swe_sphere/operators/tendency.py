@@ -5,17 +5,20 @@ from typing import Any
 import warp as wp
 
 from ..kernels import Terms, assembly_kernel, element_kernel, node_kernel
+from ..kernels.pointwise import Pointwise, pointwise_kernel
 from .device_mesh import DeviceMesh
 from .launch import Launcher
+
+NO_POINTWISE = Pointwise()
 
 
 class TendencyOperator:
     """out = DSS of the terms at x, for state vectors of shape (unknowns*N,).
 
     `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
-    [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base and laplacian
-    (unknowns*N,).  `coriolis` (N,) [s-1], if given, adds -f k x V, V being the wind of `base` in
-    the skew form.
+    [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
+    (unknowns*N,), coriolis (N,) [s-1].  The wind that `Pointwise.rotation` turns is that of `base`
+    in the skew form.
     """
 
     def __init__(
@@ -24,15 +27,14 @@ class TendencyOperator:
         terms: Terms,
         launch: Launcher,
         parameters: dict[str, Any],
-        coriolis: wp.array | None = None,
+        point: Pointwise = NO_POINTWISE,
     ) -> None:
-        self.mesh, self.terms, self._launch = mesh, terms, launch
+        self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
         build = element_kernel if mesh.shape == "element" else node_kernel
         self.compiled = build(terms, mesh.mesh.np, mesh.real)
-        self.assembly = assembly_kernel(terms.unknowns, mesh.real, coriolis is not None)
+        self.assembly, self._own = self._make_assembly(parameters)
         self.geometry = self._fill_geometry(parameters)
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
-        self._coriolis = coriolis
         self._places = mesh.places(terms.unknowns)
         launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
 
@@ -43,11 +45,23 @@ class TendencyOperator:
         self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local)
         self._assemble(x, out)
 
+    def _make_assembly(self, parameters: dict[str, Any]) -> tuple[Any, tuple[Any, ...]]:
+        """The kernel for DSS and pointwise terms, and its arguments beside those for DSS."""
+        point, unknowns, real = self.point, self.terms.unknowns, self.mesh.real
+        if point.plain:
+            kernel = assembly_kernel(unknowns, real, point.rotation)
+            return kernel, (parameters["coriolis"],) if point.rotation else ()
+        made = pointwise_kernel(unknowns, real, point)
+        own = made.structure()
+        for name in made.structure.vars:
+            setattr(own, name, parameters[name])
+        return made.kernel, (own,)
+
     def _assemble(self, x: wp.array, out: wp.array) -> None:
-        """DSS, and the Coriolis force of the wind if there is one."""
+        """DSS, and what acts at a point."""
         mesh, size = self.mesh, self.mesh.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
-        turned = () if self._coriolis is None else (self._coriolis, wind)
+        turned = (*self._own, wind) if self._own else ()
         self._launch(
             self.assembly, size, self._places, mesh.inverse_area, mesh.lanes, size, self._flat,
             *turned, out,

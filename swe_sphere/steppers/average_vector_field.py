@@ -36,7 +36,7 @@ class AverageProblem(StageProblem):
         if self._average is None:
             self._model.tendency(self._mean_of(x), self.time, self._slope)
             return
-        self._average(self.rhs, x, self._slope)
+        self._average(self.rhs, x, self.time, self._slope)
         if self._model.dissipative:
             self._model.dissipative_tendency(self._mean_of(x), self._loss)
             self.space.axpy(1.0, self._loss, self._slope)
@@ -51,8 +51,8 @@ class AverageVectorField(ImplicitStepper):
     """Average vector field: second order, keeps the energy to the solver's tolerance.
 
     x_new = x + dt S(mean) (average gradient of the energy between the two), S skew (Celledoni et
-    al. 2012, doi:10.1016/j.jcp.2012.06.022; see `PoissonTendency`).  Dissipation, and a scene
-    without the full dynamics, which has no such energy, are taken by the midpoint rule.
+    al. 2012, doi:10.1016/j.jcp.2012.06.022; see `PoissonTendency`).  Forcing, dissipation, and a
+    scene without the full dynamics, which has no such energy, are taken by the midpoint rule.
     """
 
     name, order = "average-vector-field", 2
@@ -77,6 +77,9 @@ class AverageVectorField(ImplicitStepper):
         self.space.axpy(dt, self._past, out)
         result = self._solve(0.5 * dt, t + 0.5 * dt, self.state, out)
         return None if result.converged else result
+
+    def _mass_gain(self, tau: float, t: float) -> float:
+        return super()._mass_gain(2.0 * tau, t)
 
     def _accept(self, dt: float, new: wp.array) -> None:
         self._slope(new, self.state, dt, self._past)

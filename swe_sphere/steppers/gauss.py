@@ -157,8 +157,9 @@ class GaussLegendre(ImplicitStepper):
         result = self._newton_solve(dt, self._pair, dt * self._rate)
         if not result.converged:
             return result
-        for stage in stages:
-            self._restore_mass(self.state, stage)
+        sources = np.array([self.model.mean_source(t + c * dt) for c in C])
+        for stage, gain in zip(stages, dt * np.array(A) @ sources, strict=True):
+            self._restore_mass(self.state, stage, float(gain))
         self.space.copy(self.state, out)
         self.space.axpy(_ROOT, stages[1], out)
         self.space.axpy(-_ROOT, stages[0], out)

@@ -221,7 +221,7 @@ class ImplicitStepper(Stepper):
         """Solve x - tau F(x, t) = rhs from the guess x."""
         self.problem.tau, self.problem.time, self.problem.rhs = tau, t, rhs
         result = self._newton_solve(tau, x, tau * self._rate)
-        self._restore_mass(rhs, x)
+        self._restore_mass(rhs, x, self._mass_gain(tau, t))
         return result
 
     def _newton_solve(self, tau: float, x: wp.array, scale: float) -> NewtonResult:
@@ -243,11 +243,18 @@ class ImplicitStepper(Stepper):
         least = max(WORTHLESS, 10.0 * self.space.epsilon) * self.space.norm(self.state)
         return least if self.options.tolerance > 0.0 else 0.0
 
-    def _restore_mass(self, rhs: wp.array, x: wp.array) -> None:
-        """Give x the mass of the right-hand side, which the exact solution has: F moves no mass."""
+    def _mass_gain(self, tau: float, t: float) -> float:
+        """Mean depth [m] that a solution of x - tau F(x, t) = rhs has more than rhs."""
+        return tau * self.model.mean_source(t)
+
+    def _restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
+        """Give x the mass of the exact solution: that of the right-hand side and a given gain [m].
+
+        F moves no mass but what forcing brings.
+        """
         unit, space = self._depth_unit, self.space
         lost = space.dot(rhs, unit) - space.dot(x, unit)
-        space.axpy(lost / space.dot(unit, unit), unit, x)
+        space.axpy(lost / space.dot(unit, unit) + gain, unit, x)
 
     def _unit_depth(self) -> wp.array:
         """The state with no wind and depth 1 m."""

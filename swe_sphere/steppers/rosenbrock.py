@@ -45,7 +45,7 @@ class RosenbrockW(ImplicitStepper):
         self._solutions = [self._stack[i] for i in range(stages)]
         self._guesses = [self._past[i] for i in range(stages)]
         self._point, self._rhs, self._drift = model.zeros(), model.zeros(), model.zeros()
-        self._has_drift = model.scene.wind is not None and not model.scene.steady_wind
+        self._has_drift = not model.scene.autonomous
         sums = np.array(self.lower) + self.gamma * np.eye(stages)
         inverse = np.linalg.inv(sums)
         self._c, self._gammas = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
@@ -114,7 +114,7 @@ class RosenbrockW(ImplicitStepper):
         return result
 
     def _differentiate(self, t: float, dt: float) -> None:
-        """dF/dt at the start, for a prescribed wind that changes, by a central difference."""
+        """dF/dt at the start, for a wind or forcing that changes, by a central difference."""
         if not self._has_drift:
             return
         step = FRACTION * dt

@@ -1,0 +1,91 @@
+"""The parts a right-hand side is made of, each compiled with the terms of its effects."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from ..kernels import Terms
+from ..kernels.pointwise import Pointwise
+from ..operators import TendencyOperator
+from .effects import Hyperviscosity, Viscosity
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from .model import Model
+
+__all__ = ["Part", "device_parameters"]
+
+
+def element_terms(scene: Scene, part: str) -> Terms:
+    """The terms with derivatives, for the kernels over elements."""
+    has = {effect.name for effect in scene.effects}
+    terms = Terms(
+        advection="momentum-advection" in has and part != "dissipative",
+        pressure="pressure-gradient" in has and part != "dissipative",
+        bottom="orography" in has,
+        wind="prescribed-wind" in has,
+        diffusion="viscosity" in has,
+        biharmonic="hyperviscosity" in has,
+        tangent=part == "tangent",
+    )
+    if part == "conservative":
+        return replace(terms, diffusion=False, biharmonic=False)
+    return replace(terms, still=True) if part == "dissipative" else terms
+
+
+def pointwise_terms(scene: Scene, part: str) -> Pointwise:
+    """The terms without derivatives, which are added as DSS is made."""
+    has = {effect.name for effect in scene.effects}
+    return Pointwise(
+        rotation="rotation" in has and "prescribed-wind" not in has and part != "dissipative",
+        forcing="forcing" in has and part in ("all", "conservative"),
+    )
+
+
+def device_parameters(model: "Model") -> dict[str, Any]:
+    """Coefficients and fields of the effects, on the device."""
+    scene, upload = model.scene, model.device_mesh.upload
+    parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
+    if scene.bottom:
+        parameters["bottom"] = upload(model.bottom)
+    if scene.coriolis:
+        parameters["coriolis"] = upload(model.coriolis)
+    if scene.wind:
+        parameters["wind"] = upload(np.zeros(2 * model.mesh.size))
+    if scene.forcing:
+        parameters["forcing"] = model.zeros()
+    for effect in scene.effects:
+        if isinstance(effect, Viscosity):
+            parameters["nu"] = effect.nu
+        if isinstance(effect, Hyperviscosity):
+            parameters["nu4"] = effect.coefficient(model.mesh)
+    return parameters
+
+
+class Part:
+    """One of "all", "conservative", "dissipative" and "tangent" of a model's right-hand side.
+
+    With the Laplacian that hyperviscosity applies its own Laplacian to.
+    """
+
+    def __init__(self, model: "Model", name: str) -> None:
+        mesh, launch, parameters = model.device_mesh, model.launch, model.parameters
+        terms, point = element_terms(model.scene, name), pointwise_terms(model.scene, name)
+        self.base: wp.array | None = None
+        if terms.tangent and terms.gradient:
+            self.base = model.zeros()
+        self._laplacian, self._first = model.zeros() if terms.biharmonic else None, None
+        if terms.biharmonic:
+            raised = terms.bottom and not terms.tangent
+            once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
+            self._first = TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0})
+        mine = parameters | {"base": self.base, "laplacian": self._laplacian}
+        self._operator = TendencyOperator(mesh, terms, launch, mine, point)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        """out = this part at the state (or direction) x."""
+        if self._first is not None:
+            self._first(x, self._laplacian)
+        self._operator(x, out)

@@ -1,0 +1,185 @@
+"""Forcing: an exact solution of the discrete equations is made, and every stepper must find it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from cartesian import Cartesian
+from support import advance, make_scene, random_state, relative, tangent, tendency
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.model.effects import Forcing
+from swe_sphere.steppers import STEPPERS, leapfrog
+from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.split import SplitStepper
+
+MESH = build_mesh(2, 4, spin=0.3)
+DYNAMICS = ("advection", "pressure", "rotation", "orography")
+OMEGA = 2.0 * np.pi / 14400.0
+DURATION = 5400.0
+STEPS = {"bdf2": 225.0, "average-vector-field": 900.0, "esdirk4": 900.0, "gauss-legendre": 900.0}
+"""Longest step [s] from which the order shows, 450 s for the others."""
+
+
+def answer(t: float, rate: bool = False) -> np.ndarray:
+    """A flow (3N,) that changes in time, or its derivative [s-1 of each]."""
+    lon, lat = MESH.lon, MESH.lat
+    wave, drift = (np.sin, np.cos) if not rate else (_dsin, _dcos)
+    still = 0.0 if rate else 1.0
+    u = 10.0 * np.cos(lat) * (still + 0.5 * drift(OMEGA * t))
+    v = 5.0 * np.cos(lat) * np.sin(2.0 * lon) * wave(OMEGA * t)
+    h = 2000.0 * still + 100.0 * np.cos(lat) * np.sin(lon) * drift(OMEGA * t)
+    return np.concatenate([u, v, h + 20.0 * wave(OMEGA * t)])
+
+
+def _dsin(phase: float) -> float:
+    return OMEGA * np.cos(phase)
+
+
+def _dcos(phase: float) -> float:
+    return -OMEGA * np.sin(phase)
+
+
+def manufactured(*names: str):
+    """The scene whose forcing makes `answer` the exact solution in time on `MESH`."""
+    unforced = make_scene(*names)
+    check = Cartesian(MESH, unforced)
+
+    def forcing(lon, lat, t):
+        assert lon is MESH.lon and lat is MESH.lat
+        return np.split(answer(t, rate=True) - check.tendency(answer(t), t), 3)
+
+    def initial(lon, lat):
+        return np.split(answer(0.0), 3)
+
+    effects = (*unforced.effects, Forcing())
+    return replace(unforced, effects=effects, forcing=forcing, initial=initial)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(MESH, manufactured(*DYNAMICS))
+
+
+def tight(name: str, tolerance: float = 1e-9) -> dict[str, float]:
+    """The option that has equations solved to a tolerance, where the stepper solves any."""
+    solves = issubclass(STEPPERS[name], ImplicitStepper | SplitStepper)
+    return {"tolerance": tolerance} if solves else {}
+
+
+@pytest.mark.parametrize("name", STEPPERS)
+def test_every_stepper_keeps_its_order_with_unsteady_forcing(model, name, monkeypatch) -> None:
+    """Forcing of wind and depth, taken at the times of the stages; the filters switched off."""
+    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    exact, scale = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size)
+    errors = []
+    for halving in range(3):
+        dt = STEPS.get(name, 450.0) / 2**halving
+        last = advance(name, model, model.initial_state(), dt, DURATION, **tight(name))
+        errors.append(float(np.abs((last.state.numpy() - exact) / scale).max()))
+    assert errors[-1] < 0.03
+    for coarse, fine in pairwise(errors):
+        assert np.log2(coarse / fine) == pytest.approx(STEPPERS[name].order, abs=0.2)
+
+
+IMPLICIT = tuple(n for n, cls in STEPPERS.items() if issubclass(cls, ImplicitStepper))
+
+
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_mass_is_that_of_the_forcing_whatever_the_tolerance(model, name) -> None:
+    means = [
+        np.average(last.state.numpy()[-MESH.size :], weights=MESH.area)
+        for tolerance in (1e-1, 1e-10)
+        if (last := advance(name, model, model.initial_state(), 900.0, 5400.0, tolerance=tolerance))
+    ]
+    assert means[0] == pytest.approx(means[1], rel=1e-13)
+    assert abs(means[0] - 2000.0) > 1.0
+
+
+def test_solid_inflow_raises_the_mean_depth_by_what_flows_in() -> None:
+    """Depth that rises everywhere by 1 cm a minute is 60 cm higher after an hour."""
+    scene = replace(
+        make_scene("wind", "forcing"), forcing=lambda lon, lat, t: (0.0, 0.0, 0.01 / 60.0 + 0.0 * t)
+    )
+    model = Model(MESH, scene)
+    for name in ("rk4", "leapfrog", "tr-bdf2"):
+        last = advance(name, model, model.initial_state(), 300.0, 3600.0).state.numpy()
+        assert np.average(last, weights=MESH.area) == pytest.approx(1000.6, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("forcing",),
+        ("pressure", "forcing"),
+        (*DYNAMICS, "forcing", "viscosity"),
+        ("wind", "forcing"),
+        ("wind", "forcing", "hyperviscosity"),
+    ],
+    ids="+".join,
+)
+def test_forcing_is_added_to_the_rest(small_mesh, names, shape) -> None:
+    scene = make_scene(*names)
+    model, check = Model(small_mesh, scene, shape=shape), Cartesian(small_mesh, scene)
+    state, direction = random_state(model), random_state(model, seed=2)
+    blocks = len(model.names)
+    for t in (0.25, 4000.0):
+        assert relative(tendency(model, state, t), check.tendency(state, t), blocks) < 1e-12
+    product = check.tendency(state + 1e-30j * direction).imag / 1e-30
+    assert relative(tangent(model, state, direction), product, blocks) < 1e-12
+
+
+def test_forcing_belongs_to_the_conservative_part(small_mesh) -> None:
+    """Once: dissipation, which some schemes add apart, does not have it too."""
+    model = Model(small_mesh, make_scene("pressure", "forcing", "viscosity"))
+    state = model.device_mesh.upload(random_state(model))
+    whole, dynamics, dissipation = (model.zeros() for _ in range(3))
+    model.tendency(state, 500.0, whole)
+    model.conservative_tendency(state, 500.0, dynamics)
+    model.dissipative_tendency(state, dissipation)
+    assert relative(dynamics.numpy() + dissipation.numpy(), whole.numpy(), 3) < 1e-12
+
+
+@pytest.mark.parametrize("steady", [False, True])
+def test_forcing_is_evaluated_when_the_time_changes(small_mesh, steady: bool) -> None:
+    times = []
+
+    def forcing(lon, lat, t):
+        times.append(t)
+        return 0.0 * lon, 0.0 * lon, np.full_like(lon, t)
+
+    scene = replace(make_scene("pressure", "forcing"), forcing=forcing, steady_forcing=steady)
+    model = Model(small_mesh, scene)
+    state = random_state(model)
+    last = [tendency(model, state, t)[-1] for t in (0.0, 0.0, 1.0, 1.0, 0.0)]
+    assert times == ([0.0] if steady else [0.0, 1.0, 0.0])
+    assert last[2] - last[0] == pytest.approx(0.0 if steady else 1.0)
+    assert last[0] == last[1] == last[4]
+    assert scene.autonomous is steady
+
+
+def test_steady_scenes_have_no_derivative_in_time() -> None:
+    changing, steady = make_scene("wind"), replace(make_scene("wind"), steady_wind=True)
+    assert make_scene("pressure").autonomous and steady.autonomous
+    assert not changing.autonomous and not make_scene("forcing").autonomous
+    forced = replace(steady, effects=(*steady.effects, Forcing()), forcing=lambda lon, lat, t: None)
+    assert not forced.autonomous
+
+
+def test_forcing_and_its_function_come_together() -> None:
+    with pytest.raises(ConfigError, match="needs the function 'forcing'"):
+        replace(make_scene("forcing"), forcing=None)
+    with pytest.raises(ConfigError, match="without effect 'forcing'"):
+        replace(make_scene("forcing"), effects=())
+
+
+def test_energy_is_no_measure_of_error_where_something_drives(model) -> None:
+    with pytest.raises(ConfigError, match="does not conserve energy"):
+        AdaptiveStepper(STEPPERS["implicit-midpoint"](model, 900.0), 1e-6, "energy")
