@@ -13,19 +13,33 @@ from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.testcases.galewsky import galewsky
 from swe_sphere.testcases.lake import lake_at_rest
 from swe_sphere.testcases.lauter import lauter
+from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
+from swe_sphere.testcases.modons import modons
 from swe_sphere.testcases.parameters import SceneFactory, checked
+from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
+from swe_sphere.testcases.turbulence import turbulence
 from swe_sphere.testcases.williamson import williamson1, williamson2, williamson5, williamson6
+from swe_sphere.testcases.williamson3 import williamson3
+from swe_sphere.testcases.williamson4 import williamson4
 
 __all__ = ["SCENES", "get_scene"]
 
 SCENES: dict[str, SceneFactory] = {
     "williamson1": williamson1,
     "williamson2": williamson2,
+    "williamson3": williamson3,
+    "williamson4": williamson4,
     "williamson5": williamson5,
     "williamson6": williamson6,
     "galewsky": galewsky,
     "lauter": lauter,
     "lake-at-rest": lake_at_rest,
+    "mcdonald-bates": mcdonald_bates,
+    "modons": modons,
+    "turbulence": turbulence,
+    "splash": splash,
+    "gravity-bumps": gravity_bumps,
+    "dam-break": dam_break,
 }
 """Factories by name; their keyword parameters are the parameters of the scene."""
 

@@ -14,6 +14,7 @@ from swe_sphere.planet import EARTH, Planet
 __all__ = [
     "cone",
     "coriolis",
+    "distance",
     "solid_body",
     "tilted_latitude",
     "unit_vector",
@@ -53,6 +54,14 @@ def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:
 def wrapped(angle: Array) -> Array:
     """The angle brought into [-π, π)."""
     return np.mod(angle + np.pi, 2.0 * np.pi) - np.pi
+
+
+def distance(lon: Array, lat: Array, lon0: float, lat0: float) -> Array:
+    """Angle [rad] between points and the point (lon0, lat0): accurate near and far."""
+    point, centre = unit_vector(lon, lat), unit_vector(lon0, lat0)
+    apart, along = (np.linalg.norm(x, axis=-1) for x in (point - centre, point + centre))
+    angle: Array = 2.0 * np.arctan2(apart, along)
+    return angle
 
 
 def cone(lon: Array, lat: Array) -> Array:

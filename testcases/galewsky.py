@@ -5,14 +5,13 @@ doi:10.3402/tellusa.v56i5.14436
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from swe_sphere.model.effects import DYNAMICS, Rotation
 from swe_sphere.model.scene import Array, Scene
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.formulas import coriolis, wrapped
+from swe_sphere.testcases.zonal import ZonalBalance
 
 __all__ = ["galewsky"]
 
@@ -24,9 +23,6 @@ SPEED = 80.0
 SOUTH = np.pi / 7.0
 NORTH = np.pi / 2.0 - SOUTH
 """The jet blows between these latitudes [rad]."""
-PANELS = 128
-POINTS = 8
-"""Gauss-Legendre panels over the jet and points a panel: the integral is right to round-off."""
 
 
 def galewsky(perturbed: bool = True) -> Scene:
@@ -45,7 +41,7 @@ def galewsky(perturbed: bool = True) -> Scene:
     """
 
     def balanced(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = SOUTH_POLE_DEPTH - jet_drop(lat) / EARTH.gravity
+        depth = SOUTH_POLE_DEPTH - BALANCE.drop(lat) / EARTH.gravity
         return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
@@ -83,33 +79,5 @@ def bump(lon: Array, lat: Array) -> Array:
     return h
 
 
-def jet_drop(lat: Array) -> Array:
-    """Fall of g h [m2 s-2] from the south pole to the latitude [rad] (integral of eq. 3)."""
-    lat = np.asarray(lat, dtype=np.float64)
-    edges, totals = _panels()
-    drop = np.where(lat >= NORTH, totals[-1], 0.0)
-    inside = (lat > SOUTH) & (lat < NORTH)
-    panel = np.searchsorted(edges, lat[inside], side="right") - 1
-    drop[inside] = totals[panel] + _integral(edges[panel], lat[inside])
-    return drop
-
-
-def _slope(lat: Array) -> Array:
-    """a u (f + u tan θ / a) [m2 s-2 rad-1]."""
-    wind, coriolis_parameter = jet(lat), 2.0 * EARTH.rotation * np.sin(lat)
-    return wind * (EARTH.radius * coriolis_parameter + wind * np.tan(lat))
-
-
-def _integral(start: Array, end: Array) -> Array:
-    """Integral of the slope from start to end [rad], one Gauss-Legendre panel each."""
-    points, weights = np.polynomial.legendre.leggauss(POINTS)
-    half = 0.5 * (end - start)
-    lat = 0.5 * (start + end)[..., None] + half[..., None] * points
-    return half * (_slope(lat) @ weights)
-
-
-@cache
-def _panels() -> tuple[Array, Array]:
-    """Edges of the panels [rad] and the integral from the southern rim to each."""
-    edges = np.linspace(SOUTH, NORTH, PANELS + 1)
-    return edges, np.concatenate([[0.0], np.cumsum(_integral(edges[:-1], edges[1:]))])
+BALANCE = ZonalBalance(jet, SOUTH, NORTH)
+"""Depth in balance with the jet (eq. 3)."""

@@ -1,0 +1,112 @@
+"""Random flows without divergence, and the depths that balance them.
+
+Everything is a finite sum of spherical harmonics: smooth, the same on every mesh, and the same on
+every machine for the same seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from swe_sphere.model.scene import Array
+from swe_sphere.planet import Planet
+from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+
+__all__ = ["BalancedFlow", "mean_kinetic_energy", "random_streamfunction"]
+
+
+@dataclass(frozen=True)
+class BalancedFlow:
+    """The wind k×∇ψ and a depth that keeps it free of divergence at first.
+
+    Balance: g ∇²h = ∇·((ζ + f) ∇ψ) - ∇²|v|²/2, so that the divergence does not grow at once
+    (Charney 1955; the balance equation). Linear: g ∇²h = ∇·(f ∇ψ).
+
+    Args:
+        streamfunction: coefficients of ψ [m2 s-1].
+        planet: its radius, gravity and rotation.
+        depth: mean depth [m].
+        linear: without the nonlinear terms.
+    """
+
+    streamfunction: Complex
+    planet: Planet
+    depth: float
+    linear: bool = False
+
+    def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        u, v = self.wind(lon, lat)
+        return u, v, synthesis(self.height, lon, lat)[0]
+
+    def wind(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Eastward and northward wind [m s-1]."""
+        _, east, north = synthesis(self.streamfunction, lon, lat)
+        return -north / self.planet.radius, east / self.planet.radius
+
+    @cached_property
+    def height(self) -> Complex:
+        """Coefficients of the depth [m]: up to twice the degree of ψ, which makes them exact."""
+        grid = GaussGrid(2 * len(self.streamfunction))
+        lon, lat = grid.points
+        u, v = self.wind(lon, lat)
+        spin = 2.0 * self.planet.rotation * np.sin(lat)
+        if not self.linear:
+            vorticity = _laplacian(self.streamfunction) / self.planet.radius**2
+            spin = spin + synthesis(vorticity, lon, lat)[0]
+        # ∇ψ is (v, -u)
+        flux = grid.against_gradients(spin * v, -spin * u)
+        geopotential = _inverse_laplacian(-flux) * self.planet.radius
+        if not self.linear:
+            geopotential -= grid.coefficients(0.5 * (u**2 + v**2))
+        found = geopotential / self.planet.gravity
+        found[0, 0] = self.depth
+        return found
+
+
+def random_streamfunction(
+    spectrum: Callable[[Array], Array], degree: int, speed: float, radius: float, seed: int
+) -> Complex:
+    """Coefficients of ψ [m2 s-1] with a given spectrum of kinetic energy and random phases.
+
+    Args:
+        spectrum: energy of each degree, up to a factor.
+        degree: the highest degree; the lowest is 2, so that there is no angular momentum.
+        speed: root mean square of the wind [m s-1].
+        radius: of the planet [m].
+        seed: another one gives another flow.
+    """
+    draw = np.random.Generator(np.random.PCG64(seed)).standard_normal
+    found = np.zeros((degree + 1, degree + 1), dtype=np.complex128)
+    for n in range(2, degree + 1):
+        row = draw((n + 1, 2)) @ np.array([1.0, 1.0j])
+        row[0] = np.sqrt(2.0) * row[0].real
+        found[n, : n + 1] = row
+    wanted = spectrum(np.arange(2.0, degree + 1.0))
+    wanted = 0.5 * speed**2 * wanted / wanted.sum()
+    found[2:] *= np.sqrt(wanted / mean_kinetic_energy(found, radius)[2:])[:, None]
+    return found
+
+
+def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
+    """Mean of |v|²/2 over the sphere [m2 s-2], degree by degree."""
+    n = np.arange(len(streamfunction))
+    weights = np.where(np.arange(len(streamfunction)) == 0, 1.0, 0.5)
+    squares: Array = np.abs(streamfunction) ** 2 @ weights
+    return 0.5 * n * (n + 1) / radius**2 * squares
+
+
+def _laplacian(coefficients: Complex) -> Complex:
+    """∇² on the unit sphere."""
+    n = np.arange(len(coefficients))[:, None]
+    return -n * (n + 1) * coefficients
+
+
+def _inverse_laplacian(coefficients: Complex) -> Complex:
+    """∇⁻² on the unit sphere; zero for the mean."""
+    n = np.arange(len(coefficients))[:, None]
+    return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)

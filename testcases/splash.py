@@ -1,0 +1,145 @@
+"""Gravity waves from heaps of water: one splash, three bumps, and a dam that breaks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.model.effects import DYNAMICS, Orography, Rotation
+from swe_sphere.model.scene import Array, Scene
+from swe_sphere.planet import EARTH, Planet
+from swe_sphere.testcases.formulas import coriolis, distance
+
+__all__ = ["dam_break", "gravity_bumps", "splash"]
+
+CENTRE = (1.5 * np.pi, 0.0)
+"""Longitude and latitude of the splash and of the dam [rad]."""
+STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
+WIND = 40.0
+"""Speed at the equator of the air at rest among the stars, seen from the turning frame [m s-1]."""
+
+
+def splash(rotating: bool = False) -> Scene:
+    """Heap of water that spreads and meets itself at the antipode.
+
+    Without wind and rotation,
+
+        h = 2000 m + 500 m (1 + cos(3 π γ)) for γ < 1/3,
+
+    γ the angular distance from (3π/2, 0). The ring comes together at the antipode after about
+    1.6 days.
+
+    Args:
+        rotating: the very same flow, seen from a frame that turns backwards by (40 m/s) / a: with
+            u = 40 m/s cos θ, f = -2 (40 m/s / a) sin θ and, which many codes leave out, the
+            bottom g b = (40 m/s sin θ)²/2 that stands for the centrifugal force. Depths are those
+            of the still frame, turned eastward.
+    """
+    spin = WIND / EARTH.radius
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        still = 0.0 * (lon + lat)
+        return (WIND * np.cos(lat) + still if rotating else still), still.copy(), _heap(lon, lat)
+
+    return Scene(
+        name="splash",
+        title="splash, seen from a turning frame" if rotating else "splash",
+        reference="test 3 of FV3 (GFDL): Putman & Lin (2007), J. Comput. Phys. 227, 55-78, "
+        "doi:10.1016/j.jcp.2007.07.022",
+        effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
+        initial=initial,
+        coriolis=(lambda lon, lat: -2.0 * spin * np.sin(lat) + 0.0 * lon) if rotating else None,
+        bottom=(lambda lon, lat: (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon)
+        if rotating
+        else None,
+        planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
+        report="time and height of the crest at the antipode; loss of symmetry about the centre",
+        ne=16,
+        np=4,
+        dt=600.0,
+        days=2.0,
+        parameters={"rotating": rotating},
+    )
+
+
+def _heap(lon: Array, lat: Array) -> Array:
+    """Depth of the splash [m]."""
+    within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
+    depth: Array = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
+    return depth
+
+
+BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
+"""Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
+
+
+def gravity_bumps() -> Scene:
+    """Three bumps of different width that radiate gravity waves on the turning planet.
+
+    From rest, h = 10 km + Σ 1000 m exp(-w d²), d the angular distance: w = 10 at (0.2π, π/3), 80 at
+    (1.2π, π/5) and 360 at (1.6π, -π/4).
+    """
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        still = 0.0 * (lon + lat)
+        heights = (
+            1000.0 * np.exp(-w * distance(lon, lat, np.pi * x, np.pi * y) ** 2) for x, y, w in BUMPS
+        )
+        return still, still.copy(), 1e4 + sum(heights, start=still)
+
+    return Scene(
+        name="gravity-bumps",
+        title="gravity waves from three bumps",
+        reference="asQ (Hope-Collins et al. 2025), Geosci. Model Dev. 18, 4535-4569, "
+        "doi:10.5194/gmd-18-4535-2025",
+        effects=(*DYNAMICS, Rotation()),
+        initial=initial,
+        coriolis=coriolis,
+        report="depth at hours 6, 12 and 24 against a run with short steps; drift of energy",
+        ne=16,
+        np=4,
+        dt=300.0,
+        days=1.0,
+    )
+
+
+def dam_break(width: float = 0.05) -> Scene:
+    """Circular dam of 20 degrees radius that breaks, smoothed.
+
+    At rest and without rotation,
+
+        h = 1500 m - 500 m tanh((γ - π/9) / width),
+
+    γ the angular distance from (3π/2, 0). No limiter: the bore that steepens leaves waves at the
+    grid scale behind it. A test of robustness, not of accuracy.
+
+    Args:
+        width: of the smoothed dam [rad]; it should not be less than half an element.
+
+    Raises:
+        ConfigError: a width that is not positive.
+    """
+    if not width > 0.0:
+        raise ConfigError(f"dam-break: width must be positive, not {width}")
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        still = 0.0 * (lon + lat)
+        across = np.tanh((distance(lon, lat, *CENTRE) - np.pi / 9.0) / width)
+        return still, still.copy(), 1500.0 - 500.0 * across
+
+    return Scene(
+        name="dam-break",
+        title="circular dam break",
+        reference="proposed here, after Rossmanith, Bale & LeVeque (2004), J. Comput. Phys. 199, "
+        "631-662, doi:10.1016/j.jcp.2004.03.002",
+        effects=DYNAMICS,
+        initial=initial,
+        planet=STILL,
+        report="least and largest depth; depth along a meridian of the dam against a solution in"
+        " the distance alone",
+        ne=16,
+        np=4,
+        dt=600.0,
+        days=1.0,
+        parameters={"width": width},
+    )
