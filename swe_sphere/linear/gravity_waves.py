@@ -27,6 +27,7 @@ from .preconditioners.inner import Multilevel
 from .preconditioners.schur_matrix import SchurMatrix
 from .result import LinearResult
 from .space import VectorSpace
+from .tracer_waves import TracerWaves
 
 __all__ = ["CORIOLIS", "GravityWaveSolver", "GravityWaves", "reference_depth"]
 
@@ -71,29 +72,42 @@ class GravityWaves:
             "base": upload(np.concatenate([np.zeros(2 * n), np.full(n, self.depth)])),
             "coriolis": upload(self.coriolis),
         }
-        self.apply = TendencyOperator(
+        self.apply_to_fluid = TendencyOperator(
             model.device_mesh, Terms(pressure=True, tangent=True), model.launch, parameters,
             Pointwise(rotation=turning),
         )  # fmt: skip
-        """out (3N,) = L d: apply(d, out)."""
+        """out = L d for wind and depth: apply_to_fluid(d, out)."""
+        self.tracers = TracerWaves(model, self.depth) if model.tracers is not None else None
 
     @property
     def symmetric(self) -> bool:
         """Whether S is: without the Coriolis force."""
         return not self.coriolis.any()
 
+    def linearise(self, state: wp.array) -> None:
+        """Fix the mixing ratios with which tracers follow the waves; nothing to do without any."""
+        if self.tracers is not None:
+            self.tracers.linearise(state)
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out = L d, both states."""
+        self.apply_to_fluid(d, out)
+        if self.tracers is not None:
+            self.tracers.apply(d, out)
+
     def explicit_spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Spectral radii [s-1] of what is left to explicit steps, F - L, and of dissipation."""
-        model, linear = self.model, self.model.zeros()
-        space = VectorSpace(np.ones(model.size), model.device, model.device_mesh.real)
+        model, ones = self.model, np.ones(self.model.fluid_size)
+        linear = model.device_mesh.upload(ones)
+        space = VectorSpace(ones, model.device, model.device_mesh.real)
 
         def rest(x: wp.array, out: wp.array) -> None:
-            model.conservative_tendency(x, t, out)
-            self.apply(x, linear)
+            model.fluid_tendency(x, t, out)
+            self.apply_to_fluid(x, linear)
             space.axpy(-1.0, linear, out)
 
         return estimate_spectrum(
-            model, state, rest, model.dissipative_tendency if model.dissipative else None
+            model, state, rest, model.fluid_dissipation if model.dissipative else None
         )
 
 
@@ -140,9 +154,10 @@ class GravityWaveSolver:
         self.setup_seconds += time.perf_counter() - start
 
     def solve(self, r: wp.array, guess: wp.array, out: wp.array) -> LinearResult:
-        """out (3N,) = (I - tau L)^-1 r for r (3N,), from a guess (N,) of the depth.
+        """out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
 
-        The mass of `out` is that of r, whatever the tolerance.  All are of the run's number type.
+        The masses of `out` are those of r, whatever the tolerance.  All are of the run's number
+        type.
         """
         self.operator.eliminate(r, self._b)
         self._launch(self._from_outer, self.space.n, guess, self._h)
@@ -153,6 +168,8 @@ class GravityWaveSolver:
         lost = self.space.dot(self._ones, self._b) - self.space.dot(self._ones, self._h)
         self.space.axpy(lost, self._ones, self._h)
         self.operator.substitute(r, self._h, out)
+        if self.waves.tracers is not None:
+            self.waves.tracers.solve(self.tau, r, out)
         return result
 
     def _schur_operator(self, real: Any, outer: Any) -> SchurOperator:

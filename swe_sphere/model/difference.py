@@ -46,8 +46,8 @@ class DifferenceProduct:
         launch(self._two, size, self._zero, out, 1.0 / e, self._slope, -1.0 / e, out)
 
     def _largest(self, state: wp.array) -> NDArray[np.float64]:
-        """Largest modulus of the winds together and of depth, never below a rounding of either."""
+        """Largest modulus of the winds together and of each other field, never below a rounding."""
         blocks = np.abs(state.numpy()).reshape(len(self._model.names), -1).max(axis=1)
-        if blocks.size == 3:
+        if self._model.scene.wind is None:
             blocks[:2] = blocks[:2].max()
         return np.asarray(np.maximum(blocks, np.finfo(np.float32).tiny), dtype=np.float64)

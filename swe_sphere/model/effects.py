@@ -31,6 +31,7 @@ __all__ = [
     "PrescribedWind",
     "PressureGradient",
     "Rotation",
+    "Tracers",
     "Viscosity",
     "apply_settings",
     "hyperviscosity_default",
@@ -121,6 +122,29 @@ class Forcing(Effect):
 
 
 @dataclass(frozen=True)
+class Tracers(Effect):
+    """Passive tracers with the mixing ratios of `Scene.tracers`, carried by wind and depth.
+
+    With `limiter` every step ends with mixing ratios within the bounds of the initial ones.
+    """
+
+    name = "tracers"
+    needs = "tracers"
+    limiter: bool = False
+
+    @classmethod
+    def convert(cls, parameter: str, text: str) -> bool:
+        """The switch from the text given by a user.
+
+        Raises:
+            ConfigError: the text is neither true nor false.
+        """
+        if text.lower() not in ("true", "false"):
+            raise ConfigError(f"{cls.name}.{parameter} must be true or false, not {text!r}")
+        return text.lower() == "true"
+
+
+@dataclass(frozen=True)
 class Viscosity(Effect):
     """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
 
@@ -192,6 +216,7 @@ EFFECTS: dict[str, type[Effect]] = {
         Orography,
         PrescribedWind,
         Forcing,
+        Tracers,
         Viscosity,
         Hyperviscosity,
     )

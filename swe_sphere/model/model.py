@@ -16,6 +16,7 @@ from .given import GivenForcing, GivenWind
 from .parts import Part, device_parameters
 from .scene import Scene
 from .spectrum import Spectrum, estimate_spectrum
+from .tracers import TracerPart, mixing_ratios
 
 Array = NDArray[np.float64]
 SHAPES = ("element", "node")
@@ -26,8 +27,9 @@ class Model:
     """Tendencies of the shallow-water equations with exactly the effects of one scene.
 
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
-    the depths alone where the wind is prescribed.  `shape` chooses the launch shape of the kernels;
-    by default one thread a group of elements on a CPU and one thread a node elsewhere.
+    the depths alone where the wind is prescribed; then the masses hq [m] of tracers, N of each.
+    `shape` chooses the launch shape of the kernels; by default one thread a group of elements on a
+    CPU and one thread a node elsewhere.
 
     Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
     """
@@ -52,8 +54,11 @@ class Model:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         self.launch = Launcher(self.device)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
-        self.names = ("h",) if scene.wind else ("u", "v", "h")
+        fluid = ("h",) if scene.wind else ("u", "v", "h")
+        self.names = (*fluid, *(f"hq_{name}" for name in scene.tracers or ()))
         self.size = len(self.names) * mesh.size
+        self.fluid_size = len(fluid) * mesh.size
+        """Length of the part of a state that is wind and depth; tracers come behind it."""
         self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         self.bottom = _on_nodes(scene.bottom, mesh)
         self.coriolis = _on_nodes(scene.coriolis, mesh)
@@ -63,6 +68,7 @@ class Model:
         self._forcing = GivenForcing(self)
         self._parts: dict[str, Part] = {}
         self._part("all")
+        self.tracers = TracerPart(self) if scene.tracers else None
         self._difference = DifferenceProduct(self) if jacobian == "difference" else None
 
     @property
@@ -81,9 +87,14 @@ class Model:
         """A state of zeros."""
         return wp.zeros(self.size, dtype=self.device_mesh.real, device=self.device)
 
-    def state_from(self, u: Array, v: Array, h: Array) -> wp.array:
-        """State from winds [m s-1] and depth [m], each (N,)."""
-        values = {"u": u, "v": v, "h": h}
+    def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
+        """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
+
+        Tracers that are not given have those of the scene's start.
+        """
+        ratios = mixing_ratios(self.scene, self.mesh) | tracers
+        masses = {f"hq_{name}": h * q for name, q in ratios.items()}
+        values = {"u": u, "v": v, "h": h} | masses
         return self.device_mesh.upload(np.concatenate([values[name] for name in self.names]))
 
     def initial_state(self) -> wp.array:
@@ -91,13 +102,19 @@ class Model:
         return self.state_from(*self.scene.initial(self.mesh.lon, self.mesh.lat))
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
-        """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,)."""
+        """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
+
+        For each tracer also its mass hq_NAME [m] and its mixing ratio q_NAME.
+        """
         blocks = state.numpy().astype(np.float64).reshape(len(self.names), -1)
         fields = dict(zip(self.names, blocks, strict=True))
         if self.scene.wind:
             u, v = self.scene.wind(self.mesh.lon, self.mesh.lat, t)
             fields = {"u": u, "v": v} | fields
-        return fields
+        ratios = {
+            f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
+        }
+        return fields | ratios
 
     def vorticity(self, state: wp.array, t: float = 0.0) -> Array:
         """Relative vorticity on the nodes (N,) [s-1]."""
@@ -116,15 +133,29 @@ class Model:
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
         self._part("all")(state, out)
+        if self.tracers is not None:
+            self.tracers.tendency(state, out)
 
     def conservative_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
         """The right-hand side without dissipation; counted as one right-hand side."""
+        self.fluid_tendency(state, t, out)
+        if self.tracers is not None:
+            self.tracers.transport(state, out)
+
+    def fluid_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
+        """That of wind and depth alone, also for vectors that hold nothing else."""
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
         self._part("conservative")(state, out)
 
     def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
         """The dissipation alone, for schemes that step it apart."""
+        self.fluid_dissipation(state, out)
+        if self.tracers is not None:
+            self.tracers.diffuse(state, out)
+
+    def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
+        """That of wind and depth alone, also for vectors that hold nothing else."""
         self._part("dissipative")(state, out)
 
     def linearise(self, state: wp.array, t: float) -> None:
@@ -136,14 +167,18 @@ class Model:
         part = self._part("tangent")
         if part.base is not None:
             wp.copy(part.base, state)
+        if self.tracers is not None:
+            self.tracers.linearise(state)
 
     def tangent(self, direction: wp.array, out: wp.array) -> None:
         """out = J direction, with J the Jacobian at the state of `linearise`."""
         self.counters["tangent_evaluations"] += 1
         if self._difference is not None:
             self._difference(direction, out)
-        else:
-            self._part("tangent")(direction, out)
+            return
+        self._part("tangent")(direction, out)
+        if self.tracers is not None:
+            self.tracers.tangent(direction, out)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""

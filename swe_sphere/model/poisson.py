@@ -4,7 +4,7 @@ import warp as wp
 
 from ..errors import ConfigError
 from ..kernels import Terms
-from ..kernels.average import average_kernel
+from ..kernels.average import average_kernel, mean_kernel
 from ..kernels.pointwise import Pointwise
 from ..operators import TendencyOperator
 from .model import Model
@@ -19,7 +19,8 @@ class PoissonTendency:
     between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
     Bauer 2020, doi:10.1016/j.jcp.2019.109016).  The operator is skew for the quadrature of the
     mesh, because F is continuous and differentiation by parts is exact there.  Without
-    dissipation.  Raises ConfigError for a scene that does not step all of the dynamics.
+    dissipation.  Tracers are carried by F, so that a constant mixing ratio stays constant.  Raises
+    ConfigError for a scene that does not step all of the dynamics.
     """
 
     def __init__(self, model: Model) -> None:
@@ -36,7 +37,9 @@ class PoissonTendency:
         self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
         if scene.bottom:
             self._constants.bottom = model.parameters["bottom"]
-        model.launch.load(self._average.kernel)
+        self._halve = mean_kernel(mesh.real)
+        self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
+        model.launch.load(self._average.kernel, self._halve)
 
     @staticmethod
     def fits(model: Model) -> bool:
@@ -44,7 +47,7 @@ class PoissonTendency:
         return all(model.scene.effect(name) is not None for name in NEEDED)
 
     def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
-        """out = the average between two states (3N,), with the forcing of time t [s] between them.
+        """out = the average between two states, with the forcing of time t [s] between them.
 
         Counted as one right-hand side.
         """
@@ -55,3 +58,8 @@ class PoissonTendency:
             self._average.kernel, nodes, self._constants, first, last, self._mean, self._base
         )
         self._operator(self._mean, out)
+        tracers = model.tracers
+        if tracers is not None:
+            first, last = first[tracers.first :], last[tracers.first :]
+            model.launch(self._halve, first.size, first, last, self._masses)
+            tracers.carry(self._base, self._mean, out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,7 +15,17 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.model.effects import EFFECTS, Effect
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = ["Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "Wind"]
+__all__ = [
+    "Array",
+    "Parameter",
+    "Rates",
+    "Scalar",
+    "Scene",
+    "State",
+    "UnsteadyState",
+    "UnsteadyTracers",
+    "Wind",
+]
 
 Array = NDArray[np.float64]
 Scalar = Callable[[Array, Array], Array]
@@ -25,6 +36,8 @@ UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
 Rates = Callable[[Array, Array, float], tuple[Array, Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> rates of change of the winds [m s-2] and of depth [m s-1]."""
+UnsteadyTracers = Callable[[Array, Array, float], Mapping[str, Array]]
+"""(lon, lat, t) [rad, rad, s] -> mixing ratios by name."""
 Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 """(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
 Parameter = float | bool | str
@@ -74,6 +87,10 @@ class Scene:
     """Rates of change whatever the state is; there if and only if the scene has forcing."""
     steady_forcing: bool = False
     """Whether the forcing is the same at all times, so that it need be evaluated once."""
+    tracers: Mapping[str, Scalar] | None = None
+    """Initial mixing ratios by name, in any unit; there if and only if the scene has tracers."""
+    exact_tracers: UnsteadyTracers | None = None
+    """What is known of the tracers at later times; NaN at those where nothing is."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
@@ -81,6 +98,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         _check_effects(self)
+        _check_tracers(self)
         _check_numbers(self)
 
     @property
@@ -138,6 +156,19 @@ def _check_effects(scene: Scene) -> None:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
     if "prescribed-wind" in names and "momentum-advection" in names:
         raise ConfigError(f"{scene.name}: a prescribed wind cannot also be stepped")
+
+
+def _check_tracers(scene: Scene) -> None:
+    """Names of tracers become names of variables in files."""
+    if scene.tracers is not None and not scene.tracers:
+        raise ConfigError(f"{scene.name}: tracers are called for, but there is none")
+    for name in scene.tracers or ():
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+            raise ConfigError(
+                f"{scene.name}: a tracer is named by letters, digits and _, not {name!r}"
+            )
+    if scene.exact_tracers is not None and scene.tracers is None:
+        raise ConfigError(f"{scene.name}: 'exact_tracers' is given without tracers")
 
 
 def _check_numbers(scene: Scene) -> None:

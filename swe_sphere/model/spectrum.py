@@ -40,10 +40,10 @@ def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
     product = _scaled_product(model, state, operator)
-    start = np.random.default_rng(0).standard_normal(model.size)
+    start = np.random.default_rng(0).standard_normal(model.fluid_size)
     if not product(start).any():
         return 0.0
-    matrix = LinearOperator((model.size, model.size), matvec=product, dtype=np.float64)
+    matrix = LinearOperator((model.fluid_size, model.fluid_size), matvec=product, dtype=np.float64)
     try:
         values = eigs(
             matrix, k=1, which="LM", v0=start, tol=TOLERANCE, ncv=24, maxiter=10,
@@ -60,10 +60,10 @@ def _scaled_product(
     model: "Model", state: wp.array, operator: Operator
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
-    base = state.numpy().astype(np.float64)
+    base = state.numpy()[: model.fluid_size].astype(np.float64)
     scale = _units(model, base)
     size = np.abs(base / scale).max() or 1.0
-    plus, minus = model.zeros(), model.zeros()
+    plus, minus = (model.device_mesh.upload(np.zeros(base.size)) for _ in range(2))
 
     def product(direction: NDArray[np.float64]) -> NDArray[np.float64]:
         d = direction.ravel()
@@ -80,8 +80,8 @@ def _scaled_product(
 def _units(model: "Model", base: NDArray[np.float64]) -> NDArray[np.float64]:
     """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
     n = model.mesh.size
-    scale = np.ones(model.size)
-    if len(model.names) == 3:
+    scale = np.ones(model.fluid_size)
+    if model.scene.wind is None:
         depth = np.average(base[-n:], weights=model.mesh.area)
         scale[-n:] = np.sqrt(depth / model.scene.planet.gravity)
     return scale

@@ -70,6 +70,7 @@ class ImexRungeKutta(SplitStepper):
         return {"state": self.state, "slopes": self._past}
 
     def _advance(self) -> None:
+        self.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])
         self.waves.apply(self.state, self._linear[0])
         for i in range(1, len(self.b)):
@@ -84,13 +85,13 @@ class ImexRungeKutta(SplitStepper):
         self._sums[i](self._nothing, self._known)
         self.space.copy(self._known, self._rhs)
         self.space.axpy(self._tau, self._linear[0], self._rhs)
-        wp.copy(self._guess, depth_of(self._known))
+        wp.copy(self._guess, depth_of(self._known, self._guess.size))
         self._depths.axpy(self._tau, self._past[i], self._guess)
         self._solve(self._tau, self._rhs, self._guess, self._change)
         slope = self._linear[i]
         self.space.copy(self._change, slope)
         self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
-        wp.copy(self._past[i], depth_of(slope))
+        wp.copy(self._past[i], depth_of(slope, self._guess.size))
 
     @classmethod
     def _square(cls, rows: Rows) -> Array:

@@ -13,6 +13,7 @@ from ..errors import ConfigError, RunFailed
 from ..linear import FlexibleGMRES, LinearResult, VectorSpace
 from ..linear.preconditioners import make_preconditioner
 from ..model.model import Model
+from ..model.tracers import mixing_ratios
 from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
 from .base import Stepper
 
@@ -25,6 +26,9 @@ NEWTON_ITERATIONS = 12
 """A solve that needs more is cheaper in two halves of the step."""
 LINEAR = EisenstatWalker(first=1e-15)
 """For linear equations: to where Newton is to get, at once."""
+TRACER_SHARE = 0.1
+"""About the Froude number of the flows here: with it the change of a tracer that the wind carries
+along weighs as much as the change of the wind, and does not drown it."""
 WORTHLESS = 1e-12
 """Residuals below this part of the state (or a few round-offs) are not worth an iteration."""
 
@@ -49,13 +53,18 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
     """Weights (n,) of the energy inner product: area, times g/H for depth, over the whole area.
 
     With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
+    The mass hq of a tracer counts as depth does, over the largest q of the start, and under a wind
+    that is stepped by `TRACER_SHARE` of that.
     """
     share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
-    if model.names == ("h",):
-        return share
+    ratios = mixing_ratios(model.scene, model.mesh).values()
+    largest = [float(np.abs(q).max()) or 1.0 for q in ratios]
+    if model.scene.wind is not None:
+        return np.concatenate([share, *(share / q**2 for q in largest)])
     _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
-    mean = float(np.average(depth, weights=share))
-    return np.concatenate([share, share, share * model.scene.planet.gravity / mean])
+    heights = share * model.scene.planet.gravity / float(np.average(depth, weights=share))
+    tracers = (heights * (TRACER_SHARE / q) ** 2 for q in largest)
+    return np.concatenate([share, share, heights, *tracers])
 
 
 Failure = NewtonResult | LinearResult
@@ -123,7 +132,7 @@ class ImplicitStepper(Stepper):
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
         self._new, self._rate = model.zeros(), 0.0
-        self._depth_unit = self._unit_depth()
+        self._units = self._unit_masses()
         self._has_waves = model.scene.effect("pressure-gradient") is not None
         self._allocate(model)
 
@@ -214,7 +223,8 @@ class ImplicitStepper(Stepper):
         """What is wrong with the new state: gravity waves need a positive depth."""
         if not self._has_waves:
             return None
-        lowest = float(self._new.numpy()[-self.model.mesh.size :].min())
+        end = self.model.fluid_size
+        lowest = float(self._new.numpy()[end - self.model.mesh.size : end].min())
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
@@ -248,20 +258,20 @@ class ImplicitStepper(Stepper):
         return tau * self.model.mean_source(t)
 
     def _restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
-        """Give x the mass of the exact solution: that of the right-hand side and a given gain [m].
+        """Give x the masses of the exact solution: those of the right-hand side, and a gain [m].
 
-        F moves no mass but what forcing brings.
+        F moves no mass but what forcing brings, which has no tracer in it.
         """
-        unit, space = self._depth_unit, self.space
-        lost = space.dot(rhs, unit) - space.dot(x, unit)
-        space.axpy(lost / space.dot(unit, unit) + gain, unit, x)
+        space, gains = self.space, [gain, *(0.0 for _ in self._units[1:])]
+        for unit, more in zip(self._units, gains, strict=True):
+            lost = space.dot(rhs, unit) - space.dot(x, unit)
+            space.axpy(lost / space.dot(unit, unit) + more, unit, x)
 
-    def _unit_depth(self) -> wp.array:
-        """The state with no wind and depth 1 m."""
-        n = self.model.mesh.size
-        unit = np.zeros(self.model.size)
-        unit[-n:] = 1.0
-        return self.model.device_mesh.upload(unit)
+    def _unit_masses(self) -> list[wp.array]:
+        """States that are zero but for depth 1 m, or a tracer's mass of 1 m."""
+        blocks = np.kron(np.eye(len(self.model.names)), np.ones(self.model.mesh.size))
+        winds = [name in ("u", "v") for name in self.model.names].count(True)
+        return [self.model.device_mesh.upload(block) for block in blocks[winds:]]
 
     def _slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
         """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""

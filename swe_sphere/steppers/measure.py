@@ -115,7 +115,8 @@ class EnergyDrift:
         return 2.0 * DAY * _relative_rate(self._scheme)
 
     def _energy(self, state: wp.array) -> float:
-        u, v, h = state.numpy().astype(np.float64).reshape(3, -1)
+        fluid = state.numpy()[: self._scheme.model.fluid_size]
+        u, v, h = fluid.astype(np.float64).reshape(3, -1)
         potential = self._gravity * (h + 2.0 * self._bottom)
         return float(0.5 * np.sum(self._area * h * (u**2 + v**2 + potential)))
 

@@ -54,10 +54,11 @@ class SemiImplicit(SplitStepper):
         if self.steps == 0:
             self._first_step()
             return
+        self.waves.linearise(self.state)
         self._explicit_tendency()
         self.space.scale(2.0 * self.dt, self._slope)
         self._solve(self.dt, self._slope, self._guess, self._change)
-        wp.copy(self._guess, depth_of(self._change))
+        wp.copy(self._guess, depth_of(self._change, self._guess.size))
         self.model.launch(
             self._kernel, self.model.size, self._previous, self.state, self._change,
             1.0, 0.5 * leapfrog.FILTER, leapfrog.SHARE,

@@ -47,7 +47,7 @@ class SplitStepper(Stepper):
         self._blas = threadpool_limits(limits=1, user_api="blas")
         self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis), tolerance)
         self.waves = self.solver.waves
-        weights = np.tile(model.mesh.area / model.mesh.area.sum(), 3)
+        weights = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
         self.space = VectorSpace(weights, model.device, model.device_mesh.real)
         self.counters = {"krylov_iterations": 0}
 
@@ -100,6 +100,6 @@ class SplitStepper(Stepper):
         """Largest amplification factor for these eigenvalues times dt of the three parts."""
 
 
-def depth_of(vector: wp.array) -> wp.array:
-    """The depths (N,) of a vector (3N,), in its memory."""
-    return vector[2 * (vector.size // 3) :]
+def depth_of(vector: wp.array, nodes: int) -> wp.array:
+    """The depths (N,) of a vector (3N, ...) for N nodes, in its memory."""
+    return vector[2 * nodes : 3 * nodes]

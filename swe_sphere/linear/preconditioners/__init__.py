@@ -12,6 +12,7 @@ from .base import Preconditioner
 from .helmholtz import Helmholtz
 from .inner import Direct, Jacobi, Multilevel
 from .schwarz import Schwarz
+from .tracers import WithTracers
 
 __all__ = ["PRECONDITIONERS", "Helmholtz", "Preconditioner", "make_preconditioner"]
 
@@ -35,7 +36,9 @@ def make_preconditioner(name: str, model: Model) -> Preconditioner | None:
     """
     if name not in PRECONDITIONERS:
         raise unknown_name("preconditioner", name, PRECONDITIONERS)
-    if model.names == ("h",):
+    if model.scene.wind is not None:
         return None
     made: Preconditioner | None = PRECONDITIONERS[name](model)
-    return made
+    if made is None or model.tracers is None:
+        return made
+    return WithTracers(made, model.tracers.mixing_ratio())

@@ -10,10 +10,20 @@ from numpy.typing import NDArray
 class Preconditioner(Protocol):
     """Approximate inverse of I - tau J, J the Jacobian of the right-hand side."""
 
-    setup_seconds: float
-    """Wall time spent in `setup` so far [s]."""
-    setups: int
-    applications: int
+    @property
+    def setup_seconds(self) -> float:
+        """Wall time spent in `setup` so far [s]."""
+        ...
+
+    @property
+    def setups(self) -> int:
+        """Set-ups so far."""
+        ...
+
+    @property
+    def applications(self) -> int:
+        """Applications so far."""
+        ...
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; cheap when little has changed."""

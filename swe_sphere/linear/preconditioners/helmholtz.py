@@ -35,7 +35,7 @@ class Helmholtz:
         inner: Callable[[SchurOperator, SchurMatrix], InnerSolver],
         real: Any = wp.float32,
     ) -> None:
-        if model.names != ("u", "v", "h"):
+        if model.scene.wind is not None:
             raise ConfigError("a scene with prescribed wind has no gravity waves to precondition")
         self._model = model
         mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
@@ -49,7 +49,8 @@ class Helmholtz:
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
-        depth = state.numpy()[2 * self._model.mesh.size :].astype(np.float64)
+        n = self._model.mesh.size
+        depth = state.numpy()[2 * n : 3 * n].astype(np.float64)
         if abs(tau - self._tau) <= STEP_CHANGE * tau and self._is_near(depth):
             return
         self._make(tau, depth)
