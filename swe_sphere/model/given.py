@@ -45,7 +45,7 @@ class GivenWind(Given):
 
 
 class GivenForcing(Given):
-    """The forcing of the fields that are stepped (unknowns*N,)."""
+    """The forcing of wind and depth, as far as they are stepped (unknowns*N,)."""
 
     def __init__(self, model: "Model") -> None:
         super().__init__(model, model.parameters.get("forcing"), model.scene.steady_forcing)
@@ -58,4 +58,4 @@ class GivenForcing(Given):
         rates = dict(zip("uvh", model.scene.forcing(mesh.lon, mesh.lat, t), strict=True))
         fields = {name: np.broadcast_to(rate, mesh.size) for name, rate in rates.items()}
         self.mean_depth_rate = float(np.average(fields["h"], weights=mesh.area))
-        return np.concatenate([fields[name] for name in model.names])
+        return np.concatenate([fields[name] for name in model.names if name in fields])

@@ -55,7 +55,7 @@ def device_parameters(model: "Model") -> dict[str, Any]:
     if scene.wind:
         parameters["wind"] = upload(np.zeros(2 * model.mesh.size))
     if scene.forcing:
-        parameters["forcing"] = model.zeros()
+        parameters["forcing"] = upload(np.zeros(model.fluid_size))
     for effect in scene.effects:
         if isinstance(effect, Viscosity):
             parameters["nu"] = effect.nu
