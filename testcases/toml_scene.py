@@ -25,8 +25,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.effects import apply_settings
 from swe_sphere.model.scene import Parameter, Scene
+from swe_sphere.model.settings import apply_settings
 
 __all__ = ["load"]
 

@@ -120,7 +120,7 @@ class Cartesian:
             f = self.scene.coriolis(self.mesh.lon, self.mesh.lat)
             rate = rate - self._times(np.cross(self.normal, wind), f)
         damp, smooth = self._dissipation(wind, self._surface(h))
-        rate, height = rate + damp, height + smooth
+        rate, height = rate + damp + self._drag(wind), height + smooth + self._relaxation(h)
         return np.concatenate(
             [self._dot(self.frame[0], rate), self._dot(self.frame[1], rate), height]
         )
@@ -129,7 +129,19 @@ class Cartesian:
         u, v = self.scene.wind(self.mesh.lon, self.mesh.lat, t)
         wind = self._times(self.frame[0], u) + self._times(self.frame[1], v)
         rate = -self.dss(self.divergence(self._times(wind, h)[self.nodes]))
-        return rate + self._dissipation(None, self._surface(h))[1]
+        return rate + self._dissipation(None, self._surface(h))[1] + self._relaxation(h)
+
+    def _drag(self, wind):
+        drag = self.effects.get("drag")
+        if drag is None:
+            return 0.0
+        return -self._times(wind, drag.linear + drag.quadratic * np.sqrt(self._dot(wind, wind)))
+
+    def _relaxation(self, h):
+        if "relaxation" not in self.effects:
+            return 0.0
+        goal = self.scene.equilibrium(self.mesh.lon, self.mesh.lat)
+        return (goal - h) / self.effects["relaxation"].time
 
     def _surface(self, h):
         return (

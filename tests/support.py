@@ -7,12 +7,14 @@ import numpy as np
 from swe_sphere.mesh import Mesh
 from swe_sphere.model import Model, Scene
 from swe_sphere.model.effects import (
+    Drag,
     Forcing,
     Hyperviscosity,
     MomentumAdvection,
     Orography,
     PrescribedWind,
     PressureGradient,
+    Relaxation,
     Rotation,
     Viscosity,
 )
@@ -25,6 +27,9 @@ EFFECTS = {
     "orography": Orography(),
     "wind": PrescribedWind(),
     "forcing": Forcing(),
+    "drag": Drag(linear=2e-5),
+    "quadratic-drag": Drag(linear=1e-5, quadratic=3e-6),
+    "relaxation": Relaxation(time=3e4),
     "viscosity": Viscosity(1e6),
     "hyperviscosity": Hyperviscosity(1e18),
 }
@@ -42,6 +47,7 @@ def make_scene(*names: str) -> Scene:
         bottom=(lambda lon, lat: 300.0 * np.cos(3.0 * lon + lat)) if "orography" in names else None,
         coriolis=(lambda lon, lat: 1e-4 * np.sin(2.0 * lat + lon)) if "rotation" in names else None,
         wind=_wind if "wind" in names else None,
+        equilibrium=_equilibrium if "relaxation" in names else None,
         forcing=_forcing if "forcing" in names else None,
         report="",
         ne=2,
@@ -53,6 +59,10 @@ def make_scene(*names: str) -> Scene:
 
 def _wind(lon, lat, t):
     return 20.0 * np.cos(lat + t) + 5.0 * np.sin(2.0 * lon), 10.0 * np.cos(lon - t)
+
+
+def _equilibrium(lon, lat):
+    return 1100.0 + 200.0 * np.cos(lat) * np.sin(2.0 * lon)
 
 
 def _forcing(lon, lat, t):

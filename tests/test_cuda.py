@@ -1,5 +1,7 @@
 """The kernels compile for CUDA, where there is no GPU too; with one, it agrees with the CPU."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -11,7 +13,7 @@ from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
-from swe_sphere.model.effects import Hyperviscosity, Viscosity
+from swe_sphere.model.effects import Drag, Forcing, Hyperviscosity, Relaxation, Viscosity
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -31,8 +33,10 @@ def kernels(real: type) -> list[wp.Kernel]:
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
         assembly_kernel(3, real, True),
         assembly_kernel(1, real, False),
-        pointwise_kernel(3, real, Pointwise(rotation=True, forcing=True)).kernel,
-        pointwise_kernel(1, real, Pointwise(forcing=True)).kernel,
+        pointwise_kernel(3, real, Pointwise(True, True, True, True, True)).assembly,
+        pointwise_kernel(3, real, Pointwise(True, False, True, True, True, True)).assembly,
+        pointwise_kernel(3, real, Pointwise(linear_drag=True, relaxation=True)).alone,
+        pointwise_kernel(1, real, Pointwise(forcing=True, relaxation=True)).assembly,
         combine_kernel(real, 4),
         leapfrog_kernel(real),
         derivatives.gradient,
@@ -54,11 +58,18 @@ def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
         assert ".entry" in code.read_text()
 
 
+def push(lon, lat, t):
+    """A forcing that changes in time."""
+    return 1e-5 * np.cos(lat) * np.cos(t / 1e3), 0.0 * lat, 1e-3 * np.sin(lon + t / 1e3)
+
+
 @pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no GPU on this machine")
 @pytest.mark.parametrize("stepper", ["rk4", "leapfrog", "tr-bdf2", "semi-implicit"])
 def test_gpu_agrees_with_cpu(stepper: str) -> None:
     """After ten steps, to rounding errors; with every effect that a kernel may hold."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e4)).with_effect(Hyperviscosity(1e15))
+    scene = scene.with_effect(Drag(1e-6, 1e-8)).with_effect(Relaxation(1e6))
+    scene = replace(scene, effects=(*scene.effects, Forcing()), forcing=push)
     ends = []
     for device in ("cpu", "cuda:0"):
         model = Model(build_mesh(4, 4), scene, device=device)

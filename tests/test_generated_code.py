@@ -29,6 +29,10 @@ OPTIONAL = {
     "fluxes": ("viscosity", "hyperviscosity"),
     "coriolis": ("rotation",),
     "forcing": ("forcing",),
+    "linear_drag": ("drag", "quadratic-drag"),
+    "quadratic_drag": ("quadratic-drag",),
+    "relaxation_rate": ("relaxation",),
+    "equilibrium": ("relaxation",),
     "base": (),
 }
 """Names of arrays and coefficients, and the effects that call for each."""
@@ -92,6 +96,10 @@ def code_of(scene, shape: str, part: str = "all") -> Code:
         ("wind", "forcing"),
         ("advection", "pressure", "forcing"),
         ("pressure", "rotation", "viscosity", "forcing"),
+        ("advection", "pressure", "drag"),
+        ("pressure", "rotation", "quadratic-drag"),
+        ("pressure", "rotation", "relaxation"),
+        ("wind", "relaxation"),
         ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity"),
     ],
     ids="+".join,

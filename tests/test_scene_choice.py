@@ -17,10 +17,10 @@ from swe_sphere.model.effects import (
     Orography,
     Rotation,
     Viscosity,
-    apply_settings,
     hyperviscosity_default,
 )
 from swe_sphere.model.scene import Scene
+from swe_sphere.model.settings import apply_settings
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import SCENES, get_scene
 
@@ -113,6 +113,12 @@ def test_settings_switch_dissipation_on_change_it_and_off() -> None:
         ("hyperviscosity.nu=inf", "hyperviscosity.nu must be finite and not negative, not inf"),
         ("viscosity.nu=default", "viscosity.nu must be a number, not 'default'"),
         ("hyperviscosity.nu=much", "must be a number or 'default', not 'much'"),
+        ("drag.linear=-1", "drag.linear must be finite and not negative, not -1.0"),
+        ("drag.quadratic=nan", "drag.quadratic must be finite and not negative, not nan"),
+        ("drag.cubic=1", "effect 'drag' has no parameter 'cubic'; it has linear, quadratic"),
+        ("relaxation.time=0", "relaxation.time must be positive, not 0.0"),
+        ("relaxation.time=nan", "relaxation.time must be positive, not nan"),
+        ("forcing.rate=1", "williamson2 has no effect 'forcing'; it has momentum-advection,"),
         ("viscosity.nu", "a setting reads effect.parameter=value, not 'viscosity.nu'"),
         ("viscosity=1", "a setting reads effect.parameter=value, not 'viscosity=1'"),
     ],
@@ -146,7 +152,12 @@ def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() ->
 def test_effects_are_a_closed_set_of_names() -> None:
     assert all(cls.name == name for name, cls in EFFECTS.items())
     assert {e.name for e in DYNAMICS} == {"momentum-advection", "pressure-gradient"}
-    assert {n for n, cls in EFFECTS.items() if cls.dissipation} == {"viscosity", "hyperviscosity"}
+    assert {n for n, cls in EFFECTS.items() if cls.dissipation} == {
+        "viscosity",
+        "hyperviscosity",
+        "drag",
+        "relaxation",
+    }
 
 
 def test_functions_and_effects_of_a_scene_go_together() -> None:

@@ -107,7 +107,7 @@ class GravityWaves:
             space.axpy(-1.0, linear, out)
 
         return estimate_spectrum(
-            model, state, rest, model.fluid_dissipation if model.dissipative else None
+            model, state, rest, model.damping(state) if model.dissipative else None
         )
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
 from swe_sphere.errors import ConfigError
@@ -18,11 +18,11 @@ from swe_sphere.planet import EARTH
 
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
-    from swe_sphere.model.scene import Scene
 
 __all__ = [
     "DYNAMICS",
     "EFFECTS",
+    "Drag",
     "Effect",
     "Forcing",
     "Hyperviscosity",
@@ -30,10 +30,10 @@ __all__ = [
     "Orography",
     "PrescribedWind",
     "PressureGradient",
+    "Relaxation",
     "Rotation",
     "Tracers",
     "Viscosity",
-    "apply_settings",
     "hyperviscosity_default",
     "unknown_name",
 ]
@@ -50,7 +50,8 @@ class Effect:
     """The function of the `Scene` that this effect, and only this effect, calls for."""
 
     dissipation: ClassVar[bool] = False
-    """Whether the user may switch the effect on for any scene."""
+    """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
+    it at the past level."""
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
@@ -204,6 +205,55 @@ class Hyperviscosity(Effect):
         return hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))
 
 
+@dataclass(frozen=True)
+class Drag(Effect):
+    """-(linear + quadratic |v|) v on the wind, with `linear` [s-1] and `quadratic` [m-1].
+
+    Raises:
+        ConfigError: a coefficient is negative or not finite.
+    """
+
+    name = "drag"
+    dissipation = True
+    linear: float = 0.0
+    quadratic: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_coefficient(f"{self.name}.linear", self.linear)
+        _check_coefficient(f"{self.name}.quadratic", self.quadratic)
+
+    @property
+    def absent(self) -> bool:
+        """True where both coefficients are 0."""
+        return self.linear == 0.0 and self.quadratic == 0.0
+
+
+@dataclass(frozen=True)
+class Relaxation(Effect):
+    """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
+
+    Newtonian cooling in a shallow layer.  Switched on for a scene that has no equilibrium, it pulls
+    depth back to what it was at the start.
+
+    Raises:
+        ConfigError: `time` is not positive.
+    """
+
+    name = "relaxation"
+    needs = "equilibrium"
+    dissipation = True
+    time: float
+
+    def __post_init__(self) -> None:
+        if not self.time > 0.0:
+            raise ConfigError(f"{self.name}.time must be positive, not {self.time}")
+
+    @property
+    def absent(self) -> bool:
+        """True where the time is infinite."""
+        return math.isinf(self.time)
+
+
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
 """The effects of every scene that steps the wind."""
 
@@ -219,6 +269,8 @@ EFFECTS: dict[str, type[Effect]] = {
         Tracers,
         Viscosity,
         Hyperviscosity,
+        Drag,
+        Relaxation,
     )
 }
 """All effects by name."""
@@ -252,24 +304,6 @@ def _refinement(mesh: Mesh) -> float:
     return plain.spacing()[0] / mesh.spacing()[0]
 
 
-def apply_settings(scene: Scene, settings: Sequence[str]) -> Scene:
-    """The scene with the effect parameters changed as "effect.parameter=value" strings say.
-
-    Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
-    effects can be changed only where the scene has the effect.
-
-    Raises:
-        ConfigError: a setting that cannot be read, or names what is not there.
-    """
-    grouped: dict[str, dict[str, str]] = {}
-    for setting in settings:
-        effect, parameter, value = _split(setting)
-        grouped.setdefault(effect, {})[parameter] = value
-    for effect, values in grouped.items():
-        scene = scene.with_effect(_configured(scene, effect, values))
-    return scene
-
-
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
     """The error for a name that is not among the known ones: the nearest of them, then all."""
     names = list(known)
@@ -281,35 +315,3 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
 def _check_coefficient(label: str, value: float) -> None:
     if not (math.isfinite(value) and value >= 0.0):
         raise ConfigError(f"{label} must be finite and not negative, not {value}")
-
-
-def _split(setting: str) -> tuple[str, str, str]:
-    key, equals, value = setting.partition("=")
-    effect, dot, parameter = key.strip().partition(".")
-    if not (equals and dot and effect and parameter and value.strip()):
-        raise ConfigError(f"a setting reads effect.parameter=value, not {setting!r}")
-    return effect, parameter, value.strip()
-
-
-def _configured(scene: Scene, name: str, texts: Mapping[str, str]) -> Effect:
-    """The effect `name` of the scene, or a new one, with the parameters given as text."""
-    if name not in EFFECTS:
-        raise unknown_name("effect", name, EFFECTS)
-    cls, present = EFFECTS[name], scene.effect(name)
-    if present is None and not cls.dissipation:
-        has = ", ".join(effect.name for effect in scene.effects)
-        raise ConfigError(f"{scene.name} has no effect {name!r}; it has {has}")
-    for parameter in texts:
-        if parameter not in cls.parameters():
-            has = ", ".join(cls.parameters()) or "no parameters"
-            raise ConfigError(f"effect {name!r} has no parameter {parameter!r}; it has {has}")
-    values = {} if present is None else {key: getattr(present, key) for key in cls.parameters()}
-    values |= {key: cls.convert(key, text) for key, text in texts.items()}
-    _check_complete(cls, values)
-    return cls(**values)
-
-
-def _check_complete(cls: type[Effect], values: Mapping[str, object]) -> None:
-    for field in fields(cls):
-        if field.name not in values and field.default is MISSING:
-            raise ConfigError(f"effect {cls.name!r} needs {cls.name}.{field.name}=…")

@@ -12,6 +12,7 @@ from ..operators import DeviceMesh, Launcher, find_device
 from ..operators.device_mesh import REALS
 from ..operators.diagnose import divergence, vorticity
 from .difference import DifferenceProduct
+from .effects import Drag
 from .given import GivenForcing, GivenWind
 from .parts import Part, device_parameters
 from .scene import Scene
@@ -78,7 +79,7 @@ class Model:
 
     @property
     def dissipative(self) -> bool:
-        """Whether the scene has viscosity or hyperviscosity."""
+        """Whether the scene has an effect that damps."""
         return any(effect.dissipation for effect in self.scene.effects)
 
     # --- states
@@ -183,8 +184,21 @@ class Model:
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
         self.set_time(t)
-        parts = ["conservative"] + ["dissipative"] * self.dissipative
-        return estimate_spectrum(self, state, *(self._part(name) for name in parts))
+        dissipation = self.damping(state) if self.dissipative else None
+        return estimate_spectrum(self, state, self._part("conservative"), dissipation)
+
+    def damping(self, state: wp.array) -> Part:
+        """An operator whose differences are those of the dissipation linearised at the state."""
+        part = self._part("dissipative-tangent" if self._speed_damps else "dissipative")
+        if part.base is not None:
+            wp.copy(part.base, state)
+        return part
+
+    @property
+    def _speed_damps(self) -> bool:
+        """Whether dissipation is not linear (or with a constant, linear) in the state."""
+        drag = self.scene.effect("drag")
+        return isinstance(drag, Drag) and drag.quadratic > 0.0
 
     # --- what changes in time
 

@@ -8,8 +8,8 @@ import warp as wp
 
 from ..kernels import Terms
 from ..kernels.pointwise import Pointwise
-from ..operators import TendencyOperator
-from .effects import Hyperviscosity, Viscosity
+from ..operators import PointwiseOperator, TendencyOperator
+from .effects import Drag, Effect, Hyperviscosity, Relaxation, Viscosity
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -18,30 +18,42 @@ if TYPE_CHECKING:
 __all__ = ["Part", "device_parameters"]
 
 
+TANGENTS = ("tangent", "dissipative-tangent")
+DISSIPATIVE = ("dissipative", "dissipative-tangent")
+
+
 def element_terms(scene: Scene, part: str) -> Terms:
     """The terms with derivatives, for the kernels over elements."""
     has = {effect.name for effect in scene.effects}
     terms = Terms(
-        advection="momentum-advection" in has and part != "dissipative",
-        pressure="pressure-gradient" in has and part != "dissipative",
+        advection="momentum-advection" in has and part not in DISSIPATIVE,
+        pressure="pressure-gradient" in has and part not in DISSIPATIVE,
         bottom="orography" in has,
         wind="prescribed-wind" in has,
         diffusion="viscosity" in has,
         biharmonic="hyperviscosity" in has,
-        tangent=part == "tangent",
+        tangent=part in TANGENTS,
     )
     if part == "conservative":
         return replace(terms, diffusion=False, biharmonic=False)
-    return replace(terms, still=True) if part == "dissipative" else terms
+    return replace(terms, still=True) if part in DISSIPATIVE else terms
 
 
 def pointwise_terms(scene: Scene, part: str) -> Pointwise:
     """The terms without derivatives, which are added as DSS is made."""
     has = {effect.name for effect in scene.effects}
-    return Pointwise(
-        rotation="rotation" in has and "prescribed-wind" not in has and part != "dissipative",
+    drag = next((e for e in scene.effects if isinstance(e, Drag)), Drag())
+    point = Pointwise(
+        rotation="rotation" in has and "prescribed-wind" not in has and part not in DISSIPATIVE,
         forcing="forcing" in has and part in ("all", "conservative"),
+        linear_drag=drag.linear > 0.0,
+        quadratic_drag=drag.quadratic > 0.0,
+        relaxation="relaxation" in has,
+        tangent=part in TANGENTS,
     )
+    if part == "conservative":
+        return replace(point, linear_drag=False, quadratic_drag=False, relaxation=False)
+    return point
 
 
 def device_parameters(model: "Model") -> dict[str, Any]:
@@ -56,25 +68,39 @@ def device_parameters(model: "Model") -> dict[str, Any]:
         parameters["wind"] = upload(np.zeros(2 * model.mesh.size))
     if scene.forcing:
         parameters["forcing"] = upload(np.zeros(model.fluid_size))
+    if scene.equilibrium:
+        parameters["equilibrium"] = upload(scene.equilibrium(model.mesh.lon, model.mesh.lat))
     for effect in scene.effects:
-        if isinstance(effect, Viscosity):
-            parameters["nu"] = effect.nu
-        if isinstance(effect, Hyperviscosity):
-            parameters["nu4"] = effect.coefficient(model.mesh)
+        parameters |= _coefficients(effect, model)
     return parameters
 
 
-class Part:
-    """One of "all", "conservative", "dissipative" and "tangent" of a model's right-hand side.
+def _coefficients(effect: Effect, model: "Model") -> dict[str, float]:
+    """The numbers a kernel needs of an effect, by the names they have there."""
+    if isinstance(effect, Viscosity):
+        return {"nu": effect.nu}
+    if isinstance(effect, Hyperviscosity):
+        return {"nu4": effect.coefficient(model.mesh)}
+    if isinstance(effect, Drag):
+        return {"linear_drag": effect.linear, "quadratic_drag": effect.quadratic}
+    if isinstance(effect, Relaxation):
+        return {"relaxation_rate": 1.0 / effect.time}
+    return {}
 
-    With the Laplacian that hyperviscosity applies its own Laplacian to.
+
+class Part:
+    """One part of a model's right-hand side, by name.
+
+    "all", "conservative" and "dissipative", which add up to all, "tangent" and
+    "dissipative-tangent", which are derivatives at `base`.  With the Laplacian that hyperviscosity
+    applies its own Laplacian to.
     """
 
     def __init__(self, model: "Model", name: str) -> None:
         mesh, launch, parameters = model.device_mesh, model.launch, model.parameters
         terms, point = element_terms(model.scene, name), pointwise_terms(model.scene, name)
         self.base: wp.array | None = None
-        if terms.tangent and terms.gradient:
+        if (terms.tangent and terms.gradient) or point.speed:
             self.base = model.zeros()
         self._laplacian, self._first = model.zeros() if terms.biharmonic else None, None
         if terms.biharmonic:
@@ -82,7 +108,11 @@ class Part:
             once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
             self._first = TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0})
         mine = parameters | {"base": self.base, "laplacian": self._laplacian}
-        self._operator = TendencyOperator(mesh, terms, launch, mine, point)
+        self._operator: Any
+        if point.plain or terms.dynamics or terms.diffuses:
+            self._operator = TendencyOperator(mesh, terms, launch, mine, point)
+        else:
+            self._operator = PointwiseOperator(mesh, terms.unknowns, point, launch, mine)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """out = this part at the state (or direction) x."""

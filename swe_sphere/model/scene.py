@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,8 @@ class Scene:
     """Rates of change whatever the state is; there if and only if the scene has forcing."""
     steady_forcing: bool = False
     """Whether the forcing is the same at all times, so that it need be evaluated once."""
+    equilibrium: Scalar | None = None
+    """Depth [m] that relaxation pulls to, if and only if there is relaxation."""
     tracers: Mapping[str, Scalar] | None = None
     """Initial mixing ratios by name, in any unit; there if and only if the scene has tracers."""
     exact_tracers: UnsteadyTracers | None = None
@@ -114,14 +117,20 @@ class Scene:
     def with_effect(self, effect: Effect) -> Scene:
         """The scene with the effect added, or put in the place of the one of the same name.
 
-        An effect that vanishes (a viscosity of zero) is left out instead.
+        An effect that vanishes (a viscosity of zero) is left out instead.  Relaxation of a scene
+        without equilibrium is to the initial depth.
         """
+        kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
-            return replace(self, effects=tuple(e for e in self.effects if e.name != effect.name))
-        if self.effect(effect.name) is None:
-            return replace(self, effects=(*self.effects, effect))
-        swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
-        return replace(self, effects=swapped)
+            unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}
+            return replace(self, effects=kept, **unneeded)
+        if len(kept) < len(self.effects):
+            swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
+            return replace(self, effects=swapped)
+        needed: dict[str, Any] = {}
+        if effect.needs == "equilibrium" and self.equilibrium is None:
+            needed = {"equilibrium": partial(_initial_depth, self.initial)}
+        return replace(self, effects=(*self.effects, effect), **needed)
 
     def without_effect(self, name: str) -> Scene:
         """The scene without the effect of that name and the function that it needs.
@@ -136,8 +145,10 @@ class Scene:
             has = ", ".join(each.name for each in self.effects)
             raise ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
         changes: dict[str, Any] = {"effects": tuple(e for e in self.effects if e.name != name)}
+        if effect.needs:
+            changes |= {effect.needs: None}
         if not effect.dissipation:
-            changes |= {"exact": None} | ({effect.needs: None} if effect.needs else {})
+            changes |= {"exact": None}
         return replace(self, **changes)
 
 
@@ -156,6 +167,12 @@ def _check_effects(scene: Scene) -> None:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
     if "prescribed-wind" in names and "momentum-advection" in names:
         raise ConfigError(f"{scene.name}: a prescribed wind cannot also be stepped")
+    if "prescribed-wind" in names and "drag" in names:
+        raise ConfigError(f"{scene.name}: a prescribed wind cannot be slowed down; leave out drag")
+
+
+def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:
+    return initial(lon, lat)[2]
 
 
 def _check_tracers(scene: Scene) -> None:

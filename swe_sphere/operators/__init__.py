@@ -2,6 +2,7 @@
 
 from .device_mesh import DeviceMesh
 from .launch import Launcher, find_device
+from .pointwise import PointwiseOperator
 from .tendency import TendencyOperator
 
-__all__ = ["DeviceMesh", "Launcher", "TendencyOperator", "find_device"]
+__all__ = ["DeviceMesh", "Launcher", "PointwiseOperator", "TendencyOperator", "find_device"]

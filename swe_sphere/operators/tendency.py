@@ -8,6 +8,7 @@ from ..kernels import Terms, assembly_kernel, element_kernel, node_kernel
 from ..kernels.pointwise import Pointwise, pointwise_kernel
 from .device_mesh import DeviceMesh
 from .launch import Launcher
+from .pointwise import fill
 
 NO_POINTWISE = Pointwise()
 
@@ -17,8 +18,9 @@ class TendencyOperator:
 
     `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
     [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
-    (unknowns*N,), coriolis (N,) [s-1].  The wind that `Pointwise.rotation` turns is that of `base`
-    in the skew form.
+    (unknowns*N,), coriolis (N,) [s-1], linear_drag [s-1], quadratic_drag [m-1], relaxation_rate
+    [s-1] and equilibrium (N,) [m].  The wind that `Pointwise.rotation` turns is that of `base` in
+    the skew form.
     """
 
     def __init__(
@@ -52,10 +54,7 @@ class TendencyOperator:
             kernel = assembly_kernel(unknowns, real, point.rotation)
             return kernel, (parameters["coriolis"],) if point.rotation else ()
         made = pointwise_kernel(unknowns, real, point)
-        own = made.structure()
-        for name in made.structure.vars:
-            setattr(own, name, parameters[name])
-        return made.kernel, (own,)
+        return made.assembly, (fill(made.structure, parameters),)
 
     def _assemble(self, x: wp.array, out: wp.array) -> None:
         """DSS, and what acts at a point."""

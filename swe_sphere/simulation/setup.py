@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model.effects import apply_settings
 from swe_sphere.model.scene import Parameter, Scene
+from swe_sphere.model.settings import apply_settings
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.warp_start import start_warp

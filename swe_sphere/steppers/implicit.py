@@ -260,10 +260,12 @@ class ImplicitStepper(Stepper):
     def _restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
         """Give x the masses of the exact solution: those of the right-hand side, and a gain [m].
 
-        F moves no mass but what forcing brings, which has no tracer in it.
+        F moves no mass but what forcing brings, which has no tracer in it; the depth that
+        relaxation moves is left to the solver.
         """
         space, gains = self.space, [gain, *(0.0 for _ in self._units[1:])]
-        for unit, more in zip(self._units, gains, strict=True):
+        first = int(self.model.scene.effect("relaxation") is not None)
+        for unit, more in list(zip(self._units, gains, strict=True))[first:]:
             lost = space.dot(rhs, unit) - space.dot(x, unit)
             space.axpy(lost / space.dot(unit, unit) + more, unit, x)
 
