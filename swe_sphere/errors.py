@@ -17,3 +17,11 @@ class RunFailed(SweError):
     """A run had to stop early (not a number, negative depth, a step that cannot be solved, ...)."""
 
     exit_status = 1
+
+
+class Unstable(RunFailed):
+    """The solution makes no sense any more (not a number, negative depth, runaway energy)."""
+
+
+class TimedOut(RunFailed):
+    """The time that the user gave the run is used up; its state is sound."""

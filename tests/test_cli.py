@@ -189,6 +189,7 @@ MISTAKES = {
     "run williamson2 --ne 2 --device cuda:0": "device 'cuda:0'",
     "run williamson2 --ne 2 --device abacus": "device 'abacus'",
     "run williamson2 --precision float16": "precision: must be 'float64' or 'float32'",
+    "run williamson2 --time-limit 0": "time-limit: must be greater than 0",
     "run williamson2 --launch tile": "launch: must be 'element' or 'node'",
     "run williamson2 --set orography.height=1": "has no effect 'orography'; it has",
     "run williamson2 --set viscosity.mu=1": "has no parameter 'mu'; it has nu",

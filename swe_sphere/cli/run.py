@@ -102,6 +102,10 @@ def run(
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.nc", help="Lat-lon reference for the errors.")
     ] = None,
+    time_limit: Annotated[
+        float | None,
+        _number("--time-limit", "SECONDS", "End the run after so long, in good order."),
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Options by name; flags go first.")
     ] = None,

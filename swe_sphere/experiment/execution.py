@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import RunFailed, TimedOut
 from swe_sphere.experiment.prepare import Prepared
 from swe_sphere.experiment.recorder import Recorder
 from swe_sphere.experiment.sampler import Sampler
@@ -42,8 +42,9 @@ class Execution:
         stepper = prepared.config.stepper
         self._recorder = Recorder(self._sampler, plan, writer, stepper, self._counts)
         self._loop = Loop(
-            model, prepared.stepper, plan, self._health, [self._recorder], watcher.tick
-        )
+            model, prepared.stepper, plan, self._health, [self._recorder], watcher.tick,
+            prepared.config.time_limit,
+        )  # fmt: skip
         self._reason: str | None = None
         self._exit_status = 0
 
@@ -54,6 +55,9 @@ class Execution:
             self._watcher.begin(self._prepared)
             with Interruption() as interruption:
                 self._loop.run(interruption)
+        except TimedOut as error:
+            self._stop(str(error), error.exit_status)
+            self._keep(self._loop.moment())
         except RunFailed as error:
             self._stop(str(error), error.exit_status)
             self._recorder.latest = {}

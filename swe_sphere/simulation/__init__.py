@@ -1,6 +1,6 @@
 """Stepping a scene: configuration, time plan, loop, health check, interruption."""
 
-from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.config import RunConfig, first_complaint, load_config, make_config
 from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.loop import Loop
@@ -28,6 +28,7 @@ __all__ = [
     "accurate_step",
     "choose_step",
     "continued_plan",
+    "first_complaint",
     "identity",
     "load_config",
     "longest_step",

@@ -19,7 +19,7 @@ from pydantic import (
 
 from swe_sphere.errors import ConfigError
 
-__all__ = ["RunConfig", "load_config", "make_config"]
+__all__ = ["RunConfig", "first_complaint", "load_config", "make_config"]
 
 
 def _time_step(value: object) -> object:
@@ -94,6 +94,8 @@ class RunConfig(BaseModel):
     restart: Path | None = None
     reference: Path | None = None
     """Reference solution on a latitude-longitude grid, for the time at the end of the run."""
+    time_limit: Positive | None = None
+    """Wall time that the steps may take [s]; the run ends when it is used up."""
     as_json: bool = False
     quiet: bool = False
 
@@ -121,7 +123,7 @@ def make_config(values: Mapping[str, object]) -> RunConfig:
     try:
         return RunConfig.model_validate(dict(values))
     except ValidationError as error:
-        raise ConfigError(_first_line(error)) from None
+        raise ConfigError(first_complaint(error, RunConfig)) from None
 
 
 def load_config(path: Path) -> dict[str, object]:
@@ -139,12 +141,12 @@ def load_config(path: Path) -> dict[str, object]:
     return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table.items()}
 
 
-def _first_line(error: ValidationError) -> str:
-    """The first complaint as "field: what is wrong, not value"."""
+def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first complaint about values of the model as "field: what is wrong, not value"."""
     first = error.errors(include_url=False)[0]
     name = _flag(str(first["loc"][0])) if first["loc"] else "configuration"
     if first["type"] == "extra_forbidden":
-        names = ", ".join(sorted(map(_flag, RunConfig.model_fields)))
+        names = ", ".join(sorted(map(_flag, model.model_fields)))
         return f"there is no option {name!r}; there are {names}"
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import Unstable
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.moment import Array, Moment
 
@@ -38,11 +38,11 @@ class HealthCheck:
         return step % EVERY == 0
 
     def observe(self, moment: Moment) -> None:
-        """Look; RunFailed says what is wrong, when, and what could be done."""
+        """Look; Unstable says what is wrong, when, and what could be done."""
         trouble = self._trouble(moment.fields)
         if trouble:
             when = f"at day {moment.time / DAY:.4g} (step {moment.step})"
-            raise RunFailed(f"{trouble} {when}: {self._limit}")
+            raise Unstable(f"{trouble} {when}: {self._limit}")
 
     def _trouble(self, fields: dict[str, Array]) -> str | None:
         if not all(np.isfinite(values).all() for values in fields.values()):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from swe_sphere.errors import TimedOut
+from swe_sphere.planet import DAY
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.moment import Moment, Observer
 from swe_sphere.simulation.plan import TimePlan
@@ -25,7 +28,8 @@ class Loop:
 
     guard: sees the state when it is due and before any observer does, so that none of them is
     shown a state that makes no sense.  observers: each sees the state when it is due, and always
-    the last one.  tick: told the number of steps done, about ten times a second.
+    the last one.  tick: told the number of steps done, about ten times a second.  time_limit: wall
+    time [s] that the steps may take, looked at after each of them; None: any.
     """
 
     def __init__(
@@ -36,11 +40,15 @@ class Loop:
         guard: Observer,
         observers: Sequence[Observer],
         tick: Callable[[int], None] | None = None,
+        time_limit: float | None = None,
     ) -> None:
         self._model, self._stepper, self._plan = model, stepper, plan
         self._guard, self._observers, self._tick = guard, observers, tick
+        self._time_limit = math.inf if time_limit is None else time_limit
         self.wall_seconds = 0.0
         """Time spent stepping [s], without compiling, observing and writing."""
+        self.cpu_seconds = 0.0
+        """Processor time of all threads in that while [s], compiling included."""
         self._last_tick = 0.0
 
     def moment(self) -> Moment:
@@ -51,7 +59,7 @@ class Loop:
         """Step to the end.
 
         Raises:
-            RunFailed: a stepper or an observer cannot go on.
+            RunFailed: a stepper or an observer cannot go on, or the time limit is reached.
             Interrupted: the user asked to stop; the state is that after a whole step.
         """
         while self._stepper.steps < self._plan.steps:
@@ -69,15 +77,21 @@ class Loop:
     def _advance(self, stop: int, interruption: Interruption) -> None:
         """Take steps up to that number, with the clock running."""
         compiled, start = self._model.compile_seconds, time.perf_counter()
+        worked = time.process_time()
+        deadline = start - compiled + self._time_limit - self.wall_seconds
         try:
             while self._stepper.steps < stop:
                 self._stepper.step()
                 interruption.check()
-                self._report()
+                now = time.perf_counter()
+                self._report(now)
+                if now > deadline + self._model.compile_seconds:
+                    self._give_up()
             self._finish_device()
         finally:
             elapsed = time.perf_counter() - start
             self.wall_seconds += elapsed - (self._model.compile_seconds - compiled)
+            self.cpu_seconds += time.process_time() - worked
 
     def _finish_device(self) -> None:
         import warp as wp
@@ -91,8 +105,16 @@ class Loop:
             if moment.step == self._plan.steps or observer.due(moment.step):
                 observer.observe(moment)
 
-    def _report(self) -> None:
-        now = time.perf_counter()
+    def _give_up(self) -> None:
+        steps = self._stepper.steps
+        if steps < self._plan.steps:
+            day = self._plan.time(steps) / DAY
+            raise TimedOut(
+                f"the time limit of {self._time_limit:g} s was reached at day {day:.4g}"
+                f" (step {steps} of {self._plan.steps}): give it more time or take a larger dt"
+            )
+
+    def _report(self, now: float) -> None:
         if self._tick is not None and now - self._last_tick >= TICK:
             self._last_tick = now
             self._tick(self._stepper.steps)
