@@ -10,6 +10,7 @@ import typer
 from swe_sphere.cli.errors import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all, plot
 from swe_sphere.cli.run import run
+from swe_sphere.cli.sweep import sweep
 
 __all__ = ["app", "main"]
 
@@ -21,6 +22,7 @@ app = typer.Typer(
 )
 app.command("list")(list_all)
 app.command("run")(run)
+app.command("sweep")(sweep)
 app.command("plot")(plot)
 app.command("compare")(compare)
 

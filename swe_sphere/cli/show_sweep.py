@@ -1,0 +1,140 @@
+"""What a sweep shows on the terminal: notes, progress, the table at the end."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from swe_sphere.sweep import SweepPlan, SweepWatcher
+from swe_sphere.sweep.answer import Setting, best_kind, cheapest, settings
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from swe_sphere.sweep.case import Case
+
+__all__ = ["SweepTerminal", "show_sweep"]
+
+
+class SweepTerminal(SweepWatcher):
+    """Notes on stderr; a progress bar there too if it is a terminal and nobody minds."""
+
+    def __init__(self, plan: SweepPlan, quiet: bool) -> None:
+        self._scene, self._quiet = plan.scene, quiet
+        self._bar: Progress | None = None
+        self._task: Any = None
+        self._expected = self._done = 0
+
+    def __enter__(self) -> Self:
+        if not self._quiet and sys.stderr.isatty():
+            self._bar = _progress_bar()
+            self._task = self._bar.add_task(self._scene, total=None, what="")
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def expect(self, runs: int) -> None:
+        """Lengthen the bar."""
+        self._expected += runs
+        self._show(total=self._expected)
+
+    def begin(self, case: Case) -> None:
+        """Say what is running."""
+        self._steps = 0 if case.steps is None else case.steps.steps
+        self._label = case.label
+        self._show(what=case.label)
+
+    def tick(self, step: int) -> None:
+        """Say how far it is."""
+        self._show(what=f"{self._label}, step {step} of {self._steps}")
+
+    def done(self, case: Case, record: dict[str, Any]) -> None:
+        """Move the bar."""
+        self._done += 1
+        self._show(completed=self._done)
+
+    def note(self, text: str) -> None:
+        """Print it."""
+        if self._bar is not None:
+            self._bar.console.print(text, markup=False, highlight=False)
+        elif not self._quiet:
+            sys.stderr.write(f"{text}\n")
+
+    def _show(self, **values: Any) -> None:
+        if self._bar is not None:
+            self._bar.update(self._task, **values)
+
+
+def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
+    """The runs as a table; of a search for an error the cheapest setting of each stepper."""
+    from rich.console import Console
+
+    console = Console(markup=False, highlight=False)
+    if search is None:
+        found = settings(dataset)
+        console.print(_table(f"{dataset.attrs['scene']}: what accuracy costs", found))
+    else:
+        found = settings(dataset, search.target_field, search.target_norm)
+        _show_answer(console, search, found)
+    for reason, count in Counter(s.reason for s in found if s.reason).items():
+        console.print(f"{count} × {reason}" if count > 1 else reason)
+
+
+def _show_answer(console: Any, search: SweepPlan, found: list[Setting]) -> None:
+    target = search.target_error or math.inf
+    kind = best_kind(found) if search.target_kind == "auto" else search.target_kind
+    what = f"{kind} error {search.target_norm}({search.target_field}) of {target:g}"
+    best = cheapest(found, target, kind)
+    if best:
+        console.print(_table(f"{search.scene}: cheapest ways to a {what}", best))
+    else:
+        console.print(f"{search.scene}: no stepper reaches a {what}")
+
+
+def _table(title: str, found: list[Setting]) -> Table:
+    from rich.table import Table
+
+    table = Table(
+        "stepper", "mesh", "dt [s]", "of gravity limit", "time error", "total error", "time [s]",
+        "Krylov a step", title=title,
+    )  # fmt: skip
+    for s in found:
+        failed = s.status != "completed"
+        name = f"{s.stepper} {s.preconditioner}".strip()
+        ends = [s.status, "", ""] if failed else [
+            _number(s.errors["time"]), _number(s.errors["total"]),
+            f"{s.wall:.3g} ± {50.0 * s.spread:.0f} %",
+        ]  # fmt: skip
+        krylov = f"{s.krylov:.1f}" if s.krylov > 0.0 else ""
+        table.add_row(name, s.mesh, f"{s.dt:.5g}", f"{s.gravity_limits:.3g}", *ends, krylov)
+    return table
+
+
+def _number(value: float) -> str:
+    return f"{value:.2e}" if math.isfinite(value) else "–"
+
+
+def _progress_bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[what]}"),
+        Remaining(),
+        console=Console(stderr=True),
+        transient=True,
+    )

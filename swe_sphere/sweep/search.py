@@ -1,0 +1,121 @@
+"""Searches along the step: the longest one that works, and the longest one that is good enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Target", "longest_accurate", "longest_working"]
+
+GROWTH = 1.25
+"""Between steps while the limit is not yet enclosed."""
+HALVINGS = 12
+REFINEMENTS = 6
+PLATEAU = 0.9
+"""An error that a halved step leaves above this part of itself does not depend on the step."""
+
+
+def longest_working(
+    works: Callable[[float], bool],
+    guess: float,
+    shortest: float,
+    longest: float,
+    tolerance: float = 0.02,
+    growth: float = GROWTH,
+) -> float | None:
+    """The longest step [s] that works, to the tolerance (relative); None if none does.
+
+    works: tells of a step, and is taken to fail for all longer ones where it fails for one.  guess:
+    where to begin; shortest, longest: the ends of the search.
+    """
+    low = high = min(max(guess, shortest), longest)
+    if works(low):
+        while high < longest:
+            high = min(growth * low, longest)
+            if not works(high):
+                break
+            low = high
+        else:
+            return longest
+    else:
+        while True:
+            if high <= shortest:
+                return None
+            low = max(high / growth, shortest)
+            if works(low):
+                break
+            high = low
+    while high > (1.0 + tolerance) * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if works(middle) else (low, middle)
+    return low
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a search for an error came to."""
+
+    dt: float | None
+    """The longest step [s] found that is good enough; None if there is none."""
+    reason: str = ""
+    """Why there is none, in words."""
+
+
+def longest_accurate(
+    error: Callable[[float], float],
+    target: float,
+    longest: float,
+    shortest: float,
+    tolerance: float = 0.05,
+) -> Target:
+    """The longest step [s] with an error of at most the target, to the tolerance (relative).
+
+    error: error of a step, not finite where the run fails; it is taken to grow with the step.
+    From the longest step downwards by halves, then by the secant through the logarithms.  Given up
+    where halving the step does not help any more, and at the shortest step.
+    """
+    step, found = longest, error(longest)
+    bad: tuple[float, float] | None = None
+    flat = 0
+    while not found <= target:
+        if step <= shortest:
+            return Target(None, f"the error is {found:.3g} even at dt = {step:.4g} s")
+        previous, bad = found, (step, found)
+        step = max(0.5 * step, shortest)
+        found = error(step)
+        flat = flat + 1 if found > PLATEAU * previous else 0
+        if flat == 2 and not found <= target:
+            return Target(None, f"the error stays at {found:.3g} however short the step")
+    if bad is None:
+        return Target(step)
+    return Target(_refined(error, target, (step, found), bad, tolerance))
+
+
+def _refined(
+    error: Callable[[float], float],
+    target: float,
+    good: tuple[float, float],
+    bad: tuple[float, float],
+    tolerance: float,
+) -> float:
+    """The step between a good and a bad one at which the error passes the target."""
+    for _ in range(REFINEMENTS):
+        if bad[0] <= (1.0 + tolerance) * good[0]:
+            break
+        step = _between(good, bad, target)
+        found = error(step)
+        if found <= target:
+            good = (step, found)
+        else:
+            bad = (step, found)
+    return good[0]
+
+
+def _between(good: tuple[float, float], bad: tuple[float, float], target: float) -> float:
+    """By the secant in logarithms, kept off the ends; the middle where an error is not finite."""
+    share = 0.5
+    if math.isfinite(bad[1]) and 0.0 < good[1] < bad[1]:
+        share = math.log(target / good[1]) / math.log(bad[1] / good[1])
+    share = min(max(share, 0.15), 0.85)
+    return float(good[0] * (bad[0] / good[0]) ** share)

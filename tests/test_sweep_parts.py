@@ -1,0 +1,224 @@
+"""Parts of a sweep that run nothing: plan, ladder, searches, schedule, journal, recipes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.sweep.case import Schedule, free_steps
+from swe_sphere.sweep.journal import Journal, read_journal
+from swe_sphere.sweep.ladder import ladder
+from swe_sphere.sweep.plan import make_plan
+from swe_sphere.sweep.recipes import load_recipe, recipe_names
+from swe_sphere.sweep.search import longest_accurate, longest_working
+
+# --- plan
+
+
+def test_lists_may_be_written_in_any_way():
+    plan = make_plan(
+        {
+            "scene": "williamson2",
+            "steppers": "rk4, tr-bdf2",
+            "ne": "4,8",
+            "np": 4,
+            "dt": [600, 1200],
+        }
+    )
+    assert plan.steppers == ("rk4", "tr-bdf2")
+    assert (plan.ne, plan.np, plan.dt) == ((4, 8), (4,), (600.0, 1200.0))
+    assert make_plan({"scene": "williamson2", "steppers": "rk4"}).dt == "auto"
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"scene": "wiliamson2"}, "unknown scene 'wiliamson2'; did you mean 'williamson2'"),
+        ({"steppers": "rk5"}, "unknown stepper 'rk5'; did you mean 'rk4'"),
+        ({"steppers": ""}, "steppers: "),
+        ({"preconditioner": "helmhotz"}, "unknown preconditioner 'helmhotz'"),
+        ({"dt": "600,soon"}, "dt: must be positive numbers of seconds or 'auto', not '600,soon'"),
+        ({"dt": -1}, "dt: must be positive numbers"),
+        ({"ne": 0}, "ne=0"),
+        ({"np": "4,2"}, "np=2"),
+        ({"precision": "float16"}, "precision: must be 'float64' or 'float32'"),
+        ({"days": 2, "report_days": "1,3"}, "report-days: day 3 is after the end, day 2"),
+        ({"repeats": 0}, "repeats: must be greater than or equal to 1"),
+        ({"target_error": 0}, "target-error: must be greater than 0"),
+        ({"target_norm": "l3"}, "target-norm: must be 'l1', 'l2' or 'linf'"),
+        ({"time_limit": -1}, "time-limit: must be greater than 0"),
+        ({"reference": "none.nc"}, "reference: there is no file none.nc"),
+        ({"steper": "rk4"}, "there is no option 'steper'; there are"),
+        ({"settings": "viscosity.mu=1"}, "has no parameter 'mu'"),
+    ],
+)
+def test_a_mistake_in_a_plan_is_one_line(values, line):
+    with pytest.raises(ConfigError) as error:
+        make_plan({"scene": "williamson2", "steppers": "rk4", **values})
+    assert line in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_plan_without_a_scene_says_so():
+    with pytest.raises(ConfigError, match="scene: say which one"):
+        make_plan({"steppers": "rk4"})
+
+
+# --- ladder
+
+
+def test_an_explicit_ladder_goes_down_from_the_limit():
+    steps = ladder(800.0, True, 300.0, 86400.0, 5)
+    assert steps[0] == 800.0 and len(steps) == 5
+    assert np.allclose(np.divide(steps[:-1], steps[1:]), math.sqrt(2.0))
+
+
+def test_an_implicit_ladder_goes_up_from_the_gravity_limit():
+    steps = ladder(math.inf, False, 300.0, 86400.0, 7)
+    assert steps[0] == 64.0 * 300.0 and steps[-1] == pytest.approx(300.0)
+    assert np.allclose(np.divide(steps[:-1], steps[1:]), 2.0)
+
+
+def test_no_step_of_a_ladder_exceeds_the_wind_limit_or_the_time_between_reports():
+    assert ladder(2000.0, False, 300.0, 86400.0, 4)[0] == 2000.0
+    assert ladder(math.inf, False, 300.0, 7200.0, 4)[0] == 7200.0
+    assert ladder(math.inf, False, math.inf, 7200.0, 4) == [7200.0]
+
+
+# --- searches
+
+
+@pytest.mark.parametrize("guess", [1.0, 90.0, 130.0, 1e4])
+def test_the_longest_working_step_is_found_to_two_percent(guess):
+    tried = []
+
+    def works(dt):
+        tried.append(dt)
+        return dt <= 123.4
+
+    found = longest_working(works, guess, shortest=1.0, longest=1e4)
+    assert 123.4 / 1.02 <= found <= 123.4
+    assert len(tried) < 40
+
+
+def test_a_limit_beyond_the_longest_or_below_the_shortest_step():
+    assert longest_working(lambda dt: True, 10.0, 1.0, 500.0) == 500.0
+    assert longest_working(lambda dt: False, 10.0, 1.0, 500.0) is None
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_the_longest_accurate_step_is_found(order):
+    tried = []
+
+    def error(dt):
+        tried.append(dt)
+        return 2e-4 * (dt / 1000.0) ** order
+
+    found = longest_accurate(error, 1e-6, longest=20000.0, shortest=0.01)
+    exact = 1000.0 * (1e-6 / 2e-4) ** (1.0 / order)
+    assert exact / 1.05 <= found.dt <= exact
+    assert len(tried) < 25
+
+
+def test_a_search_knows_when_the_step_does_not_matter():
+    found = longest_accurate(lambda dt: 1e-3 + 1e-9 * dt, 1e-4, 10000.0, 1.0)
+    assert found.dt is None and "stays at 0.001" in found.reason
+
+
+def test_failed_runs_are_steps_too_long():
+    found = longest_accurate(lambda dt: math.inf if dt > 900.0 else 1e-7 * dt, 1e-4, 10000.0, 1.0)
+    assert 900.0 / 1.05 <= found.dt <= 900.0
+    found = longest_accurate(lambda dt: math.inf, 1e-4, 100.0, 10.0)
+    assert found.dt is None and "even at dt = 10 s" in found.reason
+
+
+def test_a_step_that_is_good_at_once_is_taken():
+    assert longest_accurate(lambda dt: 0.0, 1e-4, 100.0, 10.0).dt == 100.0
+
+
+# --- schedule
+
+
+def test_steps_meet_all_report_times():
+    schedule = Schedule.of(5.0, (1.0, 2.5))
+    assert schedule.report_days == (1.0, 2.5, 5.0)
+    assert schedule.interval == 0.5 * DAY
+    steps = schedule.steps(1000.0)
+    assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
+    days = schedule.report_steps(steps)
+    assert [days[step] for step in sorted(days)] == [1.0, 2.5, 5.0]
+    assert max(days) == steps.steps
+    with pytest.raises(ConfigError, match="no step near"):
+        schedule.steps(2.0 * DAY)
+
+
+def test_trials_keep_their_step():
+    steps = free_steps(1.0, 1000.0)
+    assert (steps.dt, steps.steps) == (1000.0, 87)
+
+
+# --- journal
+
+
+def test_a_journal_keeps_what_it_is_given(tmp_path):
+    journal = Journal(tmp_path / "a.jsonl")
+    journal.append({"record": "run", "x": np.float64(1.5), "nan": math.nan, "of": (1, {"k": 2})})
+    assert read_journal(tmp_path / "a.jsonl") == journal.records
+    assert journal.records == [{"record": "run", "x": 1.5, "nan": None, "of": [1, {"k": 2}]}]
+
+
+@pytest.mark.parametrize("cut", [1, 5, 14])
+def test_a_last_line_that_was_cut_short_is_dropped(tmp_path, cut):
+    path = tmp_path / "a.jsonl"
+    Journal(path).append({"record": "run", "n": 1})
+    whole = path.read_bytes()
+    Journal(path).append({"record": "run", "n": 2})
+    path.write_bytes(path.read_bytes()[:-cut])
+    journal = Journal(path)
+    assert [record["n"] for record in journal.records] == [1]
+    assert path.read_bytes() == whole
+    journal.append({"record": "run", "n": 3})
+    assert [record["n"] for record in read_journal(path)] == [1, 3]
+
+
+def test_a_line_damaged_elsewhere_is_named(tmp_path):
+    path = tmp_path / "a.jsonl"
+    path.write_text(json.dumps({"record": "run"}) + "\n{oops\n" + json.dumps({}) + "\n")
+    with pytest.raises(ConfigError, match=r"line 2 of .*a\.jsonl is damaged"):
+        Journal(path)
+
+
+# --- recipes
+
+
+def test_the_recipes_of_the_package_are_plans():
+    assert recipe_names() == ["evans2010", "quick"]
+    evans = load_recipe("evans2010").plans({})
+    assert [plan.scene for plan in evans] == [
+        "williamson2", "williamson5", "williamson6", "galewsky", "lauter"
+    ]  # fmt: skip
+    for plan in evans:
+        assert {"leapfrog", "semi-implicit", "tr-bdf2", "bdf2", "esdirk4"} <= {*plan.steppers}
+    assert len(load_recipe("quick").plans({})) == 1
+
+
+def test_flags_go_before_the_recipe():
+    recipe = load_recipe("evans2010")
+    assert all(plan.ne == (2,) for plan in recipe.plans({"ne": "2"}))
+    assert [plan.scene for plan in recipe.plans({"scene": "lauter"})] == ["lauter"]
+    with pytest.raises(ConfigError, match="the recipe has no scene 'lake-at-rest'; it has"):
+        recipe.plans({"scene": "lake-at-rest"})
+
+
+def test_a_recipe_of_the_user(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('scene = "lauter"\nsteppers = ["rk4"]\nreport-days = [1]\nset = ["a.b=1"]\n')
+    (values,) = load_recipe(str(path)).sweeps
+    assert values["report_days"] == [1] and values["settings"] == ["a.b=1"]
+    with pytest.raises(ConfigError, match="unknown recipe 'quik'; did you mean 'quick'"):
+        load_recipe("quik")
+    path.write_text("scene = ")
+    with pytest.raises(ConfigError, match=r"mine\.toml is not valid TOML"):
+        load_recipe(str(path))
