@@ -23,6 +23,8 @@ STRENGTH = -0.03 * DEPTH / (2.0 * EARTH.rotation * np.sin(CENTRE))
 """Streamfunction at the centre of the low [m2 s-1]."""
 SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
 """The constant σ of the paper."""
+FAR = 0.4
+"""Cosine of a distance at which ψ is 1e-30 of what it is at the centre."""
 
 
 def williamson4(u0: float = 20.0) -> Scene:
@@ -75,11 +77,23 @@ class _Flow:
     def forcing(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         """Forcing of the wind [m s-2], eastward and northward, and of the depth [m s-1].
 
-        What is left of the equations when the exact flow is put in. With the derivatives of the
-        low written out, nothing is divided by the cosine of the latitude.
+        What is left of the equations when the exact flow is put in. It is zero, and not computed,
+        where there is nothing of the low.
+        """
+        lon = lon - self.u0 * t / EARTH.radius
+        there = _cosine(lon, lat) > FAR
+        found = np.zeros((3, *np.shape(there)))
+        found[:, there] = self._forcing(lon[there], lat[there])
+        return found[0], found[1], found[2]
+
+    def _forcing(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        """The forcing at longitudes counted from that of the centre of the low.
+
+        With the derivatives of the low written out, nothing is divided by the cosine of the
+        latitude.
         """
         a, speed = EARTH.radius, self.u0 / EARTH.radius
-        low = _Low.at(lon - speed * t, lat)
+        low = _Low.at(lon, lat)
         mean, mean_tan = _jet(self.u0, lat), _jet_tan(self.u0, lat)
         u, spin = mean + low.u, 2.0 * EARTH.rotation * np.cos(lat)
         shear = _jet_slope(self.u0, lat) / a + low.u_lat
@@ -93,7 +107,7 @@ class _Flow:
 
 @dataclass(frozen=True)
 class _Low:
-    """The low, ψ(C), at points a longitude λ east of its centre's first meridian."""
+    """The low, ψ(C), at longitudes counted from that of its centre."""
 
     psi: Array
     """Streamfunction [m2 s-1]."""
@@ -115,7 +129,7 @@ class _Low:
         """The low at the points, by the chain rule from ψ' = dψ/dC and ψ''."""
         a, sin, cos = EARTH.radius, np.sin(lat), np.cos(lat)
         around, side = np.cos(CENTRE) * np.cos(lon), np.cos(CENTRE) * np.sin(lon)
-        c = np.sin(CENTRE) * sin + around * cos
+        c = _cosine(lon, lat)
         c_lat = np.sin(CENTRE) * cos - around * sin
         near = np.maximum(1.0 + c, 1e-9)  # zero at the antipode of the centre
         psi = STRENGTH * np.exp(-SHARPNESS * (1.0 - c) / near)
@@ -131,6 +145,12 @@ class _Low:
             v_lat=-twice * side * c_lat / a**2,
             bend=(twice * side**2 - once * c) / a**2,
         )
+
+
+def _cosine(lon: Array, lat: Array) -> Array:
+    """C, at longitudes counted from that of the centre of the low [rad]."""
+    cosine: Array = np.sin(CENTRE) * np.sin(lat) + np.cos(CENTRE) * np.cos(lat) * np.cos(lon)
+    return cosine
 
 
 def _jet(u0: float, lat: Array) -> Array:
