@@ -21,6 +21,7 @@ from swe_sphere.testcases.turbulence import turbulence
 from swe_sphere.testcases.williamson import williamson1, williamson2, williamson5, williamson6
 from swe_sphere.testcases.williamson3 import williamson3
 from swe_sphere.testcases.williamson4 import williamson4
+from swe_sphere.testcases.williamson7 import williamson7
 
 __all__ = ["SCENES", "get_scene"]
 
@@ -31,6 +32,7 @@ SCENES: dict[str, SceneFactory] = {
     "williamson4": williamson4,
     "williamson5": williamson5,
     "williamson6": williamson6,
+    "williamson7": williamson7,
     "galewsky": galewsky,
     "lauter": lauter,
     "lake-at-rest": lake_at_rest,

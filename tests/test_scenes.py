@@ -28,6 +28,7 @@ VARIANTS: list[tuple[str, Given]] = [
     ("lauter", {"alpha": 0.0}),
     ("lauter", {"alpha": 1.1}),
     *(("lake-at-rest", {"cone": c, "rotating": r}) for c in (True, False) for r in (True, False)),
+    ("williamson7", {}),
     ("mcdonald-bates", {}),
     ("modons", {}),
     *(("turbulence", {"rotating": r}) for r in (True, False)),

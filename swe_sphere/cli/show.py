@@ -110,6 +110,7 @@ def _title(summary: Summary) -> str:
 
 def _rows(n: dict[str, Any], config: RunConfig) -> Iterator[tuple[str, str]]:
     """The lines of the table from the numbers of the JSON line."""
+    yield "scene", str(n["title"])
     ended = "completed" if n["completed"] else "stopped early"
     yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
     yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])

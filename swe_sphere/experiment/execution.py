@@ -101,6 +101,7 @@ class Execution:
         steps = prepared.stepper.steps
         return {
             "scene": prepared.scene.name,
+            "title": prepared.scene.title,
             "stepper": config.stepper,
             "scheme": prepared.stepper.name,
             **prepared.options,
