@@ -95,8 +95,20 @@ class Cartesian:
 
     def tendency(self, state, t=0.0):
         """d state / dt, stacked as the state."""
-        rate = self._dynamics(state) if self.scene.wind is None else self._transport(state, t)
+        if self.scene.base is not None:
+            rate = self._linearised(state)
+        elif self.scene.wind is None:
+            rate = self._dynamics(state)
+        else:
+            rate = self._transport(state, t)
         return rate + self._forcing(t) if "forcing" in self.effects else rate
+
+    def _linearised(self, state):
+        """The derivative at the base along the rest of the state: complex steps, part by part."""
+        base = np.concatenate(self.scene.base(self.mesh.lon, self.mesh.lat))
+        parts = ((state - base).real, (state - base).imag)
+        real, imaginary = (self._dynamics(base + 1e-30j * d).imag / 1e-30 for d in parts)
+        return real + 1j * imaginary if np.iscomplexobj(state) else real
 
     def _forcing(self, t):
         rates = self.scene.forcing(self.mesh.lon, self.mesh.lat, t)

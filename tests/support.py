@@ -10,6 +10,7 @@ from swe_sphere.model.effects import (
     Drag,
     Forcing,
     Hyperviscosity,
+    Linearised,
     MomentumAdvection,
     Orography,
     PrescribedWind,
@@ -29,6 +30,7 @@ EFFECTS = {
     "forcing": Forcing(),
     "drag": Drag(linear=2e-5),
     "quadratic-drag": Drag(linear=1e-5, quadratic=3e-6),
+    "linearised": Linearised(),
     "relaxation": Relaxation(time=3e4),
     "viscosity": Viscosity(1e6),
     "hyperviscosity": Hyperviscosity(1e18),
@@ -47,6 +49,7 @@ def make_scene(*names: str) -> Scene:
         bottom=(lambda lon, lat: 300.0 * np.cos(3.0 * lon + lat)) if "orography" in names else None,
         coriolis=(lambda lon, lat: 1e-4 * np.sin(2.0 * lat + lon)) if "rotation" in names else None,
         wind=_wind if "wind" in names else None,
+        base=_base if "linearised" in names else None,
         equilibrium=_equilibrium if "relaxation" in names else None,
         forcing=_forcing if "forcing" in names else None,
         report="",
@@ -59,6 +62,11 @@ def make_scene(*names: str) -> Scene:
 
 def _wind(lon, lat, t):
     return 20.0 * np.cos(lat + t) + 5.0 * np.sin(2.0 * lon), 10.0 * np.cos(lon - t)
+
+
+def _base(lon, lat):
+    u, v = 20.0 * np.cos(lat) ** 2, 5.0 * np.cos(lat) * np.sin(3.0 * lon)
+    return u, v, 1200.0 + 100.0 * np.sin(lat) * np.cos(lon)
 
 
 def _equilibrium(lon, lat):

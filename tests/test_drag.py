@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cartesian import Cartesian
+from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
-from test_forcing import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh

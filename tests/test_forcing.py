@@ -8,69 +8,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cartesian import Cartesian
+from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.model.effects import Forcing
 from swe_sphere.steppers import STEPPERS, leapfrog
 from swe_sphere.steppers.adaptive import AdaptiveStepper
-from swe_sphere.steppers.implicit import ImplicitStepper
-from swe_sphere.steppers.split import SplitStepper
 
-MESH = build_mesh(2, 4, spin=0.3)
 DYNAMICS = ("advection", "pressure", "rotation", "orography")
-OMEGA = 2.0 * np.pi / 14400.0
-DURATION = 5400.0
-STEPS = {"bdf2": 225.0, "average-vector-field": 900.0, "esdirk4": 900.0, "gauss-legendre": 900.0}
-"""Longest step [s] from which the order shows, 450 s for the others."""
-
-
-def answer(t: float, rate: bool = False) -> np.ndarray:
-    """A flow (3N,) that changes in time, or its derivative [s-1 of each]."""
-    lon, lat = MESH.lon, MESH.lat
-    wave, drift = (np.sin, np.cos) if not rate else (_dsin, _dcos)
-    still = 0.0 if rate else 1.0
-    u = 10.0 * np.cos(lat) * (still + 0.5 * drift(OMEGA * t))
-    v = 5.0 * np.cos(lat) * np.sin(2.0 * lon) * wave(OMEGA * t)
-    h = 2000.0 * still + 100.0 * np.cos(lat) * np.sin(lon) * drift(OMEGA * t)
-    return np.concatenate([u, v, h + 20.0 * wave(OMEGA * t)])
-
-
-def _dsin(phase: float) -> float:
-    return OMEGA * np.cos(phase)
-
-
-def _dcos(phase: float) -> float:
-    return -OMEGA * np.sin(phase)
-
-
-def manufactured(*names: str):
-    """The scene whose forcing makes `answer` the exact solution in time on `MESH`."""
-    unforced = make_scene(*names)
-    check = Cartesian(MESH, unforced)
-
-    def forcing(lon, lat, t):
-        assert lon is MESH.lon and lat is MESH.lat
-        return np.split(answer(t, rate=True) - check.tendency(answer(t), t), 3)
-
-    def initial(lon, lat):
-        return np.split(answer(0.0), 3)
-
-    effects = (*unforced.effects, Forcing())
-    return replace(unforced, effects=effects, forcing=forcing, initial=initial)
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
     return Model(MESH, manufactured(*DYNAMICS))
-
-
-def tight(name: str, tolerance: float = 1e-9) -> dict[str, float]:
-    """The option that has equations solved to a tolerance, where the stepper solves any."""
-    solves = issubclass(STEPPERS[name], ImplicitStepper | SplitStepper)
-    return {"tolerance": tolerance} if solves else {}
 
 
 @pytest.mark.parametrize("name", STEPPERS)
@@ -86,9 +38,6 @@ def test_every_stepper_keeps_its_order_with_unsteady_forcing(model, name, monkey
     assert errors[-1] < 0.03
     for coarse, fine in pairwise(errors):
         assert np.log2(coarse / fine) == pytest.approx(STEPPERS[name].order, abs=0.2)
-
-
-IMPLICIT = tuple(n for n, cls in STEPPERS.items() if issubclass(cls, ImplicitStepper))
 
 
 @pytest.mark.parametrize("name", IMPLICIT)

@@ -12,6 +12,7 @@ import warp as wp
 from support import make_scene
 
 import swe_sphere.kernels
+from swe_sphere.kernels import assembly_kernel
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.testcases import get_scene
@@ -33,7 +34,7 @@ OPTIONAL = {
     "quadratic_drag": ("quadratic-drag",),
     "relaxation_rate": ("relaxation",),
     "equilibrium": ("relaxation",),
-    "base": (),
+    "base": ("linearised",),
 }
 """Names of arrays and coefficients, and the effects that call for each."""
 
@@ -100,6 +101,8 @@ def code_of(scene, shape: str, part: str = "all") -> Code:
         ("pressure", "rotation", "quadratic-drag"),
         ("pressure", "rotation", "relaxation"),
         ("wind", "relaxation"),
+        ("advection", "pressure", "rotation", "linearised"),
+        ("pressure", "orography", "quadratic-drag", "relaxation", "linearised"),
         ("advection", "pressure", "rotation", "orography", "viscosity", "hyperviscosity"),
     ],
     ids="+".join,
@@ -111,6 +114,8 @@ def test_only_the_named_effects_are_compiled(effects, shape) -> None:
         wanted = any(effect in effects for effect in callers)
         if name == "bottom":
             wanted = "orography" in effects and {"pressure", "viscosity"} & set(effects)
+        if name in ("bottom", "equilibrium") and "linearised" in effects:
+            wanted = False  # what is constant has no derivative
         if name == "fluxes" and shape == "element":
             wanted = False
         assert code.has(name) == bool(wanted), name
@@ -139,6 +144,35 @@ def test_scenes_compile_their_own_equations_only(shape: str) -> None:
     assert not any(bell.has(name) for name in ("gravity", "coriolis", "bottom", "base"))
     assert bell.count("array_store") < 0.5 * steady.count("array_store")
     assert bell.arithmetic < 0.5 * steady.arithmetic < 0.5 * mountain.arithmetic
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    "effects",
+    [("advection", "pressure"), ("pressure", "rotation", "orography"), ("pressure", "forcing")],
+    ids="+".join,
+)
+def test_dynamics_do_not_know_of_effects_that_are_taken_apart(effects, shape) -> None:
+    """The conservative part of a scene is word by word that of one without drag and the like."""
+    added = ("viscosity", "quadratic-drag", "relaxation")
+    apart = code_of(make_scene(*effects, *added), shape, "conservative")
+    assert apart.text == code_of(make_scene(*effects), shape).text
+
+
+@pytest.mark.parametrize("effects", [("pressure",), ("pressure", "rotation"), ("wind",)])
+def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> None:
+    """And with the arguments of one that never heard of forcing, drag and relaxation."""
+    operator = Model(MESH, make_scene(*effects))._part("all")._operator
+    plain = assembly_kernel(operator.terms.unknowns, operator.mesh.real, "rotation" in effects)
+    assert operator.assembly is plain
+    assert len(plain.adj.args) == 6 + 2 * ("rotation" in effects)
+
+
+@pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])
+def test_pointwise_effects_alone_assemble_nothing(effects) -> None:
+    operator = Model(MESH, make_scene(*effects))._part("all")._operator
+    code = Code(source(operator.kernel))
+    assert not any(code.has(name) for name in ("places", "inverse_area", "local"))
 
 
 def test_momentum_has_no_arrays_under_a_prescribed_wind() -> None:

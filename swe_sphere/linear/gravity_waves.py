@@ -43,8 +43,12 @@ BASIS = 40
 
 
 def reference_depth(model: Model) -> float:
-    """The mean depth of the scene's initial state [m], or 0.8 of the largest where that is more."""
-    _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
+    """The mean depth of the scene's initial state [m], or 0.8 of the largest where that is more.
+
+    Of linearised dynamics it is that of the base.
+    """
+    flow = model.scene.base or model.scene.initial
+    _, _, depth = flow(model.mesh.lon, model.mesh.lat)
     depth = np.broadcast_to(depth, model.mesh.size)
     return max(float(np.average(depth, weights=model.mesh.area)), DEEPEST * float(depth.max()))
 

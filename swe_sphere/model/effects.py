@@ -26,6 +26,7 @@ __all__ = [
     "Effect",
     "Forcing",
     "Hyperviscosity",
+    "Linearised",
     "MomentumAdvection",
     "Orography",
     "PrescribedWind",
@@ -143,6 +144,18 @@ class Tracers(Effect):
         if text.lower() not in ("true", "false"):
             raise ConfigError(f"{cls.name}.{parameter} must be true or false, not {text!r}")
         return text.lower() == "true"
+
+
+@dataclass(frozen=True)
+class Linearised(Effect):
+    """Everything that acts but forcing is replaced by its derivative at the flow `Scene.base`.
+
+    d state/dt = F'(base) (state - base) + forcing.  The state is still the whole flow, and the base
+    is taken to be steady, whether F(base) is zero or not.
+    """
+
+    name = "linearised"
+    needs = "base"
 
 
 @dataclass(frozen=True)
@@ -267,6 +280,7 @@ EFFECTS: dict[str, type[Effect]] = {
         PrescribedWind,
         Forcing,
         Tracers,
+        Linearised,
         Viscosity,
         Hyperviscosity,
         Drag,

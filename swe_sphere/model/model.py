@@ -12,7 +12,6 @@ from ..operators import DeviceMesh, Launcher, find_device
 from ..operators.device_mesh import REALS
 from ..operators.diagnose import divergence, vorticity
 from .difference import DifferenceProduct
-from .effects import Drag
 from .given import GivenForcing, GivenWind
 from .parts import Part, device_parameters
 from .scene import Scene
@@ -165,9 +164,7 @@ class Model:
             self._difference.linearise(state, t)
             return
         self._wind.set_time(t)
-        part = self._part("tangent")
-        if part.base is not None:
-            wp.copy(part.base, state)
+        self._linearise_part("tangent", state)
         if self.tracers is not None:
             self.tracers.linearise(state)
 
@@ -189,16 +186,19 @@ class Model:
 
     def damping(self, state: wp.array) -> Part:
         """An operator whose differences are those of the dissipation linearised at the state."""
-        part = self._part("dissipative-tangent" if self._speed_damps else "dissipative")
-        if part.base is not None:
+        part = self._part("dissipative")
+        return part if part.affine else self._linearise_part("dissipative-tangent", state)
+
+    def point_of_tangent(self, state: wp.array) -> wp.array:
+        """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
+        return self.parameters.get("base", state)
+
+    def _linearise_part(self, name: str, state: wp.array) -> Part:
+        """A part that is a derivative, taken at the state."""
+        part = self._part(name)
+        if part.base is not None and self.scene.base is None:
             wp.copy(part.base, state)
         return part
-
-    @property
-    def _speed_damps(self) -> bool:
-        """Whether dissipation is not linear (or with a constant, linear) in the state."""
-        drag = self.scene.effect("drag")
-        return isinstance(drag, Drag) and drag.quadratic > 0.0
 
     # --- what changes in time
 

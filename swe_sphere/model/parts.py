@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from ..kernels import Terms
+from ..kernels import Terms, combine_kernel
 from ..kernels.pointwise import Pointwise
 from ..operators import PointwiseOperator, TendencyOperator
 from .effects import Drag, Effect, Hyperviscosity, Relaxation, Viscosity
@@ -32,7 +32,7 @@ def element_terms(scene: Scene, part: str) -> Terms:
         wind="prescribed-wind" in has,
         diffusion="viscosity" in has,
         biharmonic="hyperviscosity" in has,
-        tangent=part in TANGENTS,
+        tangent=part in TANGENTS or "linearised" in has,
     )
     if part == "conservative":
         return replace(terms, diffusion=False, biharmonic=False)
@@ -49,7 +49,7 @@ def pointwise_terms(scene: Scene, part: str) -> Pointwise:
         linear_drag=drag.linear > 0.0,
         quadratic_drag=drag.quadratic > 0.0,
         relaxation="relaxation" in has,
-        tangent=part in TANGENTS,
+        tangent=part in TANGENTS or "linearised" in has,
     )
     if part == "conservative":
         return replace(point, linear_drag=False, quadratic_drag=False, relaxation=False)
@@ -70,6 +70,8 @@ def device_parameters(model: "Model") -> dict[str, Any]:
         parameters["forcing"] = upload(np.zeros(model.fluid_size))
     if scene.equilibrium:
         parameters["equilibrium"] = upload(scene.equilibrium(model.mesh.lon, model.mesh.lat))
+    if scene.base:
+        parameters["base"] = upload(np.concatenate(scene.base(model.mesh.lon, model.mesh.lat)))
     for effect in scene.effects:
         parameters |= _coefficients(effect, model)
     return parameters
@@ -88,20 +90,40 @@ def _coefficients(effect: Effect, model: "Model") -> dict[str, float]:
     return {}
 
 
+class Perturbation:
+    """What a state has more than the base flow."""
+
+    def __init__(self, model: "Model", base: wp.array) -> None:
+        self._launch, self._base, self._difference = model.launch, base, model.zeros()
+        self._combine = combine_kernel(model.device_mesh.real, 1)
+        self._launch.load(self._combine)
+
+    def __call__(self, x: wp.array) -> wp.array:
+        """x - base, until the next call."""
+        self._launch(self._combine, x.size, x, self._base, -1.0, self._difference)
+        return self._difference
+
+
 class Part:
     """One part of a model's right-hand side, by name.
 
     "all", "conservative" and "dissipative", which add up to all, "tangent" and
     "dissipative-tangent", which are derivatives at `base`.  With the Laplacian that hyperviscosity
-    applies its own Laplacian to.
+    applies its own Laplacian to.  Of linearised dynamics all parts are such derivatives, at one
+    base, and what they are applied to is the difference of the state to it.
     """
 
     def __init__(self, model: "Model", name: str) -> None:
         mesh, launch, parameters = model.device_mesh, model.launch, model.parameters
         terms, point = element_terms(model.scene, name), pointwise_terms(model.scene, name)
-        self.base: wp.array | None = None
-        if (terms.tangent and terms.gradient) or point.speed:
+        self.affine = point.tangent or not point.quadratic_drag
+        """Whether the dissipation of the state is linear in it, but for a constant."""
+        self.base: wp.array | None = parameters.get("base")
+        if self.base is None and ((terms.tangent and terms.gradient) or point.speed):
             self.base = model.zeros()
+        self._perturbation = None
+        if model.scene.base is not None and name not in TANGENTS:
+            self._perturbation = Perturbation(model, parameters["base"])
         self._laplacian, self._first = model.zeros() if terms.biharmonic else None, None
         if terms.biharmonic:
             raised = terms.bottom and not terms.tangent
@@ -116,6 +138,8 @@ class Part:
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """out = this part at the state (or direction) x."""
+        if self._perturbation is not None:
+            x = self._perturbation(x)
         if self._first is not None:
             self._first(x, self._laplacian)
         self._operator(x, out)

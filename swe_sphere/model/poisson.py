@@ -44,6 +44,8 @@ class PoissonTendency:
     @staticmethod
     def fits(model: Model) -> bool:
         """Whether the scene has the energy that this form keeps."""
+        if model.scene.base is not None:
+            return False
         return all(model.scene.effect(name) is not None for name in NEEDED)
 
     def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:

@@ -44,6 +44,18 @@ Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 Parameter = float | bool | str
 """Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
 
+INCOMPATIBLE = (
+    ("prescribed-wind", "momentum-advection", "a prescribed wind cannot also be stepped"),
+    ("prescribed-wind", "drag", "a prescribed wind cannot be slowed down; leave out drag"),
+    (
+        "prescribed-wind",
+        "linearised",
+        "a prescribed wind acts linearly; leave out linearised",
+    ),
+    ("linearised", "tracers", "tracers need the whole dynamics; leave out linearised"),
+)
+"""Effects that cannot both act, and what to say then."""
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -88,6 +100,8 @@ class Scene:
     """Rates of change whatever the state is; there if and only if the scene has forcing."""
     steady_forcing: bool = False
     """Whether the forcing is the same at all times, so that it need be evaluated once."""
+    base: State | None = None
+    """The flow that the dynamics are linearised about, if and only if they are."""
     equilibrium: Scalar | None = None
     """Depth [m] that relaxation pulls to, if and only if there is relaxation."""
     tracers: Mapping[str, Scalar] | None = None
@@ -109,6 +123,11 @@ class Scene:
         """Whether the tendency depends on the state alone and not on time."""
         changing_wind = self.wind is not None and not self.steady_wind
         return not changing_wind and (self.forcing is None or self.steady_forcing)
+
+    @property
+    def linear(self) -> bool:
+        """Whether the tendency is linear in the state, but for a constant."""
+        return self.wind is not None or self.base is not None
 
     def effect(self, name: str) -> Effect | None:
         """The effect of that name, None where the scene does not have it."""
@@ -165,10 +184,9 @@ def _check_effects(scene: Scene) -> None:
             raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
         if name in names and not given:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
-    if "prescribed-wind" in names and "momentum-advection" in names:
-        raise ConfigError(f"{scene.name}: a prescribed wind cannot also be stepped")
-    if "prescribed-wind" in names and "drag" in names:
-        raise ConfigError(f"{scene.name}: a prescribed wind cannot be slowed down; leave out drag")
+    for first, second, trouble in INCOMPATIBLE:
+        if first in names and second in names:
+            raise ConfigError(f"{scene.name}: {trouble}")
 
 
 def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:

@@ -29,7 +29,7 @@ class HealthCheck:
         """start: fields at the start, for their energy; limit: what to say on stability."""
         self._area = model.mesh.area / model.mesh.area.sum()
         self._gravity = model.scene.planet.gravity
-        self._tracer = model.scene.wind is not None
+        self._linear = model.scene.linear
         self._energy = self._energy_of(start)
         self._limit = limit
 
@@ -47,8 +47,8 @@ class HealthCheck:
     def _trouble(self, fields: dict[str, Array]) -> str | None:
         if not all(np.isfinite(values).all() for values in fields.values()):
             return "the solution is not a number any more"
-        # a passive h under a prescribed wind may undershoot zero a little without harm
-        if not self._tracer and fields["h"].min() < 0.0:
+        # a passive h, and that of a linear wave, may undershoot zero without harm
+        if not self._linear and fields["h"].min() < 0.0:
             return f"the depth is negative ({fields['h'].min():.3g} m)"
         growth = self._energy_of(fields) / self._energy
         if growth > RUNAWAY:

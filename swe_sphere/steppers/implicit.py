@@ -126,14 +126,15 @@ class ImplicitStepper(Stepper):
             rtol=chosen,
             max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
-            forcing=LINEAR if model.scene.wind else EisenstatWalker(),
+            forcing=LINEAR if model.scene.linear else EisenstatWalker(),
         )
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
         self._new, self._rate = model.zeros(), 0.0
         self._units = self._unit_masses()
-        self._has_waves = model.scene.effect("pressure-gradient") is not None
+        waves = model.scene.effect("pressure-gradient") is not None
+        self._needs_depth = waves and not model.scene.linear
         self._allocate(model)
 
     def _allocate(self, model: Model) -> None:
@@ -221,7 +222,7 @@ class ImplicitStepper(Stepper):
 
     def _trouble(self) -> str | None:
         """What is wrong with the new state: gravity waves need a positive depth."""
-        if not self._has_waves:
+        if not self._needs_depth:
             return None
         end = self.model.fluid_size
         lowest = float(self._new.numpy()[end - self.model.mesh.size : end].min())
@@ -246,7 +247,7 @@ class ImplicitStepper(Stepper):
     def _prepare(self, tau: float) -> None:
         """Bring the preconditioner to the present state and tau [s]."""
         if self.problem.preconditioner is not None:
-            self.problem.preconditioner.setup(self.state, tau)
+            self.problem.preconditioner.setup(self.model.point_of_tangent(self.state), tau)
 
     def _worthless(self) -> float:
         """Residual that is not worth an iteration; none is when the tolerance is 0."""

@@ -151,6 +151,6 @@ def _relative_rate(scheme: ImplicitStepper) -> float:
 def _has_energy(scene: Scene) -> bool:
     """Whether the dynamics keep the total energy, and nothing else acts."""
     names = ("momentum-advection", "pressure-gradient")
-    if scene.forcing is not None or scene.wind is not None:
+    if scene.forcing is not None or scene.linear:
         return False
     return all(scene.effect(name) is not None for name in names)
