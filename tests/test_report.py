@@ -1,0 +1,247 @@
+"""The pages of a report: they need nothing else, and every number leads to a row."""
+
+import csv
+import re
+import tomllib
+from fnmatch import fnmatch
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from sweeps import make_sweep, plausible_sweep
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.report import words, write_markdown, write_report
+from swe_sphere.report.figures import error_diagrams, render
+from swe_sphere.report.rows import metrics, read_rows
+from swe_sphere.report.svg import save_svg
+
+ROOT = Path(__file__).parents[1]
+SMALL = dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift", "cpu_seconds"), np.nan)
+"""A run of which few diagrams can be drawn."""
+VOID = {"meta", "input", "link", "br", "img", "hr"}
+
+
+class Page(HTMLParser):
+    """Elements of a page; raises where one is not closed."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.ids, self.links, self.loads, self.tables, self.open = [], [], [], 0, []
+        self.cells = {}
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given["href"]] if "href" in given else []
+        self.loads += [value for name, value in attributes if name in ("src", "srcset", "data")]
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.row = self.cells.setdefault(given.get("id"), [])
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "td":
+            self.row.append(data)
+
+
+@pytest.fixture(scope="module")
+def dataset():
+    whole = plausible_sweep()
+    keep = ((whole.kind == "total") & (whole.field == "h")) | (
+        (whole.kind == "slow") & (whole.field == "vorticity")
+    )
+    whole["error"] = whole.error.where(keep)
+    whole["newton_iterations"][:] = 0.0
+    return whole
+
+
+@pytest.fixture(scope="module")
+def folder(dataset, tmp_path_factory):
+    return write_report(dataset, tmp_path_factory.mktemp("report") / "new" / "folder").parent
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    return (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_page_is_well_formed_and_loads_nothing(text):
+    page = Page(text)
+    assert page.loads == []
+    assert not re.search(r"https?:|@import|url\((?!#)", text)
+    assert text.count("<svg") > 8
+
+
+def test_every_link_of_the_page_leads_somewhere_in_it(text):
+    page = Page(text)
+    assert len(page.ids) == len(set(page.ids))
+    assert {link.removeprefix("#") for link in page.links} <= set(page.ids)
+    assert set(re.findall(r"url\(#([^)]*)\)", text)) <= set(page.ids)
+
+
+def test_every_row_is_in_the_table_with_its_fate(dataset, text):
+    cells = Page(text).cells
+    for number in range(1, dataset.sizes["run"] + 1):
+        assert cells[f"williamson5-{number}"][0] == str(number)
+        run = dataset.isel(run=number - 1)
+        ended = str(run.status.item())
+        assert any(cell.startswith(ended) for cell in cells[f"williamson5-{number}"])
+        assert str(run.reason.item()) in " ".join(cells[f"williamson5-{number}"])
+
+
+def test_every_number_of_the_answer_is_that_of_its_row(dataset, text):
+    told = re.findall(r"at (\S+)&nbsp;s, (\S+)&nbsp;s \(<a [^>]*>row&nbsp;(\d+)</a>", text)
+    assert len(told) > 5
+    for dt, wall, number in told:
+        run = dataset.isel(run=int(number) - 1)
+        assert float(dt) == pytest.approx(run.dt.item(), rel=1e-3)
+        assert float(wall) == pytest.approx(run.wall_seconds.item(), rel=0.06)
+
+
+def test_points_lead_to_rows_and_say_what_they_are(text):
+    assert re.search(
+        r'<a href="#williamson5-3"><title>row 3: rk4, Δt 198.4 s \(0.80× gravity', text
+    )
+
+
+def test_the_page_tells_how_it_was_made_and_what_to_doubt(text):
+    for part in ("a machine, 2 cores", "warp 1.19.0", "swe-sphere sweep williamson5",
+                 "varied by 6.0", "about 2.4e-7 (Richardson)", "saturates"):  # fmt: skip
+        assert part in text, part
+
+
+def test_the_csv_has_all_rows_and_errors(dataset, folder):
+    with (folder / "table.csv").open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == dataset.sizes["run"]
+    for i, line in enumerate(lines):
+        error = dataset.error.sel(kind="slow", field="vorticity", norm="linf").values[i, 0]
+        written = line["slow_linf_vorticity_day15"]
+        assert (written == "" and np.isnan(error)) or float(written) == error
+        assert float(line["dt"]) == dataset["dt"].values[i]
+
+
+def test_figures_lie_beside_the_page(folder):
+    drawn = sorted(folder.glob("*.svg"))
+    assert len(drawn) == len(list(folder.glob("*.png"))) > 8
+    for path in drawn:
+        root = ElementTree.parse(path).getroot()
+        assert root.tag.endswith("svg")
+        assert path.stat().st_size < 60_000
+
+
+def test_a_figure_is_the_same_bytes_each_time(dataset):
+    rows = read_rows(dataset)
+    diagram = error_diagrams(rows, metrics(rows)[0], 0.1)[0]
+    assert save_svg(render(diagram), "a") == save_svg(render(diagram), "a")
+
+
+@pytest.mark.parametrize(
+    ("runs", "expected"),
+    [
+        ((), "holds no runs"),
+        (({"status": "unstable", "reason": "<wind> & waves"},), "&lt;wind&gt; &amp; waves"),
+        ((SMALL | {"errors": {("time", "h"): 0.0}, "wall_spread": np.nan},), "completed"),
+        ((SMALL | {"errors": {("total", "h"): 1e-3}, "stepper": "<i>mine</i>"},), "&lt;i&gt;mine"),
+        (({"gravity_limit": np.nan, "ne": np.nan, "steps": np.nan, "dt": np.nan},), "completed"),
+    ],
+)
+def test_small_and_odd_datasets_make_a_page(runs, expected, tmp_path):
+    page = write_report(make_sweep(*runs), tmp_path).read_text(encoding="utf-8")
+    Page(page)
+    assert expected in page
+
+
+def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
+    small = SMALL | {"errors": {("total", "h"): 1e-3}}
+    other = make_sweep(small | {"scene": "lauter"}, scene="lauter")
+    page = write_report(
+        {"williamson5": make_sweep(small), "lauter": other}, tmp_path, title="Two", levels=[2e-3],
+        notes={"lauter": "A remark."},
+    ).read_text(encoding="utf-8")  # fmt: skip
+    Page(page)
+    head = page[page.index("<header>") : page.index("</header>")]
+    assert "<h1>Two</h1>" in head
+    assert "To reach l2(h) ≤ 2e-3 on williamson5 at ne16 np4: rk4" in head
+    assert 'href="#lauter-1"' in head
+    assert "A remark." in page
+    lines = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.split(",")[0] for line in lines] == ["dataset", "williamson5", "lauter"]
+
+
+def test_a_dataset_of_several_scenes_and_meshes_is_told_apart(tmp_path):
+    small = SMALL | {"errors": {("total", "h"): 1e-3}}
+    runs = (small, small | {"ne": 8}, small | {"scene": "lauter", "stretch": 4.0})
+    page = write_report(make_sweep(*runs), tmp_path).read_text(encoding="utf-8")
+    for title in ("williamson5, ne16 np4", "williamson5, ne8 np4", "lauter, ne16 np4, stretched 4"):
+        assert f"<h3>{title}</h3>" in page
+    assert Page(page).ids.count("williamson5-lauter-3") == 1
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ConfigError, match="cannot write the report to"):
+        write_report(make_sweep(), tmp_path / "file")
+
+
+def test_the_page_of_the_documentation(dataset, tmp_path):
+    page = write_markdown(
+        {"williamson5": dataset.isel(run=[3, 4, 8, 15, 16, 34, 35])}, tmp_path, title="Steps",
+        introduction="Made by a command.", notes={"williamson5": "What differs."}, figures=(),
+    )  # fmt: skip
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("# Steps\n\nMade by a command.\n\n## williamson5\n")
+    pictures = re.findall(r'<img src="([^"]*)"', text)
+    assert len(pictures) == len(set(pictures)) == 4
+    assert {path.name for path in tmp_path.iterdir()} == {"README.md", *pictures}
+    assert "What differs." in text
+    assert "t = 86400 s \\| 30 iterations" in text
+    _check_tables(text)
+
+
+def _check_tables(text):
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        widths = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+        assert len(widths) == 1
+        assert re.fullmatch(r"\|(---\|)+", table.splitlines()[1])
+    assert len(re.findall(r"^\|(---\|)+$", text, re.MULTILINE)) == 2
+
+
+def test_templates_are_part_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    patterns = project["tool"]["setuptools"]["package-data"]["swe_sphere.report"]
+    files = [path for path in (ROOT / "swe_sphere/report").rglob("*") if path.is_file()]
+    others = [path.relative_to(ROOT / "swe_sphere/report") for path in files if path.suffix not in
+              (".py", ".pyc")]  # fmt: skip
+    assert others
+    assert all(any(fnmatch(str(path), pattern) for pattern in patterns) for path in others)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(3.14159, "3.14"), (0.0, "0"), (1234.5, "1234"), (0.01234, "0.0123"), (-2.0, "−2.00"),
+     (float("nan"), "–"), (1e-9, "1.00e-9"), (3e7, "3.00e7"), (0.99999, "1.000")],
+)  # fmt: skip
+def test_numbers_are_written_short(value, expected):
+    assert words.number(value) in (expected, expected.rstrip("0"))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(3.44e-5, "3.4e-5"), (0.0, "0"), (-1e-10, "−1.0e-10"), (2.0, "2.0"), (float("inf"), "–")],
+)
+def test_errors_are_written_with_an_exponent(value, expected):
+    assert words.error(value) == expected
