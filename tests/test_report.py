@@ -16,6 +16,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.report import words, write_markdown, write_report
 from swe_sphere.report.figures import error_diagrams, render
 from swe_sphere.report.rows import metrics, read_rows
+from swe_sphere.report.section import read_sections
 from swe_sphere.report.svg import save_svg
 
 ROOT = Path(__file__).parents[1]
@@ -180,6 +181,14 @@ def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
     assert "A remark." in page
     lines = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
     assert [line.split(",")[0] for line in lines] == ["dataset", "williamson5", "lauter"]
+
+
+def test_the_headline_is_on_the_slow_flow_where_the_depth_saturates(dataset):
+    (section,) = read_sections(dataset)
+    assert section.headline.startswith("To reach l2(vorticity) ≤ 1e-4 on williamson5 at ne16 np4")
+    without = dataset.assign(error=dataset.error.where(dataset.kind != "slow"))
+    (section,) = read_sections(without)
+    assert section.headline.startswith("To reach l2(h) ≤ 3e-4 on williamson5 at ne16 np4")
 
 
 def test_a_dataset_of_several_scenes_and_meshes_is_told_apart(tmp_path):

@@ -182,12 +182,14 @@ def _told(rows: Sequence[Row], found: Sequence[Metric], where: str) -> dict[Metr
 
 
 def _headline(part: Part) -> list[str]:
-    """The sentence on the smallest level that two steppers reach, or else one, of the first error
-    that does not saturate."""
-    for choice in part.choices:
+    """The sentence on the smallest level that two steppers reach, or else one.
+
+    Of the first error that is told; of the slow flow where the depth says nothing on steppers.
+    """
+    saturates = any("saturates" in choice.saturation for choice in part.choices)
+    for choice in sorted(part.choices, key=lambda c: c.metric.kind != "slow" and saturates):
         for steppers in (2, 1):
-            told = [answer.text for answer in choice.answers if answer.steppers >= steppers]
-            if told and "saturates" not in choice.saturation:
+            if told := [answer.text for answer in choice.answers if answer.steppers >= steppers]:
                 return told[-1:]
     return []
 
