@@ -17,6 +17,7 @@ from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
 from swe_sphere.testcases.parameters import SceneFactory, checked
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
+from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.turbulence import turbulence
 from swe_sphere.testcases.williamson import williamson1, williamson2, williamson5, williamson6
 from swe_sphere.testcases.williamson3 import williamson3
@@ -35,6 +36,8 @@ SCENES: dict[str, SceneFactory] = {
     "williamson7": williamson7,
     "galewsky": galewsky,
     "lauter": lauter,
+    "moving-vortices": moving_vortices,
+    "deformational": deformational,
     "lake-at-rest": lake_at_rest,
     "mcdonald-bates": mcdonald_bates,
     "modons": modons,

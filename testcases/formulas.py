@@ -17,6 +17,7 @@ __all__ = [
     "distance",
     "solid_body",
     "tilted_latitude",
+    "turned",
     "unit_vector",
     "wrapped",
 ]
@@ -44,6 +45,18 @@ def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
     """
     east = np.cos(lat) * np.cos(alpha) + np.sin(lat) * np.cos(lon) * np.sin(alpha)
     return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
+
+
+def turned(point: Array, alpha: float, angle: float) -> Array:
+    """Points (..., 3) turned by the angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
+    axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
+    along = (point @ axis)[..., np.newaxis] * axis
+    result: Array = (
+        point * np.cos(angle)
+        + np.cross(axis, point) * np.sin(angle)
+        + along * (1.0 - np.cos(angle))
+    )
+    return result
 
 
 def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:

@@ -10,7 +10,14 @@ import numpy as np
 from swe_sphere.model.effects import DYNAMICS, Orography, PrescribedWind, Rotation
 from swe_sphere.model.scene import Array, Scene, Wind
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.formulas import cone, coriolis, solid_body, tilted_latitude, unit_vector
+from swe_sphere.testcases.formulas import (
+    cone,
+    coriolis,
+    solid_body,
+    tilted_latitude,
+    turned,
+    unit_vector,
+)
 
 __all__ = ["williamson1", "williamson2", "williamson5", "williamson6"]
 
@@ -37,7 +44,7 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     wind = _solid_body_wind(alpha)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        centre = _turned(unit_vector(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
+        centre = turned(unit_vector(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
         return *wind(lon, lat, t), bell(unit_vector(lon, lat) - centre)
 
     return Scene(
@@ -187,18 +194,6 @@ def _solid_body_wind(alpha: float) -> Wind:
         return SPEED * east, SPEED * north
 
     return wind
-
-
-def _turned(point: Array, alpha: float, angle: float) -> Array:
-    """The point (3,) turned by the angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
-    axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
-    across = np.cross(axis, point)
-    turned: Array = (
-        point * np.cos(angle)
-        + across * np.sin(angle)
-        + axis * (axis @ point) * (1.0 - np.cos(angle))
-    )
-    return turned
 
 
 def _cosine_bell(offset: Array) -> Array:

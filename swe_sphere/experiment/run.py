@@ -66,7 +66,8 @@ def _writer(prepared: Prepared, out: Path) -> FrameWriter:
     from swe_sphere.output.netcdf import FrameWriter  # netCDF4 takes its time to import
 
     model = prepared.model
-    return FrameWriter(out, model.mesh, prepared.attributes(), model.bottom)
+    tracers = model.scene.tracers or ()
+    return FrameWriter(out, model.mesh, prepared.attributes(), model.bottom, tracers)
 
 
 def _note(writer: FrameWriter, summary: Summary) -> None:

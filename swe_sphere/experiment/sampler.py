@@ -11,6 +11,7 @@ import numpy as np
 from swe_sphere.errors import ConfigError
 from swe_sphere.output.diagnostics import courant_numbers, drifts, integrals
 from swe_sphere.output.norms import errors
+from swe_sphere.output.tracers import tracer_errors, tracer_masses, tracer_numbers
 from swe_sphere.planet import DAY
 from swe_sphere.simulation import Moment
 
@@ -28,21 +29,31 @@ class Sampler:
     def __init__(
         self, model: Model, dt: Callable[[], float], start: dict[str, NDArray[np.float64]]
     ) -> None:
-        """start: u, v, h, vorticity and divergence at the very start, each (N,).
+        """start: u, v, h, hq_NAME of tracers, vorticity, divergence at the very start, each (N,).
 
         dt: tells the length of the present step [s].
         """
         self._model, self._dt = model, dt
         self._start = self._integrals(start)
+        self._masses = tracer_masses(model.mesh, start, model.scene.tracers or ())
 
     def __call__(self, moment: Moment) -> dict[str, float]:
         """All numbers at that moment."""
         now = self._integrals(moment.all_fields)
         courant = courant_numbers(self._model.mesh, self._dt(), now)
-        return now | drifts(self._start, now) | courant | self.errors(moment)
+        tracers = tracer_numbers(self._model.mesh, moment.fields, self._masses)
+        return now | drifts(self._start, now) | tracers | courant | self.errors(moment)
 
     def errors(self, moment: Moment) -> dict[str, float]:
-        """Errors against the exact solution; none where the scene has no exact solution."""
+        """Errors against what is known exactly of the scene; NaN at times at which it is not."""
+        scene, mesh = self._model.scene, self._model.mesh
+        tracers: dict[str, float] = {}
+        if scene.exact_tracers is not None:
+            exact = scene.exact_tracers(mesh.lon, mesh.lat, moment.time)
+            tracers = tracer_errors(mesh, moment.fields, exact)
+        return self._flow_errors(moment) | tracers
+
+    def _flow_errors(self, moment: Moment) -> dict[str, float]:
         scene, mesh = self._model.scene, self._model.mesh
         if scene.exact is None:
             return {}

@@ -69,6 +69,8 @@ class Model:
         self._parts: dict[str, Part] = {}
         self._part("all")
         self.tracers = TracerPart(self) if scene.tracers else None
+        self.limiter = None if self.tracers is None else self.tracers.limiter()
+        """What steppers have to apply to the state after every step, if anything."""
         self._difference = DifferenceProduct(self) if jacobian == "difference" else None
 
     @property

@@ -10,7 +10,9 @@ from ..kernels import Terms
 from ..kernels.tracers import pointwise_kernels
 from ..mesh import Mesh
 from ..operators import TendencyOperator
+from ..operators.limiter import Limiter
 from ..operators.tracers import MixingRatio, TracerTransport
+from .effects import Tracers
 from .scene import Scene
 
 if TYPE_CHECKING:
@@ -92,6 +94,15 @@ class TracerPart:
     def mixing_ratio(self) -> MixingRatio:
         """New room for the mixing ratios of a state."""
         return MixingRatio(self._mesh, self._launch, self.count, self.depth, self.first)
+
+    def limiter(self) -> Limiter | None:
+        """A limiter with the bounds of the initial mixing ratios, if the scene asks for it."""
+        effect = self._model.scene.effect("tracers")
+        if not (isinstance(effect, Tracers) and effect.limiter):
+            return None
+        ratios = np.stack([*mixing_ratios(self._model.scene, self._model.mesh).values()])
+        lower, upper = ratios.min(axis=1), ratios.max(axis=1)
+        return Limiter(self._mesh, self._launch, self.depth, self.first, lower, upper)
 
 
 class _Diffusion:

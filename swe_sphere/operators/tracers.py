@@ -25,7 +25,8 @@ class TracerTransport:
         self._geometry.size = mesh.mesh.size
         self._local, self._flat = mesh.local(count, self._kernels.value)
         self._places = mesh.places(count)
-        launch.load(self._kernels.transport, self._kernels.tangent, self._assemble)
+        launch.load(self._kernels.transport, self._assemble)
+        self._has_tangent = False
 
     def __call__(self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int) -> None:
         """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`."""
@@ -33,6 +34,9 @@ class TracerTransport:
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
+        if not self._has_tangent:  # explicit steppers never compile it
+            self._launch.load(self._kernels.tangent)
+            self._has_tangent = True
         self._run(self._kernels.tangent, base, x, first, out, first)
 
     def _run(

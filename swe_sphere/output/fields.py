@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator
+from swe_sphere.output.layout import TRACER
 
-__all__ = ["FIELDS", "Field", "check_field", "derive", "evaluate"]
+__all__ = ["FIELDS", "Field", "check_field", "derive", "describe", "evaluate"]
 
 Array = NDArray[np.float64]
 
@@ -40,16 +41,26 @@ FIELDS = {
     "vorticity": Field("relative vorticity", "s$^{-1}$", "balance", diverging=True, contours=False),
     "divergence": Field("divergence", "s$^{-1}$", "balance", diverging=True, contours=False),
 }
-"""Scalar fields by name.  Besides these, errors can be asked for of the vector "wind"."""
+"""Scalar fields by name.  Besides these, errors can be asked for of the vector "wind", and a run
+with tracers has the mixing ratio "q_NAME" of each."""
+
+
+def describe(name: str) -> Field:
+    """How to call and draw the field of that name."""
+    if name.startswith(TRACER):
+        return Field(f"mixing ratio of {name.removeprefix(TRACER)}", "1", "matter", contours=False)
+    return FIELDS[name]
 
 
 def check_field(name: str, *, vector: bool = False) -> str:
     """The name, if there is such a field; "wind" is one only where vector is true.
 
+    Of what begins as the name of a tracer does, only the file can tell.
+
     Raises ConfigError with the nearest name otherwise.
     """
     names = [*FIELDS, "wind"] if vector else [*FIELDS]
-    if name in names:
+    if name in names or name.startswith(TRACER):
         return name
     near = difflib.get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(names)}"

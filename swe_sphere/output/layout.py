@@ -7,7 +7,7 @@ nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live o
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import netCDF4
@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from swe_sphere.mesh import Mesh
 
 __all__ = [
-    "FRAME_FIELDS", "LAYOUT_BYTES", "MESH_ATTRIBUTES", "SERIES_CHUNK",
-    "add_diagnostic", "add_layout", "attribute",
+    "FRAME_FIELDS", "LAYOUT_BYTES", "MESH_ATTRIBUTES", "SERIES_CHUNK", "TRACER",
+    "add_diagnostic", "add_layout", "attribute", "frame_fields",
 ]  # fmt: skip
 
 FRAME_FIELDS = {
@@ -37,6 +37,9 @@ FRAME_FIELDS = {
     },
 }
 """Fields of every frame and their attributes."""
+
+TRACER = "q_"
+"""What the names of variables that hold the mixing ratio of a tracer begin with."""
 
 STATIC_FIELDS = {
     "b": {"standard_name": "surface_altitude", "long_name": "height of the bottom", "units": "m"},
@@ -76,8 +79,25 @@ LAYOUT_BYTES = 56
 """Bytes per node that `add_layout` writes: lat, lon, area, b and the corners of one face."""
 
 
-def add_layout(dataset: netCDF4.Dataset, mesh: Mesh, bottom: ArrayLike | None) -> None:
-    """Define everything but diagnostics and checkpoints, and write what does not change."""
+def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
+    """Fields of every frame of a run with those tracers, and their attributes."""
+    ratios = {
+        f"{TRACER}{name}": {"long_name": f"mixing ratio of tracer {name}", "units": "1"}
+        for name in tracers
+    }
+    return FRAME_FIELDS | ratios
+
+
+def add_layout(
+    dataset: netCDF4.Dataset,
+    mesh: Mesh,
+    bottom: ArrayLike | None,
+    fields: Mapping[str, Mapping[str, str]],
+) -> None:
+    """Define everything but diagnostics and checkpoints, and write what does not change.
+
+    fields: those of every frame with their attributes.
+    """
     for name, size in {"time": None, "diagnostic_time": None, "node": mesh.size}.items():
         dataset.createDimension(name, size)
     dataset.setncatts({
@@ -88,6 +108,7 @@ def add_layout(dataset: netCDF4.Dataset, mesh: Mesh, bottom: ArrayLike | None) -
     _add_topology(dataset, mesh)
     _add_times(dataset)
     _add_nodal(dataset, mesh, np.zeros(mesh.size) if bottom is None else bottom)
+    _add_frames(dataset, mesh, fields)
 
 
 def _add_topology(dataset: netCDF4.Dataset, mesh: Mesh) -> None:
@@ -126,11 +147,16 @@ def _add_nodal(dataset: netCDF4.Dataset, mesh: Mesh, bottom: ArrayLike) -> None:
         variable = dataset.createVariable(name, "f8", ("node",))
         variable.setncatts(attributes | ({} if name in COORDINATES else ON_NODES))
         variable[:] = bottom if name == "b" else values[name]
-    for name, attributes in FRAME_FIELDS.items():
+
+
+def _add_frames(
+    dataset: netCDF4.Dataset, mesh: Mesh, fields: Mapping[str, Mapping[str, str]]
+) -> None:
+    for name, attributes in fields.items():
         variable = dataset.createVariable(
             name, "f8", ("time", "node"), chunksizes=(1, mesh.size), fill_value=np.nan
         )
-        variable.setncatts(attributes | ON_NODES | {"cell_measures": "area: area"})
+        variable.setncatts({**attributes, **ON_NODES, "cell_measures": "area: area"})
 
 
 def add_diagnostic(dataset: netCDF4.Dataset, name: str) -> netCDF4.Variable[np.float64]:

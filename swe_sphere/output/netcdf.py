@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -18,12 +18,12 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.output.checkpoint import Slots, read_checkpoint
 from swe_sphere.output.disk import Room, allocate, clear_errors, in_use
 from swe_sphere.output.layout import (
-    FRAME_FIELDS,
     LAYOUT_BYTES,
     SERIES_CHUNK,
     add_diagnostic,
     add_layout,
     attribute,
+    frame_fields,
 )
 
 __all__ = ["FrameWriter", "read_checkpoint"]
@@ -40,7 +40,7 @@ class FrameWriter:
 
     path: the file, replaced if it is there.  attributes: the resolved configuration, written as
     global attributes (nested tables as JSON); the parameters of the mesh are added.  bottom
-    (N,) [m]: height of the orography, zero where None.
+    (N,) [m]: height of the orography, zero where None.  tracers: their names.
 
     Raises ConfigError if the file cannot be made or there is no room for a first frame.  Every
     method raises RunFailed if the disk is full or refuses; what was written before stays readable.
@@ -52,19 +52,21 @@ class FrameWriter:
         mesh: Mesh,
         attributes: Mapping[str, object],
         bottom: ArrayLike | None = None,
+        tracers: Iterable[str] = (),
     ) -> None:
+        self._fields = frame_fields(tracers)
         self.path = Path(path)
         self.frames = 0
         """Frames written so far."""
         self._records = 0
-        self._frame_bytes = (len(FRAME_FIELDS) + 1) * 8 * mesh.size
+        self._frame_bytes = (len(self._fields) + 1) * 8 * mesh.size
         self._static_bytes = LAYOUT_BYTES * mesh.size + MARGIN
         self._series: dict[str, netCDF4.Variable[np.float64]] = {}
         with clear_errors(f"cannot write {self.path}"):
             self._dataset = self._create()
             self._room = Room(self.path)
             self._put_attributes(attributes)
-            add_layout(self._dataset, mesh, bottom)
+            add_layout(self._dataset, mesh, bottom, self._fields)
             self._dataset.sync()
         self._slots = Slots(self._dataset)
 
@@ -92,11 +94,12 @@ class FrameWriter:
     ) -> None:
         """Add a frame at time [s since the start] and flush the file.
 
-        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], each (N,); others are ignored.
+        fields: h [m], u, v [m s-1], vorticity, divergence [s-1] and q_NAME of each tracer, all of
+        them (N,); others are ignored.
         diagnostics: as for `record`, at the same time.
         """
         with self._writing(self._frame_bytes + MARGIN + self._series_room(diagnostics or {})):
-            for name in FRAME_FIELDS:
+            for name in self._fields:
                 self._dataset[name][self.frames] = fields[name]
             self._dataset["time"][self.frames] = time
             if diagnostics:

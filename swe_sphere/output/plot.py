@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError
 from swe_sphere.output.compare import Source, open_source
 from swe_sphere.output.disk import clear_errors
-from swe_sphere.output.fields import FIELDS, Field, check_field
+from swe_sphere.output.fields import Field, check_field, describe
 from swe_sphere.output.globe import draw_graticule, equal_earth, globe_grid
 from swe_sphere.output.panels import draw_panel, panels
 from swe_sphere.output.runfile import RunFile
@@ -86,7 +86,7 @@ def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | Non
     from matplotlib.ticker import ScalarFormatter
 
     axes = figure.subplots()
-    kind = FIELDS[field]
+    kind = describe(field)
     lon, lat = globe_grid(ROWS)
     values = source.at(field, lon.ravel(), lat.ravel(), time).reshape(lon.shape)
     x, y = equal_earth(lon, lat)

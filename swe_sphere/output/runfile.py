@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh
 from swe_sphere.output.disk import in_use
 from swe_sphere.output.fields import derive, evaluate
-from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES
+from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES, TRACER
 from swe_sphere.planet import DAY
 
 __all__ = ["RunFile", "attributes", "reading"]
@@ -59,6 +59,15 @@ def attributes(dataset: netCDF4.Dataset) -> dict[str, Any]:
     """The global attributes as plain numbers, texts and lists of numbers."""
     values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+
+
+def _tracers(dataset: netCDF4.Dataset) -> list[str]:
+    """Names of the variables that hold mixing ratios."""
+    return [
+        name
+        for name, variable in dataset.variables.items()
+        if name.startswith(TRACER) and variable.dimensions == ("time", "node")
+    ]
 
 
 class RunFile:
@@ -115,10 +124,11 @@ class RunFile:
         return found
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence."""
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME."""
         index = int(np.argmin(np.abs(self.times - self.nearest(time))))
         with reading(self.path) as dataset:
-            return {"b": self.bottom} | {name: dataset[name][index] for name in FRAME_FIELDS}
+            names = [*FRAME_FIELDS, *_tracers(dataset)]
+            return {"b": self.bottom} | {name: dataset[name][index] for name in names}
 
     def values(self, field: str, time: float | None = None) -> Array:
         """A field at the nodes: (N,), or (2, N) for "wind"."""

@@ -49,6 +49,8 @@ class Stepper(ABC):
     def step(self) -> None:
         """Move `state` forward by dt."""
         self._advance()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
         self.steps += 1
 
     @abstractmethod

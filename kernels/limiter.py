@@ -1,0 +1,174 @@
+"""Bounds on the mixing ratios of tracers that keep their masses: clip and assured sum.
+
+A mass hq outside [lower h, upper h] is clipped; what that adds or takes is given back to the other
+nodes, to each in proportion to the room it has to its bound, so that none leaves it again.  First
+within each element, where the nodes are close; an element whose mean is out of bounds is only made
+even.  Then over the whole sphere, for what such elements leave (Bradley, Bosler, Guba, Taylor &
+Barnett 2019, doi:10.1137/18M1165414, section 2.2).  Sums are added in a fixed order, so that a run
+repeats bit by bit; a tracer within its bounds is left as it is, to the last bit.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .formulas import algebra
+from .terms import lanes_of
+
+OPTIONS = {"max_unroll": 1}
+TINY = 1e-30
+"""Room below which nothing is put: far below any depth, and a number in float32 too."""
+
+
+@functools.cache
+def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
+    """Kernel `limit` over groups of elements, with the structure `geometry` it reads.
+
+    (geometry, x, depth, first, count, lower (count,), upper (count,), out (groups, np*np, count)):
+    the mass-weighted change of each element node, before DSS.  `depth` and `first` are the offsets
+    of the depth and of the first tracer in the state x.
+    """
+    lanes = lanes_of(real) if shape == "element" else 1
+    value = wp.types.vector(lanes, real) if lanes > 1 else real
+    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
+    members = {
+        "nodes": wp.array2d(dtype=index),
+        "basis": wp.array3d(dtype=value),
+        "weight": wp.array2d(dtype=real),
+        "size": wp.int32,
+    }
+    geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
+    ops = algebra(value, index, real, lanes)
+    mul, load, wedge = ops.mul, ops.load, ops.wedge
+    div = wp.cw_div if lanes > 1 else wp.div
+    vector, local = wp.array(dtype=real), wp.array3d(dtype=value)
+
+    @wp.func
+    def mass(geo: geometry, e: int, n: int):
+        w = geo.weight[n // np_, n % np_]
+        area = wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], geo.basis[e, n, 2], geo.basis[e, n, 3])
+        return w * area
+
+    @wp.func
+    def part(wanted: value, room: value):
+        some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
+        return wp.min(some, value(real(1.0)))
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def limit(
+        geo: geometry,
+        x: vector,
+        depth: int,
+        first: int,
+        count: int,
+        lower: vector,
+        upper: vector,
+        out: local,
+    ):
+        e = wp.tid()
+        for k in range(count):
+            at = first + k * geo.size
+            excess = value(real(0.0))
+            above = value(real(0.0))
+            below = value(real(0.0))
+            air = value(real(0.0))
+            for n in range(np_ * np_):
+                node = geo.nodes[e, n]
+                h = load(x, depth, node)
+                m = load(x, at, node)
+                low = lower[k] * h
+                high = upper[k] * h
+                clipped = wp.min(wp.max(m, low), high)
+                weight = mass(geo, e, n)
+                excess += mul(weight, m - clipped)
+                above += mul(weight, high - clipped)
+                below += mul(weight, clipped - low)
+                air += mul(weight, h)
+            up = part(excess, above)
+            down = part(-excess, below)
+            left = div(excess - mul(up, above) + mul(down, below), air)
+            for n in range(np_ * np_):
+                node = geo.nodes[e, n]
+                h = load(x, depth, node)
+                m = load(x, at, node)
+                low = lower[k] * h
+                high = upper[k] * h
+                clipped = wp.min(wp.max(m, low), high)
+                change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
+                change += mul(left, h)
+                out[e, n, k] = mul(mass(geo, e, n), change)
+
+    return SimpleNamespace(limit=limit, geometry=geometry, value=value)
+
+
+@functools.cache
+def sphere_limiter(real: type) -> SimpleNamespace:
+    """Kernels for the whole sphere, in the order in which they run.
+
+    sums over (count, blocks): (area (N,), x, depth, first, N, span, lower, upper, partial
+    (count, blocks) of three numbers): excess and room above and below of `span` nodes each.
+    parts over (count,): (partial, blocks, part (count,) of two numbers).
+    limit over (count, N): (depth, first, N, lower, upper, part, x).
+    """
+    vector = wp.array(dtype=real)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def sums(
+        area: wp.array(dtype=wp.float64),
+        x: vector,
+        depth: int,
+        first: int,
+        size: int,
+        span: int,
+        lower: vector,
+        upper: vector,
+        partial: wp.array2d(dtype=wp.vec3d),
+    ):
+        k, block = wp.tid()
+        total = wp.vec3d()
+        for node in range(block * span, wp.min((block + 1) * span, size)):
+            h = x[depth + node]
+            m = x[first + k * size + node]
+            low = lower[k] * h
+            high = upper[k] * h
+            clipped = wp.min(wp.max(m, low), high)
+            rooms = wp.vec3d(
+                wp.float64(m - clipped), wp.float64(high - clipped), wp.float64(clipped - low)
+            )
+            total += area[node] * rooms
+        partial[k, block] = total
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
+        k = wp.tid()
+        total = wp.vec3d()
+        for block in range(blocks):
+            total += partial[k, block]
+        none = wp.float64(0.0)
+        one = wp.float64(1.0)
+        least = wp.float64(TINY)
+        up = wp.max(total[0], none) / wp.max(total[1], least)
+        down = wp.max(-total[0], none) / wp.max(total[2], least)
+        part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def limit(
+        depth: int,
+        first: int,
+        size: int,
+        lower: vector,
+        upper: vector,
+        part: wp.array(dtype=wp.vec2d),
+        x: vector,
+    ):
+        k, node = wp.tid()
+        h = x[depth + node]
+        at = first + k * size + node
+        low = lower[k] * h
+        high = upper[k] * h
+        clipped = wp.min(wp.max(x[at], low), high)
+        up = real(part[k][0]) * (high - clipped)
+        x[at] = clipped + up - real(part[k][1]) * (clipped - low)
+
+    return SimpleNamespace(sums=sums, parts=parts, limit=limit)

@@ -1,0 +1,248 @@
+"""Transport by given winds that stir: moving vortices and deformational flow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from swe_sphere.model.effects import PrescribedWind, Tracers
+from swe_sphere.model.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
+from swe_sphere.planet import DAY, EARTH
+from swe_sphere.testcases.formulas import solid_body, turned, unit_vector
+
+__all__ = ["deformational", "moving_vortices"]
+
+PERIOD = 12.0 * DAY
+"""Time of one turn of the background, and of the deformation and its undoing [s]."""
+TURN = 2.0 * np.pi / PERIOD
+"""Angular speed of the background [s-1]."""
+AIR = 1000.0
+"""Depth of the air that carries the tracers [m]."""
+
+
+def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
+    """Two vortices that roll up a front while they go once around the planet (exact).
+
+    Nair & Jablonowski (2008): beside the solid-body flow about the axis tilted by α, the air turns
+    about the moving vortex centre p with the angular speed ω(ρ) = (3√3/2) u₀/a sech²ρ tanh ρ / ρ,
+    where ρ is 3 times the distance from the axis through p; carried along, as depth, is
+
+        h = 1000 m (1 - tanh(ρ/5 sin(λ' - ω t))), λ' the longitude about p.
+
+    The answer is that of the fixed vortices in the frame that moves along. (A longitude about p
+    that is measured from the local north instead is wrong unless α is 0 or π/2.)
+
+    Args:
+        alpha: tilt of the axis [rad]; with π/4 the vortices pass over the corners of the cube.
+    """
+    start = unit_vector(1.5 * np.pi, 0.0)
+
+    def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+        centre = turned(start, alpha, TURN * t)
+        point = unit_vector(lon, lat)
+        spin = _vortex_speed(point @ centre)
+        swirl = np.cross(centre, point)
+        background = solid_body(lon, lat, alpha)
+        east, north = (
+            EARTH.radius * (TURN * around + spin * np.sum(swirl * axis, axis=-1))
+            for around, axis in zip(background, _frame(lon, lat), strict=True)
+        )
+        return east, north
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        origin = turned(unit_vector(lon, lat), alpha, -TURN * t)
+        return *wind(lon, lat, t), AIR * _rolled_front(origin, start, t)
+
+    return Scene(
+        name="moving-vortices",
+        title="moving vortices",
+        reference="Nair & Jablonowski (2008), Mon. Wea. Rev. 136, 699-711, "
+        "doi:10.1175/2007MWR2105.1",
+        effects=(PrescribedWind(),),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        wind=wind,
+        report="l1, l2, linf of h after 12 days",
+        ne=20,
+        np=4,
+        dt=1200.0,
+        days=12.0,
+        parameters={"alpha": alpha},
+    )
+
+
+def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
+    """Tracers torn to filaments and brought back (exact after 12 days).
+
+    Nair & Lauritzen (2010), cases 1 to 4: the wind deforms the tracers until day 6 and then undoes
+    it. In cases 1 and 2 it only does so, in case 4 a solid-body flow goes beside it, which keeps
+    errors from undoing themselves; in case 3 the wind diverges, and the depth of the air, at first
+    1000 m, varies. Two tracers each of Gaussian hills, cosine bells and slotted cylinders (from
+    smooth to discontinuous), and -0.8 q² + 0.9 of the bells, to tell how numerical mixing breaks
+    the relation between the two (Lauritzen, Skamarock, Prather & Taylor 2012).
+
+    Args:
+        case: which of the winds.
+    """
+    wind, centres = _CASES[case]
+    tracers = _tracers(centres)
+    return Scene(
+        name="deformational",
+        title=f"deformational flow, case {case}",
+        reference="Nair & Lauritzen (2010), J. Comput. Phys. 229, 8868-8887, "
+        "doi:10.1016/j.jcp.2010.08.014; Lauritzen et al. (2012), Geosci. Model Dev. 5, 887-901, "
+        "doi:10.5194/gmd-5-887-2012",
+        effects=(PrescribedWind(), Tracers()),
+        initial=lambda lon, lat: (*wind(lon, lat, 0.0), AIR + 0.0 * (lon + lat)),
+        exact=_known_air(wind, steady=case != 3),
+        wind=wind,
+        tracers=tracers,
+        exact_tracers=_returned(tracers),
+        report="l1, l2, linf, minimum and maximum of the tracers after 12 days; filaments and "
+        "mixing after 6",
+        ne=20,
+        np=4,
+        dt=900.0,
+        days=12.0,
+        parameters={"case": case},
+    )
+
+
+def _frame(lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Unit vectors east and north (..., 3)."""
+    quarter = 0.5 * np.pi
+    return unit_vector(lon + quarter, 0.0 * lat), unit_vector(lon, lat + quarter)
+
+
+def _vortex_speed(sine: Array) -> Array:
+    """Angular speed [s-1] about the vortex centre; sine of the latitude as seen from there."""
+    rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
+    safe = np.where(rho > 1e-8, rho, 1.0)
+    shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
+    return 1.5 * np.sqrt(3.0) * TURN * shape
+
+
+def _rolled_front(point: Array, centre: Array, t: float) -> Array:
+    """The tracer at points (..., 3) after the time t [s] about a vortex centre that rests."""
+    lon, lat = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2])
+    east, north = _frame(lon, lat)
+    sine = point @ centre
+    longitude = np.arctan2(point @ east, -(point @ north))
+    rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
+    front: Array = 1.0 - np.tanh(0.2 * rho * np.sin(longitude - _vortex_speed(sine) * t))
+    return front
+
+
+def _swing(t: float) -> float:
+    """The speed unit of the deformation [m s-1], which turns round at half time."""
+    return float(5.0 * EARTH.radius / PERIOD * np.cos(np.pi * t / PERIOD))
+
+
+def _one_cell(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+    speed = 2.4 * _swing(t)
+    east = speed * np.sin(0.5 * lon) ** 2 * np.sin(2.0 * lat)
+    return east, 0.5 * speed * np.sin(lon) * np.cos(lat)
+
+
+def _two_cells(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+    speed = 2.0 * _swing(t)
+    east = speed * np.sin(lon) ** 2 * np.sin(2.0 * lat)
+    return east, speed * np.sin(2.0 * lon) * np.cos(lat)
+
+
+def _divergent(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+    speed = _swing(t)
+    east = -speed * np.sin(0.5 * lon) ** 2 * np.sin(2.0 * lat) * np.cos(lat) ** 2
+    return east, 0.5 * speed * np.sin(lon) * np.cos(lat) ** 3
+
+
+def _two_cells_turning(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
+    east, north = _two_cells(lon - TURN * t, lat, t)
+    return east + EARTH.radius * TURN * np.cos(lat), north
+
+
+Centres = tuple[tuple[float, float], tuple[float, float]]
+
+_NEAR = ((5.0 * np.pi / 6.0, 0.0), (7.0 * np.pi / 6.0, 0.0))
+_CASES: dict[int, tuple[Wind, Centres]] = {
+    1: (_one_cell, ((np.pi, np.pi / 3.0), (np.pi, -np.pi / 3.0))),
+    2: (_two_cells, _NEAR),
+    3: (_divergent, ((0.75 * np.pi, 0.0), (1.25 * np.pi, 0.0))),
+    4: (_two_cells_turning, _NEAR),
+}
+"""Wind, and the centres of the tracers (lon, lat) [rad], by case."""
+
+
+def _tracers(centres: Centres) -> dict[str, Scalar]:
+    """The mixing ratios of Lauritzen et al. (2012), section 3, about two centres."""
+
+    def correlated(lon: Array, lat: Array) -> Array:
+        return -0.8 * _cosine_bells(centres, lon, lat) ** 2 + 0.9
+
+    return {
+        "gaussian_hills": _about(centres, _gaussian_hills),
+        "cosine_bells": _about(centres, _cosine_bells),
+        "correlated": correlated,
+        "slotted_cylinders": _about(centres, _slotted_cylinders),
+    }
+
+
+def _about(centres: Centres, formula: Callable[[Centres, Array, Array], Array]) -> Scalar:
+    return lambda lon, lat: formula(centres, lon, lat)
+
+
+def _gaussian_hills(centres: Centres, lon: Array, lat: Array) -> Array:
+    point = unit_vector(lon, lat)
+    offsets = (point - unit_vector(*centre) for centre in centres)
+    hills: Array = 0.95 * sum(np.exp(-5.0 * np.sum(offset**2, axis=-1)) for offset in offsets)
+    return hills
+
+
+def _cosine_bells(centres: Centres, lon: Array, lat: Array) -> Array:
+    one, other = (np.minimum(2.0 * _distance(centre, lon, lat), 1.0) for centre in centres)
+    bells: Array = 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
+    return bells
+
+
+def _slotted_cylinders(centres: Centres, lon: Array, lat: Array) -> Array:
+    """Cylinders of radius 1/2 with a slot 1/6 wide: open to the north in one, else to the south."""
+    inside = np.zeros(np.shape(lon), dtype=bool)
+    for centre, side in zip(centres, (-1.0, 1.0), strict=True):
+        beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
+        beyond = side * (lat - centre[1]) > 5.0 / 24.0
+        inside |= (_distance(centre, lon, lat) <= 0.5) & (beside | beyond)
+    return np.where(inside, 1.0, 0.1)
+
+
+def _distance(centre: tuple[float, float], lon: Array, lat: Array) -> Array:
+    """Great-circle distance [rad] from the centre."""
+    chord = np.linalg.norm(unit_vector(lon, lat) - unit_vector(*centre), axis=-1)
+    distance: Array = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    return distance
+
+
+def _is_back(t: float) -> bool:
+    """Whether everything is where it started: after whole periods."""
+    return abs(t / PERIOD - round(t / PERIOD)) < 1e-9
+
+
+def _returned(tracers: dict[str, Scalar]) -> UnsteadyTracers:
+    """The initial tracers after whole periods, NaN in between."""
+
+    def exact(lon: Array, lat: Array, t: float) -> dict[str, Array]:
+        known = 0.0 if _is_back(t) else np.nan
+        return {name: formula(lon, lat) + known for name, formula in tracers.items()}
+
+    return exact
+
+
+def _known_air(wind: Wind, steady: bool) -> UnsteadyState:
+    """The even depth, NaN while a wind that diverges changes it."""
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        known = 0.0 if steady or _is_back(t) else np.nan
+        return *wind(lon, lat, t), AIR + known + 0.0 * (lon + lat)
+
+    return exact
