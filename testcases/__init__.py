@@ -13,6 +13,7 @@ from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.testcases.galewsky import galewsky
 from swe_sphere.testcases.lake import lake_at_rest
 from swe_sphere.testcases.lauter import lauter
+from swe_sphere.testcases.matsuno import matsuno
 from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
 from swe_sphere.testcases.parameters import SceneFactory, checked
@@ -41,6 +42,7 @@ SCENES: dict[str, SceneFactory] = {
     "lake-at-rest": lake_at_rest,
     "mcdonald-bates": mcdonald_bates,
     "modons": modons,
+    "matsuno": matsuno,
     "turbulence": turbulence,
     "splash": splash,
     "gravity-bumps": gravity_bumps,

@@ -26,8 +26,8 @@ def splash(rotating: bool = False) -> Scene:
 
         h = 2000 m + 500 m (1 + cos(3 π γ)) for γ < 1/3,
 
-    γ the angular distance from (3π/2, 0). The ring comes together at the antipode after about
-    1.6 days.
+    γ the angular distance from (3π/2, 0). The crest comes together at the antipode after 1.44 days,
+    before the 1.65 that a small wave would take. How high it stands then depends on the mesh.
 
     Args:
         rotating: the very same flow, seen from a frame that turns backwards by (40 m/s) / a: with
