@@ -1,11 +1,11 @@
 """Direct stiffness summation (DSS) as a gather, and the terms that need no derivative.
 
 Each unique node adds its contributors in a fixed order: no atomics, so results repeat bit for bit
-on any device.  A node has at most four; those it lacks point to a place that holds zero, so that
-there is no branch.  A pointwise term commutes with the mass-weighted average, so it is added here,
-once a unique node instead of once an element node.  Arrays are arguments of their own and not
-members of a structure: only then does Warp compile a path for contiguous arrays, which is faster on
-a CPU.
+on any device.  Meshes number their nodes by the count of contributors (one, two, more), so that the
+branches cost nothing; a node of three has a fourth in a place that holds zero.  A pointwise term
+commutes with the mass-weighted average, so it is added here, once a unique node instead of once an
+element node.  Arrays are arguments of their own and not members of a structure: only then does Warp
+compile a path for contiguous arrays, which is faster on a CPU.
 """
 
 import functools
@@ -16,7 +16,7 @@ CONTRIBUTORS = 4
 OPTIONS = {"max_unroll": 1, "cpu_compiler_flags": "-march=native -fno-slp-vectorize"}
 """Packing the scattered loads of several fields into SIMD registers costs more than it gains."""
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
-"""Places of a node's first field in the local tendencies."""
+"""Places of a node's first field in the local tendencies, -1 for a contributor it lacks."""
 
 
 def gather_sum(real: type) -> wp.Function:
@@ -24,8 +24,12 @@ def gather_sum(real: type) -> wp.Function:
 
     @wp.func
     def gather(local: wp.array(dtype=real), at: Contributors, offset: int):
-        first = local[at[0] + offset] + local[at[1] + offset]
-        return first + (local[at[2] + offset] + local[at[3] + offset])
+        total = local[at[0] + offset]
+        if at[1] >= 0:
+            total += local[at[1] + offset]
+            if at[2] >= 0:
+                total += local[at[2] + offset] + local[at[3] + offset]
+        return total
 
     return gather
 

@@ -70,15 +70,17 @@ class DeviceMesh:
     def places(self, unknowns: int) -> wp.array:
         """(N,) where the contributors of each node stand in local tendencies of that many fields.
 
-        Contributors that a node lacks stand in the empty last group.
+        A node lacks those that are -1; the fourth of three stands in the empty last group.
         """
         mesh = self.mesh
         element, point = np.divmod(mesh.gather_entries, self.points)
         group, lane = np.divmod(element, self.lanes)
         position = (group * self.points + point) * (unknowns * self.lanes) + lane
         empty = self.groups * self.points * unknowns * self.lanes
-        places = np.full((mesh.size, CONTRIBUTORS), empty, dtype=np.int32)
-        node = np.repeat(np.arange(mesh.size), np.diff(mesh.gather_offsets))
+        places = np.full((mesh.size, CONTRIBUTORS), -1, dtype=np.int32)
+        count = np.diff(mesh.gather_offsets)
+        places[count == 3, 3] = empty
+        node = np.repeat(np.arange(mesh.size), count)
         places[node, np.arange(node.size) - mesh.gather_offsets[node]] = position
         return wp.array(places, dtype=Contributors, device=self.device)
 

@@ -39,7 +39,7 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
     return [(*step, beta) for step, beta in zip(steps, OPTIMAL[degree], strict=True)]
 
 
-def spectral_bound(product: Callable[[Array], Array], size: int, steps: int = 20) -> float:
+def spectral_bound(product: Callable[[Array], Array], size: int, steps: int = 40) -> float:
     """Bound, 5 % in reserve, on the spectrum of an operator (size, size), by power iteration."""
     x, growth = np.random.default_rng(0).standard_normal(size), 1.0
     for _ in range(steps if size else 0):
