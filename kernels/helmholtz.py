@@ -110,6 +110,15 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         x[node] = x[node] + beta * step
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def chebyshev_start(
+        inverse_diagonal: vector, take: real, beta: real, r: vector, d: vector, x: vector
+    ):
+        node = wp.tid()
+        step = take * inverse_diagonal[node] * r[node]
+        d[node] = step
+        x[node] = beta * step
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def schur(
         places_1: places,
         inverse_area: vector,
@@ -128,5 +137,6 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         gradient_flux=gradient_flux,
         substituted=substituted,
         chebyshev=chebyshev,
+        chebyshev_start=chebyshev_start,
         schur=schur,
     )

@@ -97,6 +97,14 @@ class SchurOperator:
             *coefficients, r, d, x,
         )  # fmt: skip
 
+    def chebyshev_start(
+        self, coefficients: tuple[float, float, float], r: wp.array, d: wp.array, x: wp.array
+    ) -> None:
+        """That step from d = x = 0, whatever they hold: d = take r/diag S; x = beta d."""
+        _, take, beta = coefficients
+        kernel, inverse = self._steps.chebyshev_start, self._inverse_diagonal
+        self.launch(kernel, self.size, inverse, take, beta, r, d, x)
+
     @property
     def _factor(self) -> float:
         return self.tau**2 * self.gravity

@@ -39,8 +39,17 @@ class InnerSolver(ABC):
         """x near S^-1 b, both (N,); b may be overwritten."""
 
     def _put(self, values: NDArray[Any], x: wp.array) -> None:
-        """Numpy values into a vector of the operator."""
-        wp.copy(x, self.operator.mesh.upload(values))
+        """Numpy values into a vector of the operator; on the CPU without Warp's slow detours."""
+        if x.device.is_cpu:
+            x.numpy()[:] = values
+        else:
+            wp.copy(x, self.operator.mesh.upload(values))
+
+    def _copy(self, source: wp.array, target: wp.array) -> None:
+        if target.device.is_cpu:
+            target.numpy()[:] = source.numpy()
+        else:
+            wp.copy(target, source)
 
 
 class Jacobi(InnerSolver):
@@ -114,23 +123,26 @@ class Multilevel(InnerSolver):
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b is overwritten."""
-        x.zero_()
         for cycle in range(self._cycles):
-            rest = b
-            if self._symmetric:
-                wp.copy(self._rest, b)
-                self._smooth(self._rest, x)
-            if self._symmetric or cycle > 0:
-                rest = self._rest
-                self.operator.residual(b, x, rest)
-            self._put(x.numpy() + self._coarse.solve(rest.numpy()), x)
-            if cycle < self._cycles - 1:
-                wp.copy(self._rest, b)
+            if cycle > 0 or self._symmetric:
+                self._copy(b, self._rest)
+                self._smooth(self._rest, x, from_zero=cycle == 0)
+                self.operator.residual(b, x, self._rest)
+                self._put(x.numpy() + self._coarse.solve(self._rest.numpy()), x)
+            else:
+                self._put(self._coarse.solve(b.numpy()), x)
+            if self._symmetric and cycle < self._cycles - 1:
+                self._copy(b, self._rest)
                 self._smooth(self._rest, x)
         self._smooth(b, x)
 
-    def _smooth(self, r: wp.array, x: wp.array) -> None:
-        """Chebyshev steps from x; r, the right-hand side, is overwritten."""
-        wp.copy(self._direction, x)
-        for step in self._steps:
+    def _smooth(self, r: wp.array, x: wp.array, from_zero: bool = False) -> None:
+        """Chebyshev steps from x or from zero; r, the right-hand side, is overwritten."""
+        first, *others = self._steps
+        if from_zero:
+            self.operator.chebyshev_start(first, r, self._direction, x)
+        else:
+            self._copy(x, self._direction)
+            self.operator.chebyshev_step(first, r, self._direction, x)
+        for step in others:
             self.operator.chebyshev_step(step, r, self._direction, x)
