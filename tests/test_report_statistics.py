@@ -7,7 +7,7 @@ import pytest
 from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.report.answer import answers, saturation_sentence
+from swe_sphere.report.answer import answers, noise_sentence, saturation_sentence
 from swe_sphere.report.axes import spread
 from swe_sphere.report.loss import largest_step, threshold
 from swe_sphere.report.palette import LOOKS, curves, look
@@ -200,6 +200,28 @@ def test_levels_with_one_answer_share_a_sentence():
     told = answers(rows_of(run("rk4", 60.0, 1.0, 1e-7)), TOTAL, "here", 0.0, [1e-3, 1e-5])
     assert told[0].text.startswith("To reach l2(h) ≤ 1e-3 or 1e-5 on here: rk4")
     assert told[1].text.startswith("The smallest error of all is 1.0e-7")
+
+
+def test_nothing_is_said_on_levels_that_are_not_resolved():
+    told = answers(rows_of(*RACE), TOTAL, "here", 0.0, [1e-3, 1e-6], resolved=1e-5)
+    assert [answer.text.split(" on ")[0] for answer in told[:1]] == ["To reach l2(h) ≤ 1e-3"]
+    assert [answer.steppers for answer in told] == [3, 0]
+    assert "smallest error of all" in told[1].text
+
+
+@pytest.mark.parametrize(
+    ("runs", "noise", "parts"),
+    [
+        ([], math.nan, ["No calibration run", "differ by more"]),
+        ([run("rk4", 1.0, 1.0)], 0.05, ["timed once", "up to 2.0 %", "varied by 5.0 %"]),
+        ([run("rk4", 1.0, 1.0, walls=(1.0, 2.0))], 0.5, ["up to 2 repeats", "too noisy"]),
+        ([run("rk4", 1.0, 1.0, wall_spread=0.6)], 0.01, ["up to 60 %", "too noisy"]),
+    ],
+)
+def test_the_report_says_how_noisy_the_machine_was(runs, noise, parts):
+    text = noise_sentence(rows_of(*runs), noise)
+    assert all(part in text for part in parts), text
+    assert ("too noisy" in text) == ("too noisy" in parts)
 
 
 # saturation

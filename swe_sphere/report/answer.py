@@ -24,20 +24,25 @@ class Answer:
     """How many reach the level."""
 
 
+LOUD = 0.3
+"""A spread of wall times from which on they are of little use."""
 PLACES = 3
 """So many places of a ranking are told in full."""
 
 
 def answers(
-    rows: Sequence[Row], metric: Metric, where: str, noise: float, levels: Sequence[float] = ()
-) -> list[Answer]:
+    rows: Sequence[Row], metric: Metric, where: str, noise: float, levels: Sequence[float] = (),
+    resolved: float = 0.0,
+) -> list[Answer]:  # fmt: skip
     """Who reaches each error level, by wall time; levels with one answer share a sentence.
 
     rows: of one mesh.  where: for example "williamson5 at ne16 np4".  levels: None given, those
-    of `error_levels`.
+    of `error_levels`.  resolved: of smaller levels nothing is said, as the errors are not known
+    that well.
     """
     names = settings(rows)
     levels = sorted(levels, reverse=True) or error_levels(rows, metric)
+    levels = [level for level in levels if not level < resolved]
     same: dict[str, list[float]] = {}
     for level in levels:
         found = _ranking(cheapest(rows, metric, level), names, noise)
@@ -132,6 +137,11 @@ def saturation_sentence(rows: Sequence[Row], metric: Metric, where: str, slow: b
     return text + (_TRANSIENT if slow else _FAST)
 
 
+_RULE = "Steppers are ranked only where they differ by more."
+_LOUD = (
+    "That was too noisy a machine to compare steppers by wall time unless they differ greatly; "
+    "iterations and right-hand sides do not depend on it. "
+)
 _TRANSIENT = (
     " The start sheds gravity waves, which every long step damps or dephases: this error is "
     "their size whatever the step and says nothing on the flow that stays. The slow-flow error "
@@ -164,4 +174,5 @@ def noise_sentence(rows: Iterable[Row], noise: float) -> str:
         if math.isfinite(noise)
         else "No calibration run says how noisy the machine was. "
     )
-    return timed + worst + calibration + "Steppers are ranked only where they differ by more."
+    loud = max([noise, *spreads], default=math.nan) > LOUD
+    return timed + worst + calibration + (_LOUD if loud else "") + _RULE

@@ -27,9 +27,13 @@ LIMITS = (
     ("advective_limit", "advective limit", "left"),
 )
 """Of the step: attribute of a row, name, side of the line on which the text ends."""
-POWERS, TWOS = (1.0,), (1.0, 2.0, 5.0)
-DIGITS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
-"""Multiples of powers of ten that have a tick, by the length of the axis."""
+TICKS = (
+    (0.9, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)),
+    (1.9, (1.0, 2.0, 5.0)),
+    (2.9, (1.0, 3.0)),
+    (math.inf, (1.0,)),
+)
+"""Multiples of powers of ten that have a tick, on axes up to so many decades long."""
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GAP = 0.064
 """Height of a name in the margin, in parts of the axes."""
@@ -57,12 +61,12 @@ def _widened(low: float, high: float) -> tuple[float, float]:
 
 
 def _ticks(axis: Axis) -> None:
-    """Powers of ten; less than two decades also twos and fives; plain numbers where short."""
+    """At powers of ten and on short axes between them; plain numbers where these are short."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     low, high = sorted(axis.get_view_interval())
     decades = math.log10(high / low) if low > 0.0 else 0.0
-    subs = POWERS if decades > 2.5 else TWOS if decades > 0.9 else DIGITS
+    subs = next(multiples for longest, multiples in TICKS if decades <= longest)
     axis.set_major_locator(LogLocator(subs=subs, numticks=8 if decades > 6 else 15))
     axis.set_minor_locator(NullLocator())
     plain = low >= 1e-2 and high <= 1e6

@@ -106,9 +106,12 @@ def _only(rows: list[Row]) -> tuple[str, ...]:
     return tuple(part.pop() if len(part) == 1 else "" for part in parts)
 
 
+PLAIN = {(1, "none"): "no preconditioner"}
+
+
 def _difference(key: tuple[str, ...], others: list[tuple[str, ...]]) -> list[str]:
     return [
-        part or "default"
+        PLAIN.get((i, part), part or "default")
         for i, part in enumerate(key)
         if i and len({other[i] for other in others}) > 1
     ]

@@ -116,7 +116,8 @@ def read_sections(
 def _section(
     name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any], levels: Sequence[float]
 ) -> Section:
-    noise = _float(attributes.get("noise"))
+    noise, own = (_float(attributes.get(key)) for key in ("noise", "converged_check"))
+    terms = _Terms(noise, own, levels)
     meshes = list(dict.fromkeys(row.mesh for row in rows if row.role not in MADE_FOR_OTHERS))
     found = metrics(rows)
     return Section(
@@ -126,7 +127,7 @@ def _section(
         rows=rows,
         metrics=found,
         parts=[
-            _part(scene, mesh, [row for row in rows if row.mesh == mesh], found, noise, levels)
+            _part(scene, mesh, [row for row in rows if row.mesh == mesh], found, terms)
             for mesh in meshes
         ],
         trust=[text for text in (noise_sentence(rows, noise), _converged(attributes)) if text],
@@ -135,18 +136,29 @@ def _section(
     )
 
 
-def _part(
-    scene: str, mesh: str, rows: list[Row], found: list[Metric], noise: float,
-    levels: Sequence[float],
-) -> Part:  # fmt: skip
+@dataclass(frozen=True)
+class _Terms:
+    """How well times and time errors are known, and the error levels asked for."""
+
+    noise: float
+    own: float
+    levels: Sequence[float]
+
+    def answers(self, rows: Sequence[Row], metric: Metric, where: str) -> list[Answer]:
+        # the check of the converged run is on its depth
+        resolved = self.own if (metric.kind, metric.field) == ("time", "h") else 0.0
+        return answers(rows, metric, where, self.noise, self.levels, resolved)
+
+
+def _part(scene: str, mesh: str, rows: list[Row], found: list[Metric], terms: _Terms) -> Part:
     where = f"{scene} at {mesh}" if mesh else scene
     told = _told(rows, found, where)
     choices = [
         Choice(
             metric,
-            answers(rows, metric, where, noise, levels) if metric in spoken(found) else [],
+            terms.answers(rows, metric, where) if metric in spoken(found) else [],
             told.get(metric, ""),
-            error_diagrams(rows, metric, noise),
+            error_diagrams(rows, metric, terms.noise),
         )
         for metric in found
     ]
