@@ -93,9 +93,9 @@ def angles(mesh=MESH) -> Array:
 @pytest.mark.parametrize(
     ("name", "given", "hours", "mean", "largest"),
     [
-        ("dam-break", {"width": 0.1}, 4.0, 1.5, 25.0),
-        ("dam-break", {"width": 0.05}, 2.0, 6.0, 80.0),
-        ("splash", {}, 6.0, 1.5, 25.0),
+        ("dam-break", {"width": 0.1}, 4.0, 1.6, 20.0),
+        ("dam-break", {"width": 0.05}, 2.0, 5.0, 50.0),
+        ("splash", {}, 6.0, 1.0, 20.0),
     ],
 )
 def test_depth_is_that_of_one_dimension(
@@ -128,8 +128,8 @@ def test_splash_in_a_turning_frame_is_the_same_splash() -> None:
     carried = Interpolator(MESH, MESH.lon - shift, MESH.lat)
     error = {name: other[name] - carried(still[name]) for name in "uvh"}
     error["u"] -= 40.0 * np.cos(MESH.lat)
-    assert mean_square(MESH, error["h"]) < 1.0
-    assert max(mean_square(MESH, error[name]) for name in "uv") < 0.08
+    assert mean_square(MESH, error["h"]) < 0.7
+    assert max(mean_square(MESH, error[name]) for name in "uv") < 0.04
     flat = after(turning.without_effect("orography"), hours)["h"]
     assert mean_square(MESH, flat - carried(still["h"])) > 10.0
 
@@ -209,9 +209,9 @@ def test_matsuno_rossby_wave_keeps_its_shape_for_a_period() -> None:
     scene, mesh = get_scene("matsuno"), build_mesh(5, 6)
     fields = after(scene, 24.0 * scene.days, scene.days * DAY / 800, mesh)
     u, v, h = scene.exact(mesh.lon, mesh.lat, scene.days * DAY)
-    assert mean_square(mesh, fields["v"] - v) < 0.06 * mean_square(mesh, v)
-    assert mean_square(mesh, fields["u"] - u) < 0.06 * mean_square(mesh, u)
-    assert mean_square(mesh, fields["h"] - h) < 0.06 * mean_square(mesh, h - DEPTH)
+    assert mean_square(mesh, fields["v"] - v) < 0.055 * mean_square(mesh, v)
+    assert mean_square(mesh, fields["u"] - u) < 0.055 * mean_square(mesh, u)
+    assert mean_square(mesh, fields["h"] - h) < 0.055 * mean_square(mesh, h - DEPTH)
 
 
 def test_matsuno_frequencies_and_published_values() -> None:
