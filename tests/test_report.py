@@ -84,6 +84,7 @@ def test_the_page_is_well_formed_and_loads_nothing(text):
     assert page.loads == []
     assert not re.search(r"https?:|@import|url\((?!#)", text)
     assert text.count("<svg") > 8
+    assert text.count("<style") == 1  # those of figures would hold for the whole page
 
 
 def test_every_link_of_the_page_leads_somewhere_in_it(text):
