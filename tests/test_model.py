@@ -163,3 +163,30 @@ def test_vorticity_of_solid_body_rotation() -> None:
 def test_bad_choices_say_what_there_is(small_mesh, options, word) -> None:
     with pytest.raises(ConfigError, match=word):
         Model(small_mesh, make_scene("pressure"), **options)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(np.nan, "not finite"), (-10.0, "is -10 m"), (0.0, "is 0 m")]
+)
+def test_a_start_that_makes_no_sense_is_refused(small_mesh, value: float, words: str) -> None:
+    base = get_scene("williamson5")
+
+    def initial(lon, lat):
+        u, v, h = base.initial(lon, lat)
+        return u, v, np.where(np.arange(h.size) == 5, value, h)
+
+    model = Model(small_mesh, replace(base, initial=initial))
+    with pytest.raises(ConfigError, match=rf"initial (h|depth).*{words}.*at longitude"):
+        model.initial_state()
+
+
+def test_a_passive_depth_may_be_nothing(small_mesh) -> None:
+    """The bell of williamson1 stands on dry ground."""
+    model = Model(small_mesh, get_scene("williamson1"))
+    assert model.fields(model.initial_state())["h"].min() == 0.0
+
+
+def test_a_bottom_that_is_no_number_is_refused(small_mesh) -> None:
+    scene = replace(get_scene("williamson5"), bottom=lambda lon, lat: np.log(lat))
+    with np.errstate(invalid="ignore"), pytest.raises(ConfigError, match=r"bottom.*not finite"):
+        Model(small_mesh, scene)

@@ -100,8 +100,21 @@ class Model:
         return self.device_mesh.upload(np.concatenate([values[name] for name in self.names]))
 
     def initial_state(self) -> wp.array:
-        """The scene's initial state."""
-        return self.state_from(*self.scene.initial(self.mesh.lon, self.mesh.lat))
+        """The scene's initial state.
+
+        Raises ConfigError where a value is not finite, or a depth that waves run on not positive.
+        """
+        u, v, h = self.scene.initial(self.mesh.lon, self.mesh.lat)
+        for name, values in zip("uvh", (u, v, h), strict=True):
+            _check_finite(f"initial {name}", values, self.mesh)
+        waves = self.scene.effect("pressure-gradient") is not None
+        if waves and not self.scene.linear and not np.min(h) > 0.0:
+            where = _place(self.mesh, int(np.argmin(h)))
+            raise ConfigError(
+                f"{self.scene.name}: the initial depth is {np.min(h):.3g} m at {where}; make the "
+                "fluid deeper or the bottom lower: every depth must be positive"
+            )
+        return self.state_from(u, v, h)
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
         """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
@@ -225,4 +238,20 @@ class Model:
 
 def _on_nodes(formula: Any, mesh: Mesh) -> Array:
     """The field on the nodes, zeros where the scene has none."""
-    return np.zeros(mesh.size) if formula is None else np.asarray(formula(mesh.lon, mesh.lat))
+    if formula is None:
+        return np.zeros(mesh.size)
+    values = np.asarray(formula(mesh.lon, mesh.lat))
+    _check_finite("bottom or Coriolis parameter", values, mesh)
+    return values
+
+
+def _check_finite(name: str, values: Array, mesh: Mesh) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        where = _place(mesh, int(np.argmax(bad)))
+        raise ConfigError(f"the {name} of the scene is not finite at {where}: mend its formula")
+
+
+def _place(mesh: Mesh, node: int) -> str:
+    lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
+    return f"longitude {lon:.4g}°, latitude {lat:.4g}°"
