@@ -12,61 +12,78 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.model.scene import Array
 
-__all__ = ["Complex", "GaussGrid", "synthesis"]
+__all__ = ["Complex", "GaussGrid", "legendre", "synthesis"]
 
 Complex = NDArray[np.complex128]
-CHUNK = 16384
+CHUNK = 4096
 """Points that are treated together: so much memory a degree."""
 
 
 def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """The field, ∂/∂λ / cos θ and ∂/∂θ [rad-1] of it, at points [rad] of any shape."""
+    """Fields, ∂/∂λ / cos θ and ∂/∂θ [rad-1] of them, at points [rad] of any shape.
+
+    coefficients: of one field (L+1, L+1), or of several (k, L+1, L+1), which is cheaper than one by
+    one; then each result has the leading dimension k.
+    """
     shape = np.broadcast_shapes(np.shape(lon), np.shape(lat))
     flat = [np.broadcast_to(x, shape).ravel() for x in (lon, lat)]
-    found = np.empty((3, flat[0].size))
+    stack = coefficients.reshape(-1, *coefficients.shape[-2:])
+    found = np.empty((3, len(stack), flat[0].size))
     for start in range(0, flat[0].size, CHUNK):
         part = slice(start, start + CHUNK)
-        found[:, part] = _summed(coefficients, flat[0][part], flat[1][part])
-    value, east, north = found.reshape(3, *shape)
+        found[..., part] = _summed(stack, flat[0][part], flat[1][part])
+    value, east, north = found.reshape(3, *coefficients.shape[:-2], *shape)
     return value, east, north
 
 
 def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
-    """Value and derivatives (3, points)."""
-    cos, total = np.cos(lat), np.zeros((3, len(lat)))
-    for m, (q, slope) in enumerate(_orders(len(coefficients) - 1, lat)):
-        c = coefficients[m:, m]
+    """Values and derivatives (3, k, points)."""
+    cos, sine, total = np.cos(lat), np.sin(lat), np.zeros((3, len(coefficients), len(lat)))
+    for m, q in enumerate(_orders(coefficients.shape[1] - 1, lat)):
+        c, n = coefficients[:, m:, m], np.arange(m, coefficients.shape[1])
+        value, sloped, shifted = _products([c, n * c, _shifted(c, n, m)], q)
         wave = np.exp(1j * m * lon)
-        total[0] += ((c @ q) * wave).real * (cos if m else 1.0)
-        total[1] += (1j * m * (c @ q) * wave).real
-        total[2] += ((c @ slope) * wave).real
+        value, north = value * wave, (shifted - sine * sloped) * wave
+        if m:
+            total += np.stack([cos * value.real, -m * value.imag, north.real])
+        else:  # with P_n0 itself, dP_n0/dθ is infinite over cos θ and comes with m = 1
+            total[0] += value.real
+        if m == 1:
+            first = np.sqrt(n * (n + 1.0)) * coefficients[:, 1:, 0]
+            total[2] += cos * (first.real @ q)
     return total
 
 
-def _orders(degree: int, lat: Array) -> Iterator[tuple[Array, Array]]:
-    """For m = 0, 1, …: P_nm / cos θ (P_n0 for m = 0) and dP_nm/dθ, both (L + 1 - m, points)."""
-    sine, cos = np.sin(lat), np.cos(lat)
-    one = _column(degree, 1, sine, np.sqrt(1.5) + 0.0 * lat) if degree else np.zeros((0, len(lat)))
-    start = np.ones_like(lat)
-    for m in range(degree + 1):
-        n = np.arange(m, degree + 1)[:, None]
-        if m == 0:  # d/dθ of P_n0 is √(n(n+1)) P_n1
-            column = _column(degree, 0, sine, start)
-            slope = np.concatenate([0.0 * column[:1], np.sqrt(n[1:] * (n[1:] + 1.0)) * one * cos])
-            start = np.sqrt(1.5) * start
-        else:
-            column = one if m == 1 else _column(degree, m, sine, start)
-            back = np.sqrt((n**2 - m**2) * (2 * n + 1) / (2 * n - 1))
-            slope = -n * sine * column
-            slope[1:] += back[1:] * column[:-1]
-            start = np.sqrt((2 * m + 3) / (2 * m + 2)) * cos * start
-        yield column, slope
+def _products(rows: list[Complex], q: Array) -> Complex:
+    """Complex (3, k, n) times real (n, points), without a complex copy of the latter."""
+    left = np.stack(rows)
+    both: Array = np.concatenate([left.real, left.imag]) @ q
+    product: Complex = both[:3] + 1j * both[3:]
+    return product
+
+
+def _shifted(c: Complex, n: NDArray[np.integer], m: int) -> Complex:
+    """The coefficients of P_n in Σ c_n √((n² - m²) (2n + 1)/(2n - 1)) P_(n-1)."""
+    back = np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / np.abs(2.0 * n - 1.0))
+    shifted = np.zeros_like(c)
+    shifted[:, :-1] = (back * c)[:, 1:]
+    return shifted
+
+
+def _orders(degree: int, lat: Array) -> Iterator[Array]:
+    """P_n0, then P_nm / cos θ for m = 1, 2, …: each (degree + 1 - m, points)."""
+    sine, cos, start = np.sin(lat), np.cos(lat), np.full_like(lat, np.sqrt(1.5))
+    yield _column(degree, 0, sine, np.ones_like(lat))
+    for m in range(1, degree + 1):
+        yield _column(degree, m, sine, start)
+        start = np.sqrt((2 * m + 3) / (2 * m + 2)) * cos * start
 
 
 def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
@@ -74,12 +91,34 @@ def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
     column = np.empty((degree + 1 - m, len(sine)))
     column[0] = start
     for n in range(m + 1, degree + 1):
-        row = n - m
-        column[row] = sine * column[row - 1]
+        row, factor = n - m, np.sqrt((4 * n**2 - 1) / (n**2 - m**2))
+        np.multiply(sine, column[row - 1], out=column[row])
+        column[row] *= factor
         if row > 1:
-            column[row] -= np.sqrt(((n - 1) ** 2 - m**2) / (4 * (n - 1) ** 2 - 1)) * column[row - 2]
-        column[row] *= np.sqrt((4 * n**2 - 1) / (n**2 - m**2))
+            less = factor * np.sqrt(((n - 1) ** 2 - m**2) / (4 * (n - 1) ** 2 - 1))
+            column[row] -= less * column[row - 2]
     return column
+
+
+def legendre(degree: int, lat: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """For m = 0, 1, …: P_nm, P_nm / cos θ (zero for m = 0) and dP_nm/dθ at latitudes [rad].
+
+    Each (degree + 1 - m, points), for n = m … degree.
+    """
+    sine, cos = np.sin(lat), np.cos(lat)
+    orders = _orders(degree, lat)
+    zonal, first = next(orders), next(orders, np.empty((0, len(lat))))
+    n = np.arange(1, degree + 1)[:, None]
+    yield (
+        zonal,
+        0.0 * zonal,
+        np.concatenate([0.0 * zonal[:1], np.sqrt(n * (n + 1.0)) * cos * first]),
+    )
+    for m, q in enumerate(chain([first], orders) if degree else orders, start=1):
+        n = np.arange(m, degree + 1)[:, None]
+        slope = -n * sine * q
+        slope[1:] += np.sqrt((n**2 - m**2) * (2.0 * n + 1.0) / (2.0 * n - 1.0))[1:] * q[:-1]
+        yield cos * q, q, slope
 
 
 @dataclass(frozen=True)
@@ -115,9 +154,8 @@ class GaussGrid:
         sine, weights = np.polynomial.legendre.leggauss(self.degree + 1)
         lat, found = np.arcsin(sine), np.zeros((self.degree + 1,) * 2, dtype=np.complex128)
         waves = [np.fft.fft(f, axis=1, norm="forward") for f in (field, east, north)]
-        for m, (q, slope) in enumerate(_orders(self.degree, lat)):
+        for m, (polynomial, over_cos, slope) in enumerate(legendre(self.degree, lat)):
             value, along, across = (0.5 * weights * wave[:, m] for wave in waves)
-            polynomial = q * np.cos(lat) if m else q
-            mean = polynomial @ value - 1j * m * (q @ along) + slope @ across
+            mean = polynomial @ value - 1j * m * (over_cos @ along) + slope @ across
             found[m:, m] = mean * (2.0 if m else 1.0)
         return found

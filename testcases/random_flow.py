@@ -40,8 +40,11 @@ class BalancedFlow:
 
     def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         """Eastward wind, northward wind [m s-1] and depth [m]."""
-        u, v = self.wind(lon, lat)
-        return u, v, synthesis(self.height, lon, lat)[0]
+        height = self.height
+        streamfunction = np.zeros_like(height)
+        streamfunction[: len(self.streamfunction), : len(self.streamfunction)] = self.streamfunction
+        value, east, north = synthesis(np.stack([height, streamfunction]), lon, lat)
+        return -north[1] / self.planet.radius, east[1] / self.planet.radius, value[0]
 
     def wind(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """Eastward and northward wind [m s-1]."""
@@ -50,8 +53,9 @@ class BalancedFlow:
 
     @cached_property
     def height(self) -> Complex:
-        """Coefficients of the depth [m]: up to twice the degree of ψ, which makes them exact."""
-        grid = GaussGrid(2 * len(self.streamfunction))
+        """Coefficients of the depth [m], of so high a degree that they are exact."""
+        degree = len(self.streamfunction) - 1
+        grid = GaussGrid(degree + 1 if self.linear else 2 * degree + 1)
         lon, lat = grid.points
         u, v = self.wind(lon, lat)
         spin = 2.0 * self.planet.rotation * np.sin(lat)

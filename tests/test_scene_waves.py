@@ -16,7 +16,7 @@ from swe_sphere.model.scene import Array
 from swe_sphere.planet import DAY, EARTH, HOUR
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import distance
-from swe_sphere.testcases.harmonics import _orders
+from swe_sphere.testcases.harmonics import legendre
 from swe_sphere.testcases.matsuno import DEPTH, PLANET, Mode
 
 MESH = build_mesh(6, 8)
@@ -164,8 +164,8 @@ def spherical_frequencies(k: int, degree: int = 60) -> Array:
     1968): no β-plane.
     """
     sine, weights = np.polynomial.legendre.leggauss(degree + 20)
-    q, slope = list(_orders(degree, np.arcsin(sine)))[k]
-    east, n = 1j * k * q / PLANET.radius, np.arange(k, degree + 1)
+    _, over_cos, slope = list(legendre(degree, np.arcsin(sine)))[k]
+    east, n = 1j * k * over_cos / PLANET.radius, np.arange(k, degree + 1)
     north, f = slope / PLANET.radius, 2.0 * PLANET.rotation * sine
     winds = ((-north, east), (east, north))  # of ψ and of χ
 
