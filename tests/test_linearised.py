@@ -116,14 +116,16 @@ def test_newton_converges_at_once(name: str) -> None:
     wave = np.concatenate(
         [rng.standard_normal(2 * MESH.size), 10.0 * rng.standard_normal(MESH.size)]
     )
-    steps, waves = 2, []
+    steps, waves, iterations = 2, [], []
     solves = {"tr-bdf2": 2, "sdirk3": 3, "esdirk4": 5, "bdf2": 1.5}.get(name, 1) * steps
     for amplitude in (1.0, 1000.0):
         start = model.device_mesh.upload(base + amplitude * wave)
         last = advance(name, model, start, 900.0, 900.0 * steps, tolerance=1e-6)
         assert last.counters["newton_iterations"] == solves
+        iterations.append(last.counters["krylov_iterations"])
         waves.append((last.state.numpy() - base) / amplitude)
     assert relative(waves[0], waves[1], 3) < 1e-4
+    assert iterations[1] == pytest.approx(iterations[0], abs=2)  # one preconditioner fits both
 
 
 @pytest.mark.parametrize("name", STEPPERS)
