@@ -1,0 +1,215 @@
+"""What each effect costs: arrays, loads, operations and time of one right-hand side.
+
+    python benchmarks/effect_cost.py [--rounds 25] [--write docs/effects.md]
+
+Arrays, loads and operations are counted in the generated code (`generated.py`); times are CPU times
+of batches that alternate with and without the effect, so that a busy moment of the machine meets
+both, and the figure is the median of the ratios.  Writing replaces the table of the page and leaves
+its prose.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import warp as wp
+from generated import Cost, cost
+from rhs_cost import machine
+from rich.console import Console
+from rich.table import Table
+
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model, Scene
+from swe_sphere.model.effects import (
+    Drag,
+    Forcing,
+    Hyperviscosity,
+    Linearised,
+    PrescribedWind,
+    Relaxation,
+    Tracers,
+    Viscosity,
+)
+from swe_sphere.operators import Launcher
+from swe_sphere.testcases import get_scene
+
+NE, NP = 16, 4
+BATCH = 0.02
+"""Time of one batch [s]."""
+START, END = "<!-- table -->", "<!-- end of table -->"
+HEAD = ("effect", "compared with", "kernels", "arrays", "loads", "flops", "time")
+
+
+def forced(lon: np.ndarray, lat: np.ndarray, t: float) -> tuple[np.ndarray, ...]:
+    """A forcing of wind and depth that changes in time."""
+    phase = lon - 1e-4 * t
+    return 1e-5 * np.cos(lat) * np.sin(phase), 1e-5 * np.cos(phase), 1e-3 * np.cos(lat)
+
+
+def cases() -> Iterator[tuple[str, str, Scene, Scene | None]]:
+    """Names of an effect and of what it is compared with, and scenes with and without it."""
+    whole = get_scene("williamson5")
+    plain = whole.without_effect("orography")
+    yield "all of williamson5", "", whole, None
+    for name in ("momentum-advection", "rotation", "orography"):
+        yield name, "williamson5 without it", whole, whole.without_effect(name)
+    added: dict[str, Scene] = {
+        "forcing, unsteady": replace(plain, effects=(*plain.effects, Forcing()), forcing=forced),
+        "forcing, steady": replace(
+            plain, effects=(*plain.effects, Forcing()), forcing=forced, steady_forcing=True
+        ),
+        "drag, linear": plain.with_effect(Drag(linear=1e-6)),
+        "drag, linear and quadratic": plain.with_effect(Drag(1e-6, 1e-8)),
+        "relaxation": plain.with_effect(Relaxation(1e6)),
+        "linearised": replace(plain, effects=(*plain.effects, Linearised()), base=plain.initial),
+        "viscosity": plain.with_effect(Viscosity(1e5)),
+        "hyperviscosity": plain.with_effect(Hyperviscosity()),
+        "tracers, one": replace(
+            plain, effects=(*plain.effects, Tracers()), tracers={"q": lambda lon, lat: np.cos(lat)}
+        ),
+    }
+    for name, scene in added.items():
+        yield name, "no orography", scene, plain
+    wind = get_scene("williamson1")
+    assert isinstance(wind.effects[0], PrescribedWind)
+    yield "prescribed-wind (alone)", "no orography", wind, plain
+
+
+class Measured:
+    """A scene's right-hand side: what its kernels hold, and how long it takes."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._model = Model(build_mesh(NE, NP), scene)
+        self._state, self._out = self._model.initial_state(), self._model.zeros()
+        launches = recorded(lambda: self._model.tendency(self._state, 0.0, self._out))
+        self.kernels = len(launches)
+        self.arrays = sum(arrays(arguments) for _, _, arguments in launches)
+        """Array arguments of all kernels, members of structures included."""
+        self.cost = Cost()
+        """Per node of the state."""
+        mesh = self._model.mesh
+        for kernel, threads, _ in launches:
+            self.cost += cost(kernel, mesh.nodes.size / mesh.size) * (threads / mesh.size)
+        self._times = 3
+        self._times = max(3, round(BATCH / min(self.seconds() for _ in range(3))))
+
+    def seconds(self) -> float:
+        """CPU time of one right-hand side, over a batch at different times of the scene."""
+        start = time.process_time()
+        for i in range(self._times):
+            self._model.tendency(self._state, float(i), self._out)
+        return (time.process_time() - start) / self._times
+
+
+def recorded(action: Callable[[], None]) -> list[tuple[Any, int, tuple[Any, ...]]]:
+    """Kernel, threads and arguments of all that an action launches."""
+    launches: list[tuple[Any, int, tuple[Any, ...]]] = []
+    launch = Launcher.__call__
+
+    def record(self: Launcher, kernel: Any, dim: Any, *arguments: Any) -> None:
+        launches.append((kernel, int(np.prod(dim)), arguments))
+        launch(self, kernel, dim, *arguments)
+
+    Launcher.__call__ = record  # type: ignore[method-assign]
+    try:
+        action()
+    finally:
+        Launcher.__call__ = launch  # type: ignore[method-assign]
+    return launches
+
+
+def arrays(arguments: tuple[Any, ...]) -> int:
+    """Arrays among the arguments of a kernel, and in the structures among them."""
+    members = [
+        getattr(argument, name)
+        for argument in arguments
+        if hasattr(argument, "_cls")
+        for name in argument._cls.vars
+    ]
+    return sum(isinstance(value, wp.array) for value in (*arguments, *members))
+
+
+@dataclass
+class Row:
+    """An effect, the right-hand sides with and without it, and the ratios of their times."""
+
+    name: str
+    other: str
+    with_it: Measured
+    without: Measured | None
+    ratios: list[float] = field(default_factory=list)
+
+    def batch(self) -> None:
+        """Measure once more, one after the other."""
+        if self.without is None:
+            self.ratios.append(1e9 * self.with_it.seconds())
+            return
+        first = self.with_it.seconds()
+        self.ratios.append(first / self.without.seconds())
+
+    def cells(self) -> list[str]:
+        """The row of the table."""
+        mine, zero = self.with_it, Cost()
+        other = self.without or mine
+        loads, flops = (
+            self._figure(
+                getattr(mine.cost, name), getattr(other.cost if self.without else zero, name)
+            )
+            for name in ("loads", "flops")
+        )
+        kernels = self._figure(mine.kernels, other.kernels if self.without else 0)
+        held = self._figure(mine.arrays, other.arrays if self.without else 0)
+        return [self.name, self.other, kernels, held, loads, flops, self._time()]
+
+    def _figure(self, mine: float, other: float) -> str:
+        return f"{mine:.3g}" if self.without is None else f"{mine - other:+.3g}"
+
+    def _time(self) -> str:
+        low, middle, high = statistics.quantiles(self.ratios, n=4)
+        if self.without is None:
+            return f"{middle / 1e3:.0f} µs ± {50 * (high - low) / middle:.0f} %"
+        return f"× {middle:.2f} ± {0.5 * (high - low):.2f}"
+
+
+def main(
+    rounds: Annotated[int, typer.Option(min=3, help="Batches a row.")] = 25,
+    write: Annotated[Path | None, typer.Option(help="Also replace the table of this page.")] = None,
+) -> None:
+    """Measure and print the table."""
+    wp.config.log_level = wp.LOG_WARNING
+    with TemporaryDirectory() as cache:
+        wp.config.kernel_cache_dir = cache
+        rows = [
+            Row(name, other, Measured(scene), None if without is None else Measured(without))
+            for name, other, scene, without in cases()
+        ]
+        for _ in range(rounds):
+            for row in rows:
+                row.batch()
+    table = Table(*HEAD)
+    for row in rows:
+        table.add_row(*row.cells())
+    Console(width=140).print(table)
+    if write:
+        _replace_table(write, [row.cells() for row in rows], rounds)
+
+
+def _replace_table(page: Path, rows: list[list[str]], rounds: int) -> None:
+    lines = [HEAD, tuple("---" for _ in HEAD), *rows]
+    text = page.read_text()
+    before, after = text.split(START)[0], text.split(END)[1]
+    note = f"Median of {rounds} alternating batches, ± half the interquartile range. {machine()}."
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    page.write_text(f"{before}{START}\n{body}\n\n{note}\n{END}{after}")
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,128 @@
+"""Loads and floating-point operations counted in the C++ that Warp generates for a kernel.
+
+Every call of an arithmetic function counts by the width of its result, every access to an array by
+the width of what is read or written, and all of it by the trip counts of the loops around (once
+where the code does not say them: over tracers) and by the calls of the function it stands in.  What
+the compiler saves later is not seen.  The work arrays of an element and the tables of the np GLL
+points, which stay in the first-level cache, do not count as loads; one SIMD register of element
+values counts as one value an element.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import warp as wp
+
+FLOPS = {"add": 1, "sub": 1, "mul": 1, "cw_mul": 1, "neg": 1, "div": 1, "max": 1, "sqrt": 1}
+TABLES = ("derivative", "weight")
+CACHED = ("var_d", "var_f")
+"""Parameters of the line sums that are such tables or work arrays."""
+FUNCTION = re.compile(
+    r"^static (?:CUDA_CALLABLE )?[\w:<>, ]+? (\w+)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S
+)
+KERNEL = re.compile(r"^\w+ ?\w* (\w+_cpu_kernel_forward)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S)
+DECLARED = re.compile(r"^ *(?:const )?(\w[\w:<>, ]*?[*&]?) (var_\w+)(?: = [^;]+)?;$", re.M)
+ASSIGNED = re.compile(r"(\w+) = wp::(\w+)\((.*)\);")
+
+
+def source(kernel: wp.Kernel) -> str:
+    """The C++ in Warp's cache that this kernel was built from, without comments."""
+    name = kernel.module.get_module_identifier(block_dim=1)
+    text = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
+    return re.sub(r"//[^\n]*", "", text)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Per thread: values loaded from and stored to arrays over nodes, floating-point operations."""
+
+    loads: float = 0.0
+    stores: float = 0.0
+    flops: float = 0.0
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(self.loads + other.loads, self.stores + other.stores, self.flops + other.flops)
+
+    def __mul__(self, factor: float) -> Cost:
+        return Cost(self.loads * factor, self.stores * factor, self.flops * factor)
+
+
+def cost(kernel: wp.Kernel, contributors: float) -> Cost:
+    """What one thread of the kernel does, with so many contributors to a sum of DSS on average."""
+    text = source(kernel)
+    gather = Cost(loads=contributors, flops=contributors - 1.0)
+    bodies = {m[1]: Function(m[2], m[3], gather) for m in FUNCTION.finditer(text)}
+    thread = Function(*_entry(text), gather)
+    return thread.cost(bodies)
+
+
+def _entry(text: str) -> tuple[str, str]:
+    """Parameters and body of the function that runs one thread."""
+    found = [m for m in KERNEL.finditer(text) if "_forward" in m[1]]
+    return found[0][2], found[0][3]
+
+
+def width(kind: str) -> int:
+    """Numbers in a value of that C++ type: of vectors of vectors their product."""
+    return math.prod(int(n) for n in re.findall(r"vec_t<(\d+),", kind))
+
+
+class Function:
+    """One function of the generated code."""
+
+    def __init__(self, parameters: str, body: str, gather: Cost) -> None:
+        """gather: of one sum of DSS, whose length goes with the node."""
+        given = re.findall(r"([\w:<>, ]+?) (var_\w+)", parameters)
+        found = given + DECLARED.findall(body)
+        self._types = {name: kind.strip() for kind, name in found if kind.strip() != "return"}
+        self._members = dict(re.findall(r"(var_\d+) = &\(\(\w+\)\.(\w+)\)", body))
+        copies = re.findall(r"(var_\d+) = wp::load\((var_\d+)\)", body)
+        self._members |= {a: self._members[b] for a, b in copies if b in self._members}
+        self._body, self._gather = body, gather
+
+    def cost(self, functions: dict[str, Function]) -> Cost:
+        """Of one call, with the functions that it calls."""
+        total = Cost()
+        trips: list[int] = []
+        for line in self._body.splitlines():
+            if "goto end_for_" in line:
+                known = re.search(r">= (\d+)\)", line)
+                trips.append(int(known[1]) if known else 1)
+            elif re.match(r"\s*end_for_\d+:", line):
+                trips.pop()
+            else:
+                total += self._line(line, functions) * math.prod(trips)
+        return total
+
+    def _line(self, line: str, functions: dict[str, Function]) -> Cost:
+        if call := re.search(r"\b(\w+__locals__\w+)\(", line):
+            is_sum = call[1].startswith("gather_sum")
+            return self._gather if is_sum else functions[call[1]].cost(functions)
+        if store := re.search(r"wp::array_store\((\w+), .*, (\w+)\);", line):
+            return Cost() if self._is_cached(store[1]) else Cost(stores=self._width(store[2]))
+        if not (found := ASSIGNED.search(line)):
+            return Cost()
+        result, name, arguments = found.groups()
+        if name == "address":
+            return Cost() if self._is_cached(arguments) else Cost(loads=self._width(result))
+        if "float" not in self._types.get(result, ""):
+            return Cost()
+        return Cost(flops=self._flops(name, result, arguments))
+
+    def _flops(self, name: str, result: str, arguments: str) -> int:
+        """A length is a dot product and a root."""
+        if name in ("dot", "length"):
+            return 2 * self._width(arguments.split(",")[0])
+        return FLOPS.get(name, 0) * self._width(result)
+
+    def _is_cached(self, arguments: str) -> bool:
+        array = arguments.split(",")[0].strip()
+        member = self._members.get(array)
+        return array in CACHED or member in TABLES or "fixedarray" in self._types.get(array, "")
+
+    def _width(self, name: str) -> int:
+        return width(self._types.get(name, ""))
