@@ -63,16 +63,17 @@ class Code:
 
     @property
     def branches(self) -> int:
-        """Conditions that are not the end of a loop."""
-        conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", self.text)
-        return len(conditions) + self.count("where", "select")
+        """Conditions that are not the end of a loop, nor the end of a sum of DSS."""
+        text = re.sub(r"^static [^\n]* gather_sum\w+\(.*?^\}", "", self.text, flags=re.M | re.S)
+        conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)
+        return len(conditions) + Code(text).count("where", "select")
 
 
 def source(kernel: wp.Kernel) -> str:
     """The C++ in Warp's cache that this kernel was built from."""
     name = kernel.module.get_module_identifier(block_dim=1)
     text = (Path(wp.config.kernel_cache_dir) / name / f"{name}.cpp").read_text()
-    text = re.sub(r"//[^\n]*", "", text[text.index("struct ") :])
+    text = re.sub(r"//[^\n]*", "", text[re.search(r"^(struct|static) ", text, re.M).start() :])
     return re.split(r"\w+_cpu_(?:block_payload_forward|forward_tasks)", text)[0]  # no launch code
 
 
