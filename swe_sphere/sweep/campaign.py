@@ -14,6 +14,7 @@ from swe_sphere.sweep.contenders import Contender, contenders
 from swe_sphere.sweep.header import write_header
 from swe_sphere.sweep.journal import RECORDS, Journal
 from swe_sphere.sweep.jury import Jury
+from swe_sphere.sweep.memory import settled_objects
 from swe_sphere.sweep.plan import SweepPlan
 from swe_sphere.sweep.runner import Runner
 from swe_sphere.sweep.search import Target, longest_accurate, longest_working
@@ -71,9 +72,9 @@ class Campaign:
             Interrupted: the user asked to stop; all finished runs are kept.
             RunFailed: the disk does not take the results.
         """
-        with self._interruption:
-            benches = self._benches.all()
-            everyone = contenders(self._plan, benches, self._schedule, self._jury.names)
+        benches = self._benches.all()
+        everyone = contenders(self._plan, benches, self._schedule, self._jury.names)
+        with settled_objects(), self._interruption:
             for bench in benches:
                 self._jury.same_mesh(bench)
             if self._plan.target_error is None:
@@ -114,16 +115,18 @@ class Campaign:
         known = math.isfinite(limit)
         guess = limit if known else 8.0 * contender.bench.limits.gravity
         shortest = min(guess, contender.bench.limits.gravity) / 8.0
-        found = longest_working(
-            lambda dt: self._completes(contender, dt),
-            guess, shortest, longest, growth=TRIAL_GROWTH[known],
-        )  # fmt: skip
-        self._watcher.note(_limit_found(contender, found, longest))
+        ends: set[str] = set()
 
-    def _completes(self, contender: Contender, dt: float) -> bool:
-        self._watcher.expect(1)
-        record = self._runner.run(contender.trial(dt))
-        return bool(record["row"]["status"] == "completed")
+        def works(dt: float) -> bool:
+            self._watcher.expect(1)
+            status = self._runner.run(contender.trial(dt))["row"]["status"]
+            ends.add(status)
+            return bool(status == "completed")
+
+        growth = TRIAL_GROWTH[known]
+        found = longest_working(works, guess, shortest, longest, growth=growth)
+        hurried = " (some trials ran out of time)" if "timed-out" in ends else ""
+        self._watcher.note(_limit_found(contender, found, longest) + hurried)
 
     # --- the longest step with an error
 

@@ -16,7 +16,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation import HealthCheck, Interruption, Loop, Moment
 from swe_sphere.sweep.bench import FIELDS, Fields
 from swe_sphere.sweep.case import Case
-from swe_sphere.sweep.memory import peak_memory, reset_peak
+from swe_sphere.sweep.memory import begin_peak, peak_memory
 
 if TYPE_CHECKING:
     from swe_sphere.model.model import Model
@@ -79,8 +79,8 @@ def execute(
         Interrupted: the user asked to stop.
     """
     outcome = Outcome()
+    begin_peak()
     began = time.perf_counter()
-    reset_peak()
     try:
         model, stepper = _built(case)
     except (ConfigError, RunFailed) as error:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["peak_memory", "reset_peak"]
+__all__ = ["begin_peak", "peak_memory", "settled_objects"]
 
 CLEAR = Path("/proc/self/clear_refs")
 STATUS = Path("/proc/self/status")
@@ -13,8 +17,24 @@ RESET_PEAK = "5"
 """What Linux takes for: set the peak to what is resident now (proc(5), since 4.0)."""
 
 
-def reset_peak() -> bool:
-    """Begin a new peak; False where the system cannot, so that the peak is that of all runs."""
+@contextmanager
+def settled_objects() -> Iterator[None]:
+    """Within the block, garbage is looked for only among what is made in it, which is quick."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def begin_peak() -> bool:
+    """Give back what earlier runs have left, and begin a new peak.
+
+    False where the system cannot, so that the peak is that of all runs so far.
+    """
+    gc.collect()
+    _trim()
     try:
         CLEAR.write_text(RESET_PEAK)
     except OSError:
@@ -22,8 +42,14 @@ def reset_peak() -> bool:
     return True
 
 
+def _trim() -> None:
+    """Hand freed memory back to the system, where the C library can (glibc)."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 def peak_memory() -> float:
-    """Most memory resident since the last reset [bytes], the interpreter and libraries included.
+    """Most memory resident since `begin_peak` [bytes], the interpreter and libraries included.
 
     Where there is no /proc it is the most since the process began; NaN where nothing tells.
     """

@@ -1,0 +1,378 @@
+"""Sweeps as they run: rows, errors, failures, interruption, searches."""
+
+import json
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.sweep import SweepWatcher, sweep
+from swe_sphere.sweep.answer import best_kind, cheapest, settings
+from swe_sphere.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.sweep.journal import RECORDS, read_journal
+
+TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
+TIMES = {
+    "wall", "cpu", "wall_seconds", "cpu_seconds", "wall_spread", "compile_seconds", "total_seconds",
+    "setup_seconds", "peak_memory", "rhs_seconds",
+}  # fmt: skip
+"""What differs between two runs of the same settings."""
+
+
+def rows(dataset, **wanted):
+    """The rows with these values, as a dataset."""
+    mask = np.ones(dataset.sizes["run"], dtype=bool)
+    for name, value in wanted.items():
+        mask &= dataset[name].values == value
+    return dataset.isel(run=mask)
+
+
+def last(dataset, kind, field="h", norm="l2"):
+    """Errors at the end."""
+    return dataset["error"].sel(kind=kind, field=field, norm=norm).isel(report_day=-1).values
+
+
+def assert_same_rows(one, other):
+    """Equal but for what depends on the machine."""
+    keep = [name for name in one.data_vars if name not in TIMES]
+    xr.testing.assert_identical(one[keep].drop_attrs(), other[keep].drop_attrs())
+
+
+@pytest.fixture(scope="module")
+def lauter(tmp_path_factory):
+    """A small grid on the exact unsteady flow, in a folder."""
+    folder = tmp_path_factory.mktemp("lauter")
+    options = TINY | {"levels": 3, "repeats": 2, "report_days": 0.25}
+    return sweep("lauter", ["rk4", "tr-bdf2"], out=folder, **options), folder
+
+
+# --- rows
+
+
+def test_every_run_is_a_row_with_its_settings_and_costs(lauter):
+    dataset, folder = lauter
+    grid = rows(dataset, role="grid")
+    assert grid.sizes["run"] == 6
+    assert set(grid["stepper"].values) == {"rk4", "tr-bdf2"}
+    assert (grid["status"] == "completed").all() and (grid["reason"] == "").all()
+    assert (grid["steps"] * grid["dt"] == 0.5 * 86400.0).all()
+    assert (
+        rows(grid, stepper="rk4")["rhs_evaluations"] == 4 * rows(grid, stepper="rk4")["steps"]
+    ).all()
+    implicit = rows(grid, stepper="tr-bdf2")
+    assert (implicit["preconditioner"] == "helmholtz").all()
+    for name in ("newton_iterations", "krylov_iterations", "tangent_evaluations"):
+        assert (implicit[name] >= implicit["steps"]).all()
+    assert (np.abs(grid["mass_drift"]) < 1e-13).all()
+    assert grid.sizes["repeat"] == 2 and (grid["wall"] > 0.0).all() and (grid["cpu"] > 0.0).all()
+    assert (grid["total_seconds"] > grid["wall"].isel(repeat=0)).all()
+    assert ((grid["peak_memory"] > 1e7) & (grid["peak_memory"] < 1e11)).all()
+    assert dataset.attrs["scene"] == "lauter" and dataset.attrs["noise"] >= 0.0
+    assert json.loads(dataset.attrs["plan"])["steppers"] == ["rk4", "tr-bdf2"]
+    xr.testing.assert_identical(read_dataset(folder / "sweep.nc"), dataset)
+
+
+def test_the_median_and_the_spread_are_those_of_the_repeats(lauter):
+    grid = rows(lauter[0], role="grid")
+    wall = grid["wall"].values
+    assert np.allclose(grid["wall_seconds"], np.median(wall, axis=1))
+    assert np.allclose(grid["wall_spread"], np.ptp(wall, axis=1) / np.median(wall, axis=1))
+
+
+def test_limits_are_marked(lauter):
+    grid = rows(lauter[0], role="grid")
+    gravity, advective = grid["gravity_limit"].values, grid["advective_limit"].values
+    assert np.ptp(gravity) == 0.0 and (advective > 2.0 * gravity).all()
+    rk4 = rows(grid, stepper="rk4")["dt"].values
+    assert rk4.max() == pytest.approx(0.85 * 2.83 * gravity[0], rel=0.2)
+
+
+def test_time_errors_fall_with_the_order_of_the_scheme(lauter):
+    grid = rows(lauter[0], role="grid")
+    for stepper, order in (("rk4", 4.0), ("tr-bdf2", 2.0)):
+        mine = rows(grid, stepper=stepper)
+        dt, error = np.log(mine["dt"].values), np.log(last(mine, "time", "v"))
+        slope = np.diff(error) / np.diff(dt)
+        assert abs(slope[-1] - order) < 0.5, stepper
+
+
+def test_the_converged_run_tells_its_own_error(lauter):
+    """By Richardson's rule: a sixteenth of that of twice the step, and far below all others."""
+    dataset = lauter[0]
+    twice, fine = (rows(dataset, role="converged").isel(run=i) for i in (0, 1))
+    assert twice["dt"].item() == 2.0 * fine["dt"].item()
+    ratio = last(twice, "time") / last(fine, "time")
+    assert ratio == pytest.approx(16.0)
+    assert dataset.attrs["converged_check"] == last(fine, "time")
+    assert dataset.attrs["converged_dt"] == fine["dt"].item()
+    assert last(fine, "time") < 0.5 * last(rows(dataset, role="grid"), "time").min()
+
+
+def test_total_errors_are_those_of_a_plain_run(lauter):
+    from swe_sphere.experiment import run
+    from swe_sphere.simulation import make_config
+
+    row = rows(lauter[0], role="grid", stepper="tr-bdf2").isel(run=1)
+    config = {"scene": "lauter", "ne": 2, "np": 4, "days": 0.5, "stepper": "tr-bdf2"}
+    plain = run(make_config(config | {"dt": row["dt"].item(), "every": 6}))
+    for field in ("h", "v"):
+        for norm in ("l1", "l2", "linf"):
+            assert last(row, "total", field, norm) == pytest.approx(plain[f"{norm}_{field}"])
+    assert row["krylov_iterations"] == plain["krylov_iterations"]
+    assert row["energy_drift"] == plain["energy_drift"]
+
+
+def test_errors_are_taken_at_every_report_time(lauter):
+    dataset = lauter[0]
+    assert dataset["report_day"].values.tolist() == [0.25, 0.5]
+    error = rows(dataset, role="grid")["error"].sel(kind=["time", "total"])
+    assert np.isfinite(error).all()
+    assert not np.isfinite(dataset["error"].sel(kind="slow")).any()
+
+
+def test_a_finer_run_stands_in_where_nothing_else_is_known():
+    dataset = sweep("williamson6", "rk4", levels=2, precision="float64,float32", **TINY)
+    finer = rows(dataset, role="converged", ne=4.0)
+    assert finer.sizes["run"] == 1
+    grid = rows(dataset, role="grid")
+    total, slow = last(grid, "total"), last(grid, "slow", "vorticity")
+    assert ((total > 1e-3) & (total < 0.1)).all() and ((slow > 0.0) & (slow < 0.01)).all()
+    single, double = (last(rows(grid, precision=p), "time") for p in ("float32", "float64"))
+    assert np.allclose(single, double, rtol=0.05) and (single != double).all()
+
+
+def test_references_of_the_package_are_found():
+    options = {"ne": 2, "np": 4, "days": 5.0, "repeats": 1, "levels": 1}
+    dataset = sweep("williamson5", "rk4", **options)
+    assert (rows(dataset, role="converged")["ne"] == 2.0).all()
+    error = rows(dataset, role="grid")["error"].sel(kind="total", norm="l2").values.ravel()
+    assert 1e-3 < error[0] < 1e-2 and 0.0 < error[1] < 0.3 and 0.0 < error[2] < 1.0
+    other = options | {"days": 0.5, "report_days": 0.25, "settings": "viscosity.nu=1e5"}
+    none = sweep("williamson5", "rk4", finer=0, **other)
+    assert not np.isfinite(none["error"].sel(kind="total")).any()
+
+
+def test_slow_errors_do_not_see_the_waves_of_the_start():
+    """Depth is off by the waves however short the step; potential vorticity converges."""
+    options = {"ne": 6, "np": 4, "days": 2.0, "repeats": 1, "dt": [7200, 3600], "finer": 0}
+    grid = rows(sweep("williamson5", "tr-bdf2", **options), role="grid")
+    depth, slow = last(grid, "time"), last(grid, "slow", "vorticity")
+    assert depth[1] > 0.8 * depth[0] and slow[1] < 0.65 * slow[0]
+
+
+# --- failures
+
+
+def test_failures_are_rows_that_say_why(monkeypatch):
+    """Unstable, timed out, a Newton solve that fails, and what cannot be run at all."""
+    monkeypatch.setattr("swe_sphere.steppers.implicit.NEWTON_ITERATIONS", 1)
+    dataset = sweep(
+        "williamson6", ["rk4", "tr-bdf2"], ne=2, np=4, days=10, dt=[21600, 20, 2e6], repeats=2,
+        time_limit=0.4, tolerance=1e-9, finer=0,
+    )  # fmt: skip
+    found = {
+        (row["stepper"].item(), row["dt"].item()): (row["status"].item(), row["reason"].item())
+        for row in (dataset.isel(run=i) for i in range(dataset.sizes["run"]))
+    }
+    status, reason = found["rk4", 21600.0]
+    assert status == "unstable" and "at day" in reason and "dt = 21600 s" in reason
+    status, reason = found["rk4", 20.0]
+    assert status == "timed-out" and reason.startswith("the time limit of 0.4 s was reached at day")
+    status, reason = found["tr-bdf2", 21600.0]
+    assert status == "solver-failed" and "cannot be solved even in" in reason
+    status, reason = found["tr-bdf2", 2e6]
+    assert status == "refused" and "longer than the whole run" in reason
+    failed = dataset.isel(run=dataset["status"].values != "completed")
+    assert not np.isfinite(failed["error"]).any()
+    assert failed.sizes["repeat"] == 1  # what failed once is not timed again
+
+
+def test_a_stepper_that_does_not_suit_the_scene_is_refused_in_words():
+    dataset = sweep("williamson1", ["semi-implicit", "rk4"], levels=1, **TINY)
+    refused = rows(dataset, stepper="semi-implicit")
+    assert refused["status"].values.tolist() == ["refused"]
+    assert "no gravity waves" in refused["reason"].item()
+    assert rows(dataset, stepper="rk4", role="grid")["status"].item() == "completed"
+
+
+def test_a_run_that_ran_out_of_time_is_tried_again_with_more(tmp_path):
+    options = TINY | {"dt": 10, "out": tmp_path}
+    first = sweep("williamson2", "rk4", time_limit=0.02, **options)
+    assert rows(first, role="grid")["status"].item() == "timed-out"
+    lines = len(read_journal(tmp_path / RECORDS))
+    sweep("williamson2", "rk4", time_limit=0.01, **options)
+    kinds = [record["record"] for record in read_journal(tmp_path / RECORDS)[lines:]]
+    assert "run" not in kinds
+    more = sweep("williamson2", "rk4", time_limit=100, **options)
+    assert rows(more, role="grid")["status"].item() == "completed"
+
+
+# --- going on
+
+
+class Stop(SweepWatcher):
+    """Presses Ctrl-C in the middle of the n-th run that is begun."""
+
+    def __init__(self, runs):
+        self.left = runs
+
+    def begin(self, case):
+        self.left -= 1
+        if self.left == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+GRID = {"ne": 2, "np": 4, "days": 0.5, "levels": 3, "repeats": 2}
+
+
+@pytest.mark.parametrize("runs", [1, 2, 5, 12])
+def test_a_sweep_that_was_stopped_ends_like_one_that_was_not(tmp_path, runs, lauter_whole):
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        sweep("lauter", ["rk4", "bdf2"], out=tmp_path, watcher=Stop(runs), **GRID)
+    assert signal.getsignal(signal.SIGINT) is handler
+    before = _finished(tmp_path)
+    assert len(before) == max(0, runs - 1 if runs > 2 else 0)
+    assert (tmp_path / "sweep.nc").exists() == bool(before)
+    again = sweep("lauter", ["rk4", "bdf2"], out=tmp_path, **GRID)
+    after = _finished(tmp_path)
+    assert after[: len(before)] == before and len(set(after)) == len(after)
+    assert_same_rows(again, lauter_whole)
+
+
+@pytest.fixture(scope="module")
+def lauter_whole():
+    return sweep("lauter", ["rk4", "bdf2"], **GRID)
+
+
+def _finished(folder):
+    """Key and repeat of the runs in the journal, in order."""
+    records = read_journal(folder / RECORDS)
+    return [(r["key"], r["repeat"]) for r in records if r["record"] == "run"]
+
+
+DRIVER = """
+import sys
+from swe_sphere.sweep import sweep
+sweep("lauter", ["rk4", "bdf2"], out=sys.argv[1], ne=2, np=4, days=0.5, levels=3, repeats=2)
+"""
+
+
+def test_nothing_is_lost_by_kills_at_random_moments(tmp_path, lauter_whole):
+    """SIGKILL at any point, a cut line included; finished runs stay and are not made again."""
+    seed = random.randrange(10**6)
+    moments = random.Random(seed)
+    known = []
+    for _ in range(4):
+        _kill_at(tmp_path, len(known) + moments.randint(0, 4), moments.random() * 0.1)
+        finished = _finished(tmp_path)
+        assert finished[: len(known)] == known, seed
+        known = finished
+    again = sweep("lauter", ["rk4", "bdf2"], out=tmp_path, **GRID)
+    finished = _finished(tmp_path)
+    assert finished[: len(known)] == known and len(set(finished)) == len(finished), seed
+    assert_same_rows(again, lauter_whole)
+
+
+def _kill_at(folder, lines, delay):
+    """Start the sweep and kill it some time after it has got so far."""
+    process = subprocess.Popen([sys.executable, "-c", DRIVER, folder], cwd=folder)
+    end = time.monotonic() + 60.0
+    journal = folder / RECORDS
+    while process.poll() is None and time.monotonic() < end:
+        if journal.exists() and journal.read_bytes().count(b'"record": "run"') >= lines:
+            break
+        time.sleep(0.005)
+    time.sleep(delay)
+    process.kill()
+    process.wait()
+
+
+def test_what_is_there_is_not_made_again_and_more_is_added(tmp_path):
+    sweep("lauter", "rk4", out=tmp_path, levels=2, **TINY)
+    lines = (tmp_path / RECORDS).read_bytes()
+    sweep("lauter", "rk4", out=tmp_path, levels=2, **TINY)
+    assert (tmp_path / RECORDS).read_bytes() == lines
+    more = sweep("lauter", ["rk4", "kg5"], out=tmp_path, levels=2, **TINY)
+    assert (tmp_path / RECORDS).read_bytes().startswith(lines)
+    assert rows(more, role="grid").sizes["run"] == 4
+    assert rows(more, role="converged").sizes["run"] == 2
+    for name in ("tolerance", "days", "finer"):
+        value = {"tolerance": 1e-5, "days": 0.25, "finer": 3}[name]
+        count = len(_finished(tmp_path))
+        sweep("lauter", "bdf2", out=tmp_path, **TINY | {"dt": 7200, name: value})
+        assert len(_finished(tmp_path)) > count, name
+
+
+def test_a_folder_of_another_scene_is_refused(tmp_path):
+    sweep("lauter", "rk4", out=tmp_path, levels=1, **TINY)
+    with pytest.raises(ConfigError, match="holds a sweep of lauter, not of williamson2"):
+        sweep("williamson2", "rk4", out=tmp_path, levels=1, **TINY)
+
+
+def test_fields_of_the_converged_run_that_are_gone_are_made_again(tmp_path):
+    first = sweep("lauter", "rk4", out=tmp_path, levels=1, **TINY)
+    for file in (tmp_path / "converged").iterdir():
+        file.write_bytes(b"damaged")
+    more = sweep("lauter", "rk4", out=tmp_path, levels=2, **TINY)
+    assert_same_rows(more.isel(run=slice(0, 3)), first)
+    assert np.isfinite(last(more, "time")).all()
+
+
+def test_the_dataset_can_be_made_again_from_the_journal(lauter):
+    dataset, folder = lauter
+    (folder / "sweep.nc").unlink()
+    xr.testing.assert_identical(write_dataset(folder), dataset)
+    with pytest.raises(ConfigError, match="there are no runs"):
+        write_dataset(Path(folder / "converged"))
+
+
+# --- searches
+
+
+def test_the_longest_stable_step_is_that_of_theory():
+    dataset = sweep("williamson2", ["rk4", "bdf2"], find_limit=True, levels=1,
+                    ne=2, np=4, days=8.0, repeats=1)  # fmt: skip
+    trials = rows(dataset, role="stability")
+    explicit = rows(trials, stepper="rk4")
+    done = explicit["status"].values == "completed"
+    best, worst = explicit["dt"].values[done].max(), explicit["dt"].values[~done].min()
+    assert best < worst <= 1.02 * best
+    assert best / explicit["gravity_limit"].values[0] == pytest.approx(2.83, rel=0.05)
+    assert (rows(trials, stepper="bdf2")["status"] == "completed").all()
+
+
+def test_a_search_finds_the_longest_step_that_is_good_enough():
+    target = 1e-4
+    dataset = sweep("lauter", ["rk4", "esdirk4"], target_error=target, target_kind="time",
+                    ne=2, np=4, days=0.5, repeats=2)  # fmt: skip
+    found = settings(dataset)
+    best = cheapest(found, target, "time")
+    assert {setting.stepper for setting in best} == {"rk4", "esdirk4"}
+    assert best == sorted(best, key=lambda setting: setting.wall)
+    for name in ("rk4", "esdirk4"):
+        mine = [setting for setting in found if setting.stepper == name]
+        good = [s.dt for s in mine if s.errors["time"] <= target]
+        bad = [s.dt for s in mine if s.errors["time"] > target]
+        # steps meet the end, which leaves gaps between the longest of them
+        assert not bad or max(good) < min(bad) <= 1.25 * max(good)
+
+
+def test_a_search_says_when_there_is_no_such_step():
+    notes = []
+    watcher = SweepWatcher()
+    watcher.note = notes.append
+    dataset = sweep("lauter", "rk4", target_error=1e-9, watcher=watcher, **TINY)
+    assert "the error stays at" in notes[0]
+    found = settings(dataset)
+    assert cheapest(found, 1e-9, best_kind(found)) == []
+    assert all(math.isfinite(setting.errors["total"]) for setting in found)
