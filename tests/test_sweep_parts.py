@@ -75,9 +75,14 @@ def test_an_explicit_ladder_goes_down_from_the_limit():
     assert np.allclose(np.divide(steps[:-1], steps[1:]), math.sqrt(2.0))
 
 
+def test_a_semi_implicit_ladder_goes_from_the_gravity_limit_to_that_of_the_wind():
+    steps = ladder(2400.0, False, 300.0, 86400.0, 4)
+    assert np.allclose(steps, [2400.0, 1200.0, 600.0, 300.0])
+
+
 def test_an_implicit_ladder_goes_up_from_the_gravity_limit():
-    steps = ladder(math.inf, False, 300.0, 86400.0, 7)
-    assert steps[0] == 64.0 * 300.0 and steps[-1] == pytest.approx(300.0)
+    steps = ladder(math.inf, False, 300.0, 86400.0, 6)
+    assert steps[0] == 64.0 * 300.0 and steps[-1] == pytest.approx(2.0 * 300.0)
     assert np.allclose(np.divide(steps[:-1], steps[1:]), 2.0)
 
 

@@ -13,7 +13,7 @@ from swe_sphere.experiment import Summary, failed_summary
 from swe_sphere.experiment import run as run_scene
 from swe_sphere.simulation import RunConfig, load_config, make_config
 
-__all__ = ["run"]
+__all__ = ["is_given", "run"]
 
 
 def _number(flag: str, unit: str, text: str) -> Any:
@@ -135,12 +135,12 @@ def _run(asked: RunConfig) -> Summary:
 
 def _configuration(context: typer.Context, file: Path | None) -> RunConfig:
     """What the flags say, and for the rest the file."""
-    flags = {name: value for name, value in context.params.items() if _given(value)}
+    flags = {name: value for name, value in context.params.items() if is_given(value)}
     flags.pop("config", None)
     values = load_config(file) if file is not None else {}
     return make_config(values | flags)
 
 
-def _given(value: object) -> bool:
+def is_given(value: object) -> bool:
     """Whether a flag was given: none of them can be given as nothing, false or an empty list."""
     return value is not None and value is not False and value != [] and value != ()

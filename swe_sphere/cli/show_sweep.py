@@ -21,6 +21,17 @@ if TYPE_CHECKING:
 __all__ = ["SweepTerminal", "show_sweep"]
 
 
+HEADS = (
+    "stepper", "solver", "mesh", "dt [s]", "/ limit", "time", "total", "slow", "seconds", "±",
+    "Krylov",
+)  # fmt: skip
+WIDE = 120
+"""Columns of the screen where there is none."""
+WORDS = ("stepper", "solver", "mesh")
+OPTIONAL = ("solver", "mesh", "total", "slow", "Krylov")
+"""Columns that are left out where all rows have the same in them."""
+
+
 class SweepTerminal(SweepWatcher):
     """Notes on stderr; a progress bar there too if it is a terminal and nobody minds."""
 
@@ -80,14 +91,17 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
     from rich.console import Console
 
     console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console.width = WIDE
     if search is None:
         found = settings(dataset)
-        console.print(_table(f"{dataset.attrs['scene']}: what accuracy costs", found))
+        title = f"{dataset.attrs['scene']}: errors l2(h), in time and in total, and what they cost"
+        console.print(title, _table(found), sep="\n")
     else:
         found = settings(dataset, search.target_field, search.target_norm)
         _show_answer(console, search, found)
     for reason, count in Counter(s.reason for s in found if s.reason).items():
-        console.print(f"{count} × {reason}" if count > 1 else reason)
+        console.print(f"{count} × {reason}" if count > 1 else reason, soft_wrap=True)
 
 
 def _show_answer(console: Any, search: SweepPlan, found: list[Setting]) -> None:
@@ -96,32 +110,56 @@ def _show_answer(console: Any, search: SweepPlan, found: list[Setting]) -> None:
     what = f"{kind} error {search.target_norm}({search.target_field}) of {target:g}"
     best = cheapest(found, target, kind)
     if best:
-        console.print(_table(f"{search.scene}: cheapest ways to a {what}", best))
+        console.print(f"{search.scene}: cheapest ways to a {what}", _table(best), sep="\n")
     else:
         console.print(f"{search.scene}: no stepper reaches a {what}")
 
 
-def _table(title: str, found: list[Setting]) -> Table:
+def _table(found: list[Setting]) -> Table:
+    """Settings as rows; what is the same in all of them is left out."""
+    from rich import box
     from rich.table import Table
 
-    table = Table(
-        "stepper", "mesh", "dt [s]", "of gravity limit", "time error", "total error", "time [s]",
-        "Krylov a step", title=title,
-    )  # fmt: skip
-    for s in found:
-        failed = s.status != "completed"
-        name = f"{s.stepper} {s.preconditioner}".strip()
-        ends = [s.status, "", ""] if failed else [
-            _number(s.errors["time"]), _number(s.errors["total"]),
-            f"{s.wall:.3g} ± {50.0 * s.spread:.0f} %",
-        ]  # fmt: skip
-        krylov = f"{s.krylov:.1f}" if s.krylov > 0.0 else ""
-        table.add_row(name, s.mesh, f"{s.dt:.5g}", f"{s.gravity_limits:.3g}", *ends, krylov)
+    cells = [_cells(setting) for setting in found]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0, collapse_padding=True)
+    heads = [name for name in HEADS if name not in OPTIONAL or _differs(cells, name)]
+    for name in heads:
+        table.add_column(name, justify="left" if name in WORDS else "right", no_wrap=True)
+    for row in cells:
+        table.add_row(*(row[name] for name in heads))
     return table
 
 
+def _differs(cells: list[dict[str, str]], name: str) -> bool:
+    return len({row[name] for row in cells} - {""}) > 1
+
+
+def _cells(s: Setting) -> dict[str, str]:
+    """A setting as text, by the heads of columns."""
+    values = {
+        "time": _number(s.errors["time"]),
+        "total": _number(s.errors["total"]),
+        "slow": _number(s.errors["slow"]),
+        "seconds": f"{s.wall:.3g}",
+        "±": f"{50.0 * s.spread:.0f} %",
+    }
+    if s.status != "completed":
+        values = {**dict.fromkeys(values, ""), "time": s.status}
+    return {
+        "stepper": s.stepper,
+        "solver": s.preconditioner,
+        "mesh": s.mesh,
+        "dt [s]": f"{s.dt:.4g}" if s.dt < 1e4 else f"{s.dt:.0f}",
+        "/ limit": f"{s.gravity_limits:.2g}"
+        if s.gravity_limits < 10.0
+        else f"{s.gravity_limits:.0f}",
+        "Krylov": f"{s.krylov:.1f}" if s.krylov > 0.0 else "",
+        **values,
+    }
+
+
 def _number(value: float) -> str:
-    return f"{value:.2e}" if math.isfinite(value) else "–"
+    return f"{value:.1e}".replace("e-0", "e-") if math.isfinite(value) else ""
 
 
 def _progress_bar() -> Progress:

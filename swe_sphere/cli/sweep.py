@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swe_sphere.cli.errors import Stopped
+from swe_sphere.cli.run import is_given
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation import Interrupted
 from swe_sphere.sweep import SweepPlan, make_plan, run_plan
+from swe_sphere.sweep.answer import settings as settings_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -120,12 +122,13 @@ def sweep(
         raise ConfigError("out: say in which folder the sweep is kept (--out DIR)")
     if report_only:
         return _report_again(out, quiet)
-    plans = _plans(context, recipe)
+    plans, completed = _plans(context, recipe), False
     for plan in plans:
         folder = out / Path(plan.scene).stem if len(plans) > 1 else out
         dataset = _carried_out(plan, folder, quiet)
         _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
-    return 0
+        completed |= any(setting.status == "completed" for setting in settings_of(dataset))
+    return 0 if completed else RunFailed.exit_status
 
 
 def _plans(context: typer.Context, recipe: str | None) -> list[SweepPlan]:
@@ -133,7 +136,7 @@ def _plans(context: typer.Context, recipe: str | None) -> list[SweepPlan]:
     from swe_sphere.sweep.recipes import load_recipe
 
     flags = {name: value for name, value in context.params.items() if name not in OWN}
-    given = {name: value for name, value in flags.items() if value not in (None, False, [], ())}
+    given = {name: value for name, value in flags.items() if is_given(value)}
     return [make_plan(given)] if recipe is None else load_recipe(recipe).plans(given)
 
 
@@ -164,5 +167,9 @@ def _report_again(out: Path, quiet: bool) -> int:
 
 def _finish(dataset: xr.Dataset, folder: Path, search: SweepPlan | None, quiet: bool) -> None:
     """Write the report and show the table; of a search its answer."""
+    from swe_sphere.report import write_report  # matplotlib takes its time to import
+
+    page = write_report(dataset, folder)
     if not quiet:
         show_sweep(dataset, search)
+        typer.echo(page)

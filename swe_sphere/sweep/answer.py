@@ -42,13 +42,23 @@ def settings(
     norm: str = "l2",
     roles: tuple[str, ...] = ("grid", "target"),
 ) -> list[Setting]:
-    """The rows of these roles; errors of that field and norm."""
+    """The rows of these roles, stepper by stepper, the longest step first.
+
+    Errors of that field and norm; the slow one is that of vorticity, in the same norm.
+    """
     rows = np.flatnonzero(np.isin(dataset["role"].values, roles))
     days = dataset.sizes["report_day"]
-    error = dataset["error"].sel(field=field, norm=norm)
-    values = error.isel(report_day=-1).values if days else np.full((len(dataset.run), 3), np.nan)
+    error = dataset["error"].sel(norm=norm)
+    if not days:
+        values = np.full((dataset.sizes["run"], dataset.sizes["kind"]), np.nan)
+    else:
+        values = error.sel(field=field).isel(report_day=-1).values.copy()
+        slow = [*dataset["kind"].values].index("slow")
+        values[:, slow] = error.sel(kind="slow", field="vorticity").isel(report_day=-1).values
     kinds = [str(kind) for kind in dataset["kind"].values]
-    return [_setting(dataset, int(row), dict(zip(kinds, values[row], strict=True))) for row in rows]
+    found = [_setting(dataset, int(n), dict(zip(kinds, values[n], strict=True))) for n in rows]
+    first = {setting.stepper: place for place, setting in reversed([*enumerate(found)])}
+    return sorted(found, key=lambda s: (first[s.stepper], s.preconditioner, s.mesh, -s.dt))
 
 
 def best_kind(found: list[Setting]) -> str:

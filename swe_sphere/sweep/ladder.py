@@ -10,6 +10,8 @@ RATIO = math.sqrt(2.0)
 """Between the steps of an explicit stepper, whose useful range is short."""
 FARTHEST = 64.0
 """The longest implicit step, in gravity limits: what studies found useful, and a little more."""
+SHORTEST = 2.0
+"""The shortest one; below, an explicit stepper does the same for a fraction of the time."""
 
 
 def ladder(
@@ -24,7 +26,8 @@ def ladder(
     top = min(usable, FARTHEST * gravity, longest)
     if explicit:
         return downwards(top, levels)
-    return upwards(min(gravity, top), top, levels)
+    bottom = gravity if math.isfinite(usable) else SHORTEST * gravity
+    return upwards(min(bottom, top), top, levels)
 
 
 def downwards(top: float, levels: int) -> list[float]:
@@ -33,7 +36,7 @@ def downwards(top: float, levels: int) -> list[float]:
 
 
 def upwards(bottom: float, top: float, levels: int) -> list[float]:
-    """From the gravity limit up to the longest step in equal ratios; the longest first."""
+    """Up from a shortest to the longest step in equal ratios; the longest first."""
     if levels == 1 or top <= bottom * (1.0 + 1e-9):
         return [top]
     ratio = (top / bottom) ** (1.0 / (levels - 1))

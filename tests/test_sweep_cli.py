@@ -1,0 +1,169 @@
+"""`swe-sphere sweep`: tables, mistakes, exit status, interruption."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from swe_sphere.cli.main import main
+from swe_sphere.sweep.journal import RECORDS, read_journal
+
+PROGRAM = Path(sys.executable).parent / "swe-sphere"
+TINY = ("--ne", 2, "--np", 4, "--days", 0.5, "--repeats", 1, "--out", "d")
+
+
+@pytest.fixture
+def swe(capfd, tmp_path, monkeypatch):
+    """Runs the program in this process, in a folder of its own: status, stdout, stderr.
+
+    Reports are tested elsewhere: here the page is empty.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("swe_sphere.report.write_report", _empty_page)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(["sweep", *map(str, arguments)])
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    return call
+
+
+def _empty_page(dataset, folder):
+    page = Path(folder) / "index.html"
+    page.write_text("")
+    return page
+
+
+def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):
+    status, out, err = swe("lauter", "--steppers", "rk4,bdf2", "--dt", "3600,1800", *TINY)
+    assert (status, err) == (0, "")
+    assert len(re.findall(r"^ rk4 +3600 .* \d\.\de-\d .*%", out, re.MULTILINE)) == 1
+    assert len(re.findall(r"^ bdf2 +", out, re.MULTILINE)) == 2
+    assert out.endswith("d/index.html\n")
+    assert {path.name for path in (tmp_path / "d").iterdir()} == {
+        "converged", "index.html", "records.jsonl", "sweep.nc"
+    }  # fmt: skip
+
+
+def test_meshes_and_solvers_are_told_apart(swe):
+    options = ("--preconditioner", "none,helmholtz", "--precision", "float64,float32")
+    status, out, _ = swe("lauter", "--steppers", "bdf2", "--dt", "7200", *TINY, *options)
+    assert status == 0
+    for solver in ("none", "helmholtz"):
+        for precision in ("float64", "float32"):
+            assert re.search(f"bdf2 +{solver} +ne2 np4 {precision} ", out), (solver, precision)
+
+
+def test_a_search_prints_the_cheapest_of_each_stepper(swe):
+    search = ("--target-error", 1e-3, "--target-field", "v", "--target-kind", "time")
+    status, out, err = swe("lauter", "--steppers", "rk4,bdf2", *TINY, *search)
+    assert (status, err) == (0, "")
+    assert "cheapest ways to a time error l2(v) of 0.001" in out
+    assert all(len(re.findall(f"^ {name} ", out, re.MULTILINE)) == 1 for name in ("rk4", "bdf2"))
+    status, out, err = swe("lauter", "--steppers", "rk4", *TINY, "--target-error", 1e-9)
+    assert status == 0 and "no stepper reaches a total error l2(h) of 1e-09" in out
+    assert err.startswith("rk4, ne2 np4 float64: the error stays at")
+
+
+def test_limits_are_noted(swe):
+    status, _, err = swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY, "--find-limit")
+    assert status == 0
+    assert re.fullmatch(r"rk4, ne2 np4 float64: longest stable step .* gravity limits\n", err)
+
+
+def test_failed_runs_are_told_below_the_table(swe):
+    unstable = ("--steppers", "rk4", "--dt", "21600", "--days", "10")
+    status, out, err = swe("williamson2", *TINY, *unstable)
+    assert (status, err) == (1, "")
+    assert re.search(r"rk4 +21600 .* unstable", out)
+    assert "not a number any more at day" in out or "the depth is negative" in out
+
+
+def test_a_report_can_be_made_again(swe, tmp_path):
+    grid = ("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)
+    _, first, _ = swe(*grid)
+    (tmp_path / "d" / "sweep.nc").unlink()
+    (tmp_path / "d" / "index.html").unlink()
+    journal = (tmp_path / "d" / RECORDS).read_bytes()
+    assert swe("--out", "d", "--report-only") == (0, first, "")
+    assert swe("--out", ".", "--report-only", "--quiet") == (0, "", "")
+    assert (tmp_path / "d" / "sweep.nc").exists() and (tmp_path / "d" / "index.html").exists()
+    assert (tmp_path / "d" / RECORDS).read_bytes() == journal
+
+
+def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
+    (tmp_path / "two.toml").write_text(
+        'steppers = ["rk4"]\ndays = 9\nrepeats = 1\ndt = [3600]\n'
+        '[[sweep]]\nscene = "williamson2"\n[[sweep]]\nscene = "lauter"\n'
+    )
+    recipe = ("--recipe", "two.toml", "--ne", 2, "--np", 4, "--days", 0.5, "--out", "d")
+    status, out, _ = swe(*recipe)
+    assert status == 0 and "williamson2: errors" in out and "lauter: errors" in out
+    for scene in ("williamson2", "lauter"):
+        runs = [r for r in read_journal(tmp_path / "d" / scene / RECORDS) if r["record"] == "run"]
+        assert {run["row"]["days"] for run in runs} == {0.5}
+    assert swe("lauter", *recipe, "--quiet")[0] == 0
+
+
+def test_the_quick_recipe_runs_when_it_is_cut_short(swe):
+    status, out, _ = swe("--recipe", "quick", "--ne", 2, "--np", 4, "--days", 0.25,
+                         "--levels", 1, "--repeats", 1, "--out", "d")  # fmt: skip
+    assert status == 0
+    for name in ("leapfrog", "rk4", "semi-implicit", "bdf2", "tr-bdf2", "esdirk4"):
+        assert re.search(f"^ {name} ", out, re.MULTILINE), name
+
+
+MISTAKES = {
+    "lauter --steppers rk4": "out: say in which folder",
+    "--steppers rk4 --out d": "scene: say which one",
+    "lauter --out d": "steppers: say which one",
+    "lauter --steppers rk5 --out d": "unknown stepper 'rk5'; did you mean 'rk4'",
+    "lauer --steppers rk4 --out d": "unknown scene 'lauer'; did you mean 'lauter'",
+    "lauter --steppers rk4 --dt soon --out d": "dt: must be positive numbers of seconds",
+    "lauter --steppers rk4 --ne two --out d": "ne: must be a valid integer",
+    "lauter --steppers rk4 --days 1 --report-days 2 --out d": "day 2 is after the end",
+    "lauter --steppers bdf2 --preconditioner mg --out d": "unknown preconditioner 'mg'",
+    "lauter --steppers rk4 --alpha nan --out d": "alpha: must be a finite number",
+    "lauter --steppers rk4 --reference damaged.nc --out d": "cannot read damaged.nc",
+    "lauter --steppers rk4 --device abacus --ne 2 --out d": "device 'abacus'",
+    "--recipe quik --out d": "unknown recipe 'quik'; did you mean 'quick'",
+    "--recipe none.toml --out d": "cannot read none.toml",
+    "--report-only --out d": "there is no sweep in d",
+    "lauter --steppers rk4 --out damaged.nc": "damaged.nc cannot be made",
+    "lauter --steppers rk4 --target-error 0 --out d": "target-error: must be greater than 0",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
+    (tmp_path / "damaged.nc").write_text("not netCDF at all")
+    status, out, err = swe(*line.split())
+    assert (status, out) == (2, "")
+    assert err.startswith("swe-sphere: ") and err.count("\n") == 1
+    assert MISTAKES[line] in err
+
+
+def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
+    command = (PROGRAM, "sweep", "lauter", "--steppers", "rk4", "--dt", "60,50,40",
+               "--ne", "4", "--days", "5", "--out", tmp_path)  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end and not _runs(tmp_path):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130 and err.count("\n") == 1
+    assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "goes on from there" in err
+    assert _runs(tmp_path) and (tmp_path / "sweep.nc").exists()
+
+
+def _runs(folder):
+    if not (folder / RECORDS).exists():
+        return []
+    return [record for record in read_journal(folder / RECORDS) if record["record"] == "run"]
