@@ -8,13 +8,10 @@ from swe_sphere.sweep.case import Case
 from swe_sphere.sweep.execute import Outcome
 from swe_sphere.sweep.judge import Errors
 
-__all__ = ["ABSENT", "Verdict", "calibration_record", "run_record"]
+__all__ = ["Verdict", "calibration_record", "run_record"]
 
 Verdict = dict[str, dict[float, Errors]]
 """Errors by kind and report day."""
-
-ABSENT = {"name": "", "number": float("nan")}
-"""What stands in a row where there is nothing to tell."""
 
 
 def run_record(case: Case, repeat: int, outcome: Outcome, verdict: Verdict) -> dict[str, Any]:

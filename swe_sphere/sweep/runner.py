@@ -50,12 +50,10 @@ class Runner:
         had, has = record.get("time_limit"), self._time_limit
         return record if has is not None and had is not None and has <= had else None
 
-    def run(
-        self, case: Case, judge: Judge | None = None, repeat: int = 0, unlimited: bool = False
-    ) -> dict[str, Any]:
+    def run(self, case: Case, judge: Judge | None = None, repeat: int = 0) -> dict[str, Any]:
         """The record of a run: the known one, or that of a new run.
 
-        judge: takes its errors; unlimited: without the time limit.
+        judge: takes its errors.
 
         Raises:
             Interrupted: the user asked to stop.
@@ -63,7 +61,7 @@ class Runner:
         """
         record = self.known(case, repeat)
         if record is None:
-            outcome = self.outcome(case, None if unlimited else self._time_limit)
+            outcome = self.outcome(case, self._time_limit)
             record = self.keep(case, outcome, judge(case, outcome) if judge else {}, repeat)
         self._watcher.done(case, record)
         return record

@@ -1,0 +1,45 @@
+"""What docs/sweep.md says works."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from swe_sphere.cli.main import main
+
+PAGE = (Path(__file__).parents[1] / "docs" / "sweep.md").read_text()
+
+
+def test_the_example_runs(capsys):
+    """Its blocks in order, on a smaller mesh."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert len(blocks) == 3
+    script = "".join(blocks).replace("ne=4, np=4, days=1, repeats=3", "ne=2, np=4, days=0.5")
+    names = {}
+    exec(script.replace("days=0.5", "days=0.5, repeats=1, levels=4"), names)
+    assert set(names["seconds"].stepper.values) == {"rk4", "tr-bdf2", "esdirk4"}
+    assert (names["limits"].sel(stepper="esdirk4") > names["limits"].sel(stepper="rk4")).item()
+    assert "esdirk4" in capsys.readouterr().out
+
+
+def test_every_variable_of_the_page_is_there():
+    from swe_sphere.sweep.dataset import UNITS, WORDS
+
+    told = set(re.findall(r"`([a-z_]+)`", PAGE.split("| name | dimensions")[1]))
+    known = {*WORDS, *UNITS, "error", "wall", "cpu", "wall_spread", "rhs_seconds"}
+    statuses = {"grid", "target", "stability", "converged", "completed", "unstable", "refused"}
+    assert told - known - statuses == set()
+
+
+@pytest.mark.parametrize(
+    "line", re.findall(r"^ {4}swe-sphere (sweep .*?)(?: {2}.*)?$", PAGE, re.MULTILINE)
+)
+def test_the_commands_are_understood(line, tmp_path, monkeypatch):
+    """Up to the point where the runs would begin."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
+    asked = []
+    monkeypatch.setattr("swe_sphere.cli.sweep.run_plan", lambda *of: asked.append(of) or 1 / 0)
+    with pytest.raises(SystemExit):
+        main(line.split())
+    assert len(asked) == 1
