@@ -11,6 +11,7 @@ from swe_sphere.cli.errors import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all, plot
 from swe_sphere.cli.run import run
 from swe_sphere.cli.sweep import sweep
+from swe_sphere.cli.verify import verify
 
 __all__ = ["app", "main"]
 
@@ -25,6 +26,7 @@ app.command("run")(run)
 app.command("sweep")(sweep)
 app.command("plot")(plot)
 app.command("compare")(compare)
+app.command("verify")(verify)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

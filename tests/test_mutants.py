@@ -1,0 +1,52 @@
+"""Single faults that the quick verification must notice; `python -m mutants` plants them all."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from mutants import EDITS, MUTANTS, Edit, Swap
+from mutants.kinds import copy_sources, verdict_of
+from mutants.swaps import ASSEMBLY, METRIC, QUADRATURE, SCENES, STEPPERS
+
+PAGE = Path(__file__).parents[1] / "docs" / "mutants.md"
+
+
+def label(mutant: Swap) -> str:
+    return mutant.name
+
+
+@pytest.mark.parametrize("mutant", [*METRIC, *QUADRATURE, *SCENES, *ASSEMBLY, *STEPPERS], ids=label)
+def test_fault_is_noticed(mutant: Swap) -> None:
+    assert mutant.caught()
+
+
+def test_nothing_is_noticed_without_a_fault() -> None:
+    none = Swap("none", METRIC[0].where, METRIC[0].cases, lambda found: found)
+    assert none.caught() is None
+
+
+@pytest.mark.parametrize("edit", EDITS, ids=label)
+def test_text_to_replace_is_there(edit: Edit) -> None:
+    """Once; who rewrites the line must say anew what a fault in it would be."""
+    assert edit.anchored()
+    assert edit.old != edit.new
+
+
+def test_edited_copy_is_the_one_that_runs(tmp_path) -> None:
+    copy = copy_sources(tmp_path)
+    asked = ("start-williamson2",)
+    assert verdict_of(copy, asked) is None
+    gravity = Edit("gravity", "swe_sphere/planet.py", asked, "9.80616", "9.80716")
+    assert "mean_depth" in gravity.caught(copy)
+    assert verdict_of(copy, asked) is None
+
+
+def test_page_tells_of_these_mutants() -> None:
+    """At least 30 of them, of which at least 95 % are noticed."""
+    told = re.findall(r"^\| (.*?) \| `(.*?)` \| (.*?) \|$", PAGE.read_text(), re.MULTILINE)
+    assert [(name, where) for name, where, _ in told] == [(m.name, m.where) for m in MUTANTS]
+    noticed = sum("**nothing**" not in by for *_, by in told)
+    assert len(told) >= 30
+    assert noticed >= 0.95 * len(told)
