@@ -10,10 +10,12 @@ from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, node_kern
 from swe_sphere.kernels.gradient import derivative_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
+from swe_sphere.kernels.tracers import assembly_kernels, pointwise_kernels, transport_kernels
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
-from swe_sphere.model.effects import Drag, Forcing, Hyperviscosity, Relaxation, Viscosity
+from swe_sphere.model.effects import Drag, Forcing, Hyperviscosity, Relaxation, Tracers, Viscosity
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -28,6 +30,7 @@ def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
     nodes = [node_kernel(terms, 4, real) for terms in (FULL, TANGENT, TRANSPORT)]
     derivatives = derivative_kernels(4, wp.float32, "node")
+    carried = [transport_kernels(4, real, "node", prescribed) for prescribed in (True, False)]
     return [
         *(compiled.kernel for compiled in nodes),
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
@@ -42,6 +45,11 @@ def kernels(real: type) -> list[wp.Kernel]:
         derivatives.gradient,
         derivatives.divergence,
         *vars(elimination_kernels(wp.float32, real)).values(),
+        *(kernel for pair in carried for kernel in (pair.transport, pair.tangent)),
+        *vars(assembly_kernels(real)).values(),
+        *vars(pointwise_kernels(real)).values(),
+        element_limiter(4, real, "node").limit,
+        *vars(sphere_limiter(real)).values(),
     ]
 
 
@@ -70,6 +78,8 @@ def test_gpu_agrees_with_cpu(stepper: str) -> None:
     scene = get_scene("williamson5").with_effect(Viscosity(1e4)).with_effect(Hyperviscosity(1e15))
     scene = scene.with_effect(Drag(1e-6, 1e-8)).with_effect(Relaxation(1e6))
     scene = replace(scene, effects=(*scene.effects, Forcing()), forcing=push)
+    bells = get_scene("deformational").tracers
+    scene = replace(scene, effects=(*scene.effects, Tracers(limiter=True)), tracers=bells)
     ends = []
     for device in ("cpu", "cuda:0"):
         model = Model(build_mesh(4, 4), scene, device=device)

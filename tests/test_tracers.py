@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.linear.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.model.effects import Tracers, Viscosity
@@ -145,6 +146,31 @@ def test_steppers_agree_on_a_tracer(mesh):
         stepper = stepped(model, name, dt, round(14400.0 / dt))
         error = model.fields(stepper.state)["q_wave"] - reference
         assert np.abs(error).max() < 5e-3 * np.abs(reference - start).max(), name
+
+
+@pytest.mark.parametrize("coriolis", ["explicit", "implicit"])
+def test_tracers_solve_their_rows_of_the_gravity_waves(mesh, coriolis):
+    """Exactly, but for the solver's residual of the depth times q, and a mass that this moves."""
+    model, tau = Model(mesh, with_tracers(get_scene("williamson5"))), 1800.0
+    waves = GravityWaves(model, coriolis)
+    solver = GravityWaveSolver(waves, tolerance=1e-2)
+    solver.setup(tau)
+    state = model.initial_state()
+    waves.linearise(state)
+    r, x, linear = model.device_mesh.upload(rough(model).ravel()), model.zeros(), model.zeros()
+    guess = model.device_mesh.upload(np.zeros(mesh.size))
+    assert solver.solve(r, guess, x).converged
+    waves.apply(x, linear)
+    rows = [vector.numpy().reshape(5, -1)[2:] for vector in (r, x, linear)]
+    residuals = rows[1] - tau * rows[2] - rows[0]
+    q = wave(mesh.lon, mesh.lat)
+    scale = np.abs(tau * rows[2]).max()
+    assert np.abs(residuals[0]).max() > 1e-6 * scale
+    left = residuals[2] - q * residuals[0]
+    assert np.ptp(left) < 1e-11 * scale
+    assert mesh.area @ rows[1][2] == pytest.approx(mesh.area @ rows[0][2], rel=1e-13)
+    expected = -waves.depth * divergence(mesh, *(q * x.numpy().reshape(5, -1)[:2]))
+    assert rows[2][2] == pytest.approx(expected, rel=1e-9, abs=1e-11 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", ["rk4", "leapfrog", "semi-implicit", "ars343"])

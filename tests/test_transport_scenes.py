@@ -85,6 +85,22 @@ def test_the_wind_turns_round_at_half_time():
     assert v == pytest.approx(0.0 * v, abs=1e-12)
 
 
+def test_the_deformation_is_as_strong_as_published():
+    """Winds in units of a/T at points where all factors but the strength are 1."""
+    unit, eighth, start = A / (12.0 * DAY), np.array([0.25 * np.pi]), 0.0
+    winds = {case: get_scene("deformational", case=case).wind for case in CASES}
+    half, quarter, none = (np.array([x * np.pi]) for x in (1.0, 0.5, 0.0))
+    assert winds[1](half, eighth, start)[0] == pytest.approx(12.0 * unit)
+    assert winds[1](quarter, none, start)[1] == pytest.approx(6.0 * unit)
+    assert winds[2](quarter, eighth, start)[0] == pytest.approx(10.0 * unit)
+    assert winds[2](0.5 * quarter, none, start)[1] == pytest.approx(10.0 * unit)
+    assert winds[3](half, eighth, start)[0] == pytest.approx(-2.5 * unit)
+    assert winds[3](quarter, none, start)[1] == pytest.approx(2.5 * unit)
+    turning = 10.0 + 2.0 * np.pi * np.sqrt(0.5)
+    assert winds[4](quarter, eighth, start)[0] == pytest.approx(turning * unit)
+    assert winds[4](0.5 * quarter, none, start)[1] == pytest.approx(10.0 * unit)
+
+
 def test_tracers_of_the_deformational_flow():
     tracers = get_scene("deformational", case=4).tracers
     lon, lat = np.array([5.0, 7.0, 0.0]) * np.pi / 6.0, np.zeros(3)
@@ -187,6 +203,7 @@ def test_numbers_and_files_of_a_run_with_tracers(tmp_path):
         assert first < 1e-15
         assert np.ma.is_masked(last) or np.isnan(last)
         assert file["q_correlated"][-1].max() < 0.9
+        assert file.plot_field == "q_gaussian_hills"
 
 
 def test_errors_are_told_when_all_is_back():

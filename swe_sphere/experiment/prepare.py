@@ -83,7 +83,15 @@ class Prepared:
             "device": self.model.device,
             "launch": self.model.shape,
             "start_step": self.stepper.steps,
+            **_plot_field(scene),
         }
+
+
+def _plot_field(scene: Scene) -> dict[str, str]:
+    """What a picture shows unless it is told: the first tracer where the air only carries it."""
+    if scene.wind is None or not scene.tracers:
+        return {}
+    return {"plot_field": f"q_{next(iter(scene.tracers))}"}
 
 
 def prepare(config: RunConfig) -> Prepared:
