@@ -53,7 +53,7 @@ def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
         value, north = value * wave, (shifted - sine * sloped) * wave
         if m:
             total += np.stack([cos * value.real, -m * value.imag, north.real])
-        else:  # with P_n0 itself, dP_n0/dθ is infinite over cos θ and comes with m = 1
+        else:  # the slope of P_n0 is made of P_n1: see below
             total[0] += value.real
         if m == 1:
             first = np.sqrt(n * (n + 1.0)) * coefficients[:, 1:, 0]

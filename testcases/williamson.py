@@ -144,7 +144,7 @@ def williamson6(perturbation: float = 0.0) -> Scene:
     Args:
         perturbation: size δ [m] of a documented disturbance of the depth, for a breakdown that
             does not hang on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
-            metre breaks the wave in about three weeks (after Thuburn & Li 2000).
+            metre breaks the wave at about day 21 (the instability is that of Thuburn & Li 2000).
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:

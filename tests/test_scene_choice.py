@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from pathlib import Path
@@ -173,3 +174,21 @@ def test_functions_and_effects_of_a_scene_go_together() -> None:
         Scene(**given, effects=(*DYNAMICS, Orography(), Orography()), bottom=lambda lon, lat: lon)
     with fails("mine: days must be finite and positive"):
         Scene(**(given | {"days": 0.0}), effects=DYNAMICS)
+
+
+def test_every_scene_and_parameter_is_on_the_page_of_scenes() -> None:
+    lines = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text().splitlines()
+    rows = {line.split("`")[1]: line for line in lines if line.startswith("| `")}
+    assert list(rows) == list(SCENES)
+    for name, row in rows.items():
+        for parameter in inspect.signature(SCENES[name]).parameters:
+            assert f"`{parameter}`" in row, f"{name}: {parameter}"
+
+
+def test_recommended_setting_on_the_page_of_scenes_is_that_of_the_scene() -> None:
+    lines = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text().splitlines()
+    for line in lines:
+        if line.startswith("| `"):
+            scene, told = get_scene(line.split("`")[1]), line.split("|")[3]
+            assert f"ne{scene.ne} np{scene.np}," in told
+            assert "period" in told or f" {scene.days:g} day" in told
