@@ -16,12 +16,22 @@ from typing import Annotated
 
 import typer
 import warp as wp
-from implicit_sections import SECTIONS, Section
+from implicit_common import Section
+from implicit_runs import drift, race
+from implicit_solver import counts, long_steps, price, steady
 from rhs_cost import machine
 from rich.console import Console
 from rich.table import Table
 
 DOCS = Path(__file__).parents[1] / "docs"
+SECTIONS = {
+    "counts": counts,
+    "price": price,
+    "race": race,
+    "steady": steady,
+    "drift": drift,
+    "long-steps": long_steps,
+}
 HEAD = """# Implicit steppers and preconditioners, measured
 
 Made by `python benchmarks/implicit.py` (float64, one core).  A right-hand-side equivalent is the
@@ -71,6 +81,8 @@ def _page(known: dict[str, dict[str, object]]) -> str:
         lines.append("| " + " | ".join(section["columns"]) + " |")
         lines.append("|" + "---|" * len(section["columns"]))
         lines += ["| " + " | ".join(row) + " |" for row in section["rows"]]
+        if section.get("figure"):
+            lines += ["", f"![{section['title']}]({section['figure']})"]
         lines += ["", f"Section `{name}`, {section['measured']}, {section['machine']}."]
         parts.append("\n".join(lines))
     return "\n\n".join(parts) + "\n"

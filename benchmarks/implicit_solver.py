@@ -1,0 +1,145 @@
+"""Sections on the solvers of implicit steppers: iterations and prices."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from implicit_common import Section, interleaved, run
+from threadpoolctl import threadpool_limits
+
+from swe_sphere.linear import FlexibleGMRES, VectorSpace
+from swe_sphere.linear.preconditioners import make_preconditioner
+from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.model import Model
+from swe_sphere.output.norms import errors
+from swe_sphere.planet import DAY, HOUR
+from swe_sphere.steppers import RECOMMENDED, get_stepper
+from swe_sphere.steppers.implicit import energy_weights
+from swe_sphere.testcases import get_scene
+
+
+def steady() -> Section:
+    """An exact steady state at ever larger steps."""
+    scene, mesh = get_scene("williamson2"), build_mesh(8, 8)
+    rows = []
+    for name, dt in (("rk4", 400.0), *((RECOMMENDED, h * HOUR) for h in (1, 6, 24, 120))):
+        result = run(Model(mesh, scene), name, dt, 5.0)
+        exact = dict(zip("uvh", scene.exact(mesh.lon, mesh.lat, 5.0 * DAY), strict=True))
+        error = errors(mesh, result.fields, exact)
+        rejected = str(result.stepper.counters.get("rejected_steps", 0))
+        rows.append(
+            [name, f"{dt:.0f}", f"{error['l2_h']:.2e}", f"{error['l2_v']:.2e}", result.counts,
+             rejected, f"{result.seconds:.1f}"]
+        )  # fmt: skip
+        print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
+    return Section(
+        "williamson2, ne8 np8, 5 days: the error of a steady state does not depend on the step",
+        "A step that the solver cannot take at once is taken in parts (rejected).",
+        ["stepper", "Δt [s]", "l2(h)", "l2(V)", "Newton / Krylov a step", "rejected", "wall [s]"],
+        rows,
+    )
+
+
+def counts() -> Section:
+    """Krylov iterations of a Newton step by step size, mesh and preconditioner."""
+    steps = (1800.0, 3600.0, 7200.0, 14400.0)
+    rows = []
+    for ne, names in (
+        (16, ("none", "jacobi", "helmholtz-schwarz", "helmholtz", "helmholtz-direct")),
+        (32, ("helmholtz",)),
+    ):
+        model, state = _spun_up(build_mesh(ne, 4))
+        for name in names:
+            solves = [_newton_system(model, state, name, 0.5 * dt) for dt in steps]
+            rows.append([f"ne{ne} np4", name, *(str(count) for count, _ in solves)])
+    return Section(
+        "williamson5, 6 hours in: Krylov iterations of one Newton step to 1e-2, by Δt",
+        "Implicit step τ = Δt/2.  Required of `helmholtz`: 3, 4, 6, 10, the same within 30 % at "
+        "ne32.  401 stands for no convergence in 400.",
+        ["mesh", "preconditioner", *(f"{dt:.0f} s" for dt in steps)],
+        rows,
+    )
+
+
+def price() -> Section:
+    """Time of one preconditioner application in right-hand sides."""
+    rows = []
+    for ne, np_ in ((16, 4), (32, 4), (8, 8)):
+        model, state = _spun_up(build_mesh(ne, np_))
+        for name in ("jacobi", "helmholtz-schwarz", "helmholtz", "helmholtz-direct"):
+            if (ne, np_) != (16, 4) and name in ("helmholtz-direct", "helmholtz-schwarz"):
+                continue
+            made = make_preconditioner(name, model)
+            made.setup(state, 3600.0)
+            out = model.zeros()
+            rhs, tangent, apply = interleaved(
+                lambda m=model, s=state, o=out: m.tendency(s, 0.0, o),
+                lambda m=model, s=state, o=out: m.tangent(s, o),
+                lambda p=made, s=state, o=out: p.apply(s, o),
+            )
+            rows.append(
+                [f"ne{ne} np{np_}", name, f"{1e3 * rhs:.3f}", f"{tangent / rhs:.2f}",
+                 f"{apply / rhs:.2f}", f"{made.setup_seconds:.2f}"]
+            )  # fmt: skip
+    return Section(
+        "Price of a Jacobian product and of a preconditioner application",
+        "Medians of interleaved batches, in right-hand sides; required of `helmholtz`, np 4: 2.5.",
+        ["mesh", "preconditioner", "right-hand side [ms]", "tangent", "application", "set-up [s]"],
+        rows,
+    )
+
+
+def long_steps() -> Section:
+    """How the Krylov count behaves as the step grows to five days."""
+    model, state = _spun_up(build_mesh(8, 4))
+    rows = []
+    for hours in (1, 2, 4, 8, 12, 24, 48, 120):
+        row = [f"{hours}"]
+        for name in ("helmholtz", "helmholtz-direct"):
+            count, residual = _newton_system(model, state, name, 0.5 * hours * HOUR)
+            row += [str(count), f"{residual:.0e}"]
+        rows.append(row)
+    return Section(
+        "williamson5, ne8 np4: Krylov iterations as Δt goes to five days",
+        "To 1e-2, at most 400, τ = Δt/2.  Advection is not preconditioned.",
+        ["Δt [h]", "helmholtz", "residual", "helmholtz-direct", "residual"],
+        rows,
+    )
+
+
+def _spun_up(mesh: Mesh) -> tuple[Model, wp.array]:
+    """williamson5 six hours in, by rk4, where the start has shed its gravity waves."""
+    model = Model(mesh, get_scene("williamson5"))
+    limit = get_stepper("rk4").stable_dt(model.spectrum(model.initial_state()).wave)
+    steps = int(np.ceil(6.0 * HOUR / (0.85 * limit)))
+    stepper = get_stepper("rk4")(model, 6.0 * HOUR / steps)
+    stepper.start(model.initial_state())
+    for _ in range(steps):
+        stepper.step()
+    model.linearise(stepper.state, 0.0)
+    return model, stepper.state
+
+
+def _newton_system(model: Model, state: wp.array, name: str, tau: float) -> tuple[int, float]:
+    """Krylov iterations for (I - tau J) d = tau F to 1e-2, and the relative residual reached."""
+    space = VectorSpace(energy_weights(model))
+    gmres = FlexibleGMRES(space, 200)
+    made = make_preconditioner(name, model)
+    if made is not None:
+        made.setup(state, tau)
+
+    def operator(d: wp.array, out: wp.array) -> None:
+        model.tangent(d, out)
+        space.axpby(1.0, d, -tau, out)
+
+    rhs, d = space.zeros(), space.zeros()
+    model.tendency(state, 0.0, rhs)
+    space.scale(tau, rhs)
+    with threadpool_limits(1, user_api="blas"):
+        result = gmres.solve(
+            operator, rhs, d, made.apply if made else None, rtol=1e-2, max_iterations=400
+        )
+    return (
+        result.iterations if result.converged else 401,
+        result.residual / result.history[0],
+    )
