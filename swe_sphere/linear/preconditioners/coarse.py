@@ -67,7 +67,7 @@ class CoarseCorrection:
         """Chebyshev steps from zero; r is overwritten."""
         (_, take, beta), *others = self._coefficients
         d = np.float32(take) * (self._inverse * r)
-        x = np.float32(beta) * d
+        x: Float32 = np.float32(beta) * d
         for keep, take, beta in others:
             r -= self._spurious @ d
             d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
