@@ -1,8 +1,8 @@
 """All cases, family by family.
 
-To add one, write it into the file of its family; `swe-sphere verify --scenes NAME --json` tells what
-it comes to, and 1.2 times that is its bound.  What costs a second or less may be part of the quick
-form, which the tests run.
+To add one, write it into the file of its family; `swe-sphere verify --scenes NAME --json` tells
+what it comes to, and 1.2 times that is its bound.  What costs a second or less may be part of the
+quick form, which the tests run.
 """
 
 from __future__ import annotations
