@@ -152,3 +152,54 @@ def test_lake_is_level(cone: bool, rotating: bool) -> None:
     top = scene.bottom(np.array([-0.5 * np.pi]), np.array([np.pi / 6.0]))
     assert top == pytest.approx(2000.0) and scene.bottom(lon, lat).max() > 1500.0
     assert (scene.effect("rotation") is not None) is rotating
+
+
+def test_williamson3_values() -> None:
+    # the rotated pole, the edge of the jet and its middle: values of an independent prototype
+    lon, lat = np.zeros(3), np.array([0.5, -1.0 / 6.0, 1.0 / 6.0]) * np.pi
+    u, v, h = get_scene("williamson3").initial(lon, lat)
+    assert h[:2] == pytest.approx([2097.863406, 2998.115470], abs=1e-5)
+    assert u == pytest.approx([0.0, 0.0, SPEED], abs=1e-8) and not v.any()
+    tilted = get_scene("williamson3", alpha=np.pi / 3).initial(np.array([np.pi]), lat[2:])
+    assert tilted[2] == pytest.approx(2097.863406, abs=1e-5)
+
+
+def test_williamson4_low() -> None:
+    scene, centre = get_scene("williamson4"), (np.zeros(1), np.array([np.pi / 4.0]))
+    day = 20.0 * DAY / EARTH.radius
+    later = scene.exact(centre[0] + day, centre[1], DAY)[2]
+    far = scene.initial(np.array([np.pi]), centre[1])[2]
+    assert far - scene.initial(*centre)[2] == pytest.approx(305.93, abs=0.01)
+    assert later == pytest.approx(scene.initial(*centre)[2], abs=1e-9)
+    assert scene.initial(*centre)[0] == pytest.approx(20.0)
+    pole = scene.initial(np.zeros(2), np.array([-0.5, 0.5]) * np.pi)[2]
+    np.testing.assert_allclose(pole, 1e5 / 9.80616, rtol=1e-12)
+
+
+def test_mcdonald_bates_winds_are_geostrophic() -> None:
+    scene = get_scene("mcdonald-bates")
+    lon, lat = random_points(200, 0.3, 1.3)
+    u, v, _ = scene.initial(lon, lat)
+    d, f = 1e-4, scene.coriolis(lon, lat) / EARTH.gravity
+    north = (scene.initial(lon, lat + d)[2] - scene.initial(lon, lat - d)[2]) / (2.0 * d)
+    east = (scene.initial(lon + d, lat)[2] - scene.initial(lon - d, lat)[2]) / (2.0 * d)
+    np.testing.assert_allclose(u, -north / EARTH.radius / f, atol=1e-5)
+    np.testing.assert_allclose(v, east / EARTH.radius / np.cos(lat) / f, atol=1e-5)
+    pole = scene.initial(np.zeros(1), np.array([np.pi / 2.0]))
+    assert np.hypot(pole[0], pole[1]) == pytest.approx(20.0)
+    assert pole[2] == pytest.approx(5.768e4 / EARTH.gravity)
+
+
+def test_heights_and_bursts_of_the_waves() -> None:
+    third = np.array([0.0, 1.0 / 6.0, 1.0 / 3.0])
+    heap = get_scene("splash").initial(1.5 * np.pi - third, np.zeros(3))[2]
+    np.testing.assert_allclose(heap, [3000.0, 2500.0, 2000.0], atol=1e-9)
+    dam = get_scene("dam-break").initial(np.full(3, 1.5 * np.pi), np.array([0.0, np.pi / 9.0, 1.0]))
+    np.testing.assert_allclose(dam[2], [2000.0, 1500.0, 1000.0], atol=2e-3)
+    lon, lat = np.pi * np.array([0.2, 1.2, 1.6, 0.0]), np.pi * np.array([1 / 3, 0.2, -0.25, 0.5])
+    bumps = get_scene("gravity-bumps").initial(lon, lat)[2]
+    np.testing.assert_allclose(bumps[:3], 11000.0, atol=2.0)
+    assert bumps[3] == pytest.approx(1e4 + 1000.0 * np.exp(-10.0 * (np.pi / 6.0) ** 2), abs=0.1)
+    at = np.array([0.5 * np.pi, 1.5 * np.pi, 0.5 * np.pi + 750e3 / EARTH.radius])
+    u = get_scene("modons").initial(at, np.zeros(3))[0]
+    np.testing.assert_allclose(u, [50.0, -50.0, 50.0 / np.e], rtol=1e-12)
