@@ -62,8 +62,9 @@ def williamson3(alpha: float = 0.0) -> Scene:
 
 def jet(latitude: Array) -> Array:
     """Wind [m s-1] along the circles of latitude [rad] of the tilted axis."""
-    inside = (latitude > SOUTH) & (latitude < NORTH)
-    x = np.where(inside, EDGE * (latitude - SOUTH) / (NORTH - SOUTH), 0.5 * EDGE)
+    x = EDGE * (latitude - SOUTH) / (NORTH - SOUTH)
+    inside = (x > 0.0) & (x < EDGE)
+    x = np.where(inside, x, 0.5 * EDGE)
     wind = SPEED * np.exp(4.0 / EDGE - 1.0 / x - 1.0 / (EDGE - x))
     return np.where(inside, wind, 0.0)
 
