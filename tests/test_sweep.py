@@ -17,8 +17,11 @@ import xarray as xr
 from swe_sphere.errors import ConfigError
 from swe_sphere.sweep import SweepWatcher, sweep
 from swe_sphere.sweep.answer import best_kind, cheapest, settings
+from swe_sphere.sweep.benches import Benches
 from swe_sphere.sweep.dataset import read_dataset, write_dataset
 from swe_sphere.sweep.journal import RECORDS, read_journal
+from swe_sphere.sweep.judge import SlowFlow
+from swe_sphere.sweep.plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
 TIMES = {
@@ -81,6 +84,13 @@ def test_every_run_is_a_row_with_its_settings_and_costs(lauter):
     xr.testing.assert_identical(read_dataset(folder / "sweep.nc"), dataset)
 
 
+def test_runs_are_interleaved(lauter):
+    """All settings once, then all again; and in a round one stepper after the other."""
+    runs = [r for r in read_journal(lauter[1] / RECORDS) if r["record"] == "run"][2:]
+    assert [run["repeat"] for run in runs] == 6 * [0] + 6 * [1]
+    assert [run["row"]["stepper"] for run in runs] == 6 * ["rk4", "tr-bdf2"]
+
+
 def test_the_median_and_the_spread_are_those_of_the_repeats(lauter):
     grid = rows(lauter[0], role="grid")
     wall = grid["wall"].values
@@ -112,6 +122,9 @@ def test_the_converged_run_tells_its_own_error(lauter):
     assert twice["dt"].item() == 2.0 * fine["dt"].item()
     ratio = last(twice, "time") / last(fine, "time")
     assert ratio == pytest.approx(16.0)
+    again = sweep("lauter", "rk4", **TINY, report_days=0.25, dt=twice["dt"].item())
+    apart = last(rows(again, role="grid"), "time")
+    assert last(twice, "time") - last(fine, "time") == pytest.approx(apart.item())
     assert dataset.attrs["converged_check"] == last(fine, "time")
     assert dataset.attrs["converged_dt"] == fine["dt"].item()
     assert last(fine, "time") < 0.5 * last(rows(dataset, role="grid"), "time").min()
@@ -167,6 +180,24 @@ def test_slow_errors_do_not_see_the_waves_of_the_start():
     grid = rows(sweep("williamson5", "tr-bdf2", **options), role="grid")
     depth, slow = last(grid, "time"), last(grid, "slow", "vorticity")
     assert depth[1] > 0.8 * depth[0] and slow[1] < 0.65 * slow[0]
+
+
+def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
+    """It does not see columns that are stretched, and is as large as vorticity is."""
+    plan = make_plan({"scene": "williamson6", "steppers": "rk4", "ne": 2, "np": 4})
+    bench = Benches(plan).first
+    start, coriolis = bench.start, bench.start["f"]
+    mean = np.average(start["h"], weights=bench.mesh.area)
+    level = {"h": np.full_like(start["h"], mean), "vorticity": start["vorticity"]}
+    stretched = {
+        "h": start["h"],
+        "vorticity": (level["vorticity"] + coriolis) * start["h"] / mean - coriolis,
+    }
+    truth = SlowFlow({1.0: level})
+    assert truth.errors(bench, 1.0, stretched)["vorticity"]["l2"] < 1e-14
+    more = level | {"vorticity": 1.1 * level["vorticity"]}
+    assert truth.errors(bench, 1.0, more)["vorticity"]["linf"] == pytest.approx(0.1)
+    assert truth.errors(bench, 2.0, more) == {}
 
 
 # --- failures
@@ -306,8 +337,8 @@ def test_what_is_there_is_not_made_again_and_more_is_added(tmp_path):
     assert (tmp_path / RECORDS).read_bytes().startswith(lines)
     assert rows(more, role="grid").sizes["run"] == 4
     assert rows(more, role="converged").sizes["run"] == 2
-    for name in ("tolerance", "days", "finer"):
-        value = {"tolerance": 1e-5, "days": 0.25, "finer": 3}[name]
+    sweep("lauter", "bdf2", out=tmp_path, **TINY | {"dt": 7200})
+    for name, value in (("tolerance", 1e-5), ("days", 0.25), ("finer", 3), ("alpha", 0.1)):
         count = len(_finished(tmp_path))
         sweep("lauter", "bdf2", out=tmp_path, **TINY | {"dt": 7200, name: value})
         assert len(_finished(tmp_path)) > count, name
