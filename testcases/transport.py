@@ -121,7 +121,8 @@ def _vortex_speed(sine: Array) -> Array:
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
     safe = np.where(rho > 1e-8, rho, 1.0)
     shape = np.where(rho > 1e-8, np.tanh(safe) / safe, 1.0) / np.cosh(rho) ** 2
-    return 1.5 * np.sqrt(3.0) * TURN * shape
+    speed: Array = 1.5 * np.sqrt(3.0) * TURN * shape
+    return speed
 
 
 def _rolled_front(point: Array, centre: Array, t: float) -> Array:

@@ -51,7 +51,7 @@ def williamson7(file: Path | None = None, seed: int = 1) -> Scene:
         if seed < 0:
             raise ConfigError(f"williamson7: seed must not be negative, but is {seed}")
         title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state; the case: "
-        initial = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
+        initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
     else:
         title, source = (
             f"500 hPa flow from {file.name}",

@@ -113,7 +113,7 @@ class _Diffusion:
         self._launch, self._kernels = model.launch, pointwise_kernels(real)
         self._dim, self._first = (part.count, size), part.first
         self._offsets = (part.depth, part.first, size)
-        self._bottom = model.parameters.get("bottom")
+        self._bottom = mesh.upload(model.bottom) if model.scene.bottom else None
         self._raised, self._rate = (
             wp.zeros(part.count * size, dtype=real, device=mesh.device) for _ in range(2)
         )
