@@ -24,6 +24,7 @@ def swe(capfd, tmp_path, monkeypatch):
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("swe_sphere.report.write_report", _empty_page)
+    monkeypatch.setattr("swe_sphere.report.write_markdown", _words)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as end:
@@ -34,10 +35,41 @@ def swe(capfd, tmp_path, monkeypatch):
     return call
 
 
-def _empty_page(dataset, folder):
+def _empty_page(dataset, folder, **_):
     page = Path(folder) / "index.html"
     page.write_text("")
     return page
+
+
+def _words(datasets, folder, *, title, introduction, notes):
+    (Path(folder) / "README.md").write_text(f"{title}|{introduction}|{[*datasets]}|{notes}")
+
+
+RECIPE = """title = "two flows"
+introduction = "Both are exact."
+steppers = ["rk4"]
+dt = [3600]
+ne = 2
+np = 4
+days = 0.5
+repeats = 1
+[[sweep]]
+scene = "williamson2"
+note = "steady"
+[[sweep]]
+scene = "lauter"
+"""
+
+
+def test_scenes_of_a_recipe_share_a_page_too(swe, tmp_path):
+    Path("mine.toml").write_text(RECIPE)
+    said = "two flows|Both are exact.|['williamson2', 'lauter']|{'williamson2': 'steady'}"
+    for again in ((), ("--report-only",)):
+        status, out, err = swe("--recipe", "mine.toml", "--out", "d", *again)
+        assert (status, err) == (0, "")
+        assert out.endswith("d/index.html\n")
+        assert (tmp_path / "d" / "README.md").read_text() == said
+        (tmp_path / "d" / "README.md").unlink()
 
 
 def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):

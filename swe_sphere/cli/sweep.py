@@ -14,8 +14,11 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation import Interrupted
 from swe_sphere.sweep import SweepPlan, make_plan, run_plan
 from swe_sphere.sweep.answer import settings as settings_of
+from swe_sphere.sweep.recipes import Recipe, load_recipe
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import xarray as xr
 
 __all__ = ["sweep"]
@@ -120,24 +123,26 @@ def sweep(
     """Run steppers over a range of steps, and show what accuracy costs in time."""
     if out is None:
         raise ConfigError("out: say in which folder the sweep is kept (--out DIR)")
+    loaded = None if recipe is None else load_recipe(recipe)
     if report_only:
-        return _report_again(out, quiet)
-    plans, completed = _plans(context, recipe), False
+        return _report_again(out, loaded, quiet)
+    datasets, completed = {}, False
+    plans = _plans(context, loaded)
     for plan in plans:
         folder = out / Path(plan.scene).stem if len(plans) > 1 else out
-        dataset = _carried_out(plan, folder, quiet)
+        dataset = datasets[plan.scene] = _carried_out(plan, folder, quiet)
         _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
         completed |= any(setting.status == "completed" for setting in settings_of(dataset))
+    if len(datasets) > 1:
+        _join(datasets, out, loaded, quiet)
     return 0 if completed else RunFailed.exit_status
 
 
-def _plans(context: typer.Context, recipe: str | None) -> list[SweepPlan]:
+def _plans(context: typer.Context, recipe: Recipe | None) -> list[SweepPlan]:
     """What the flags say, and for the rest the recipe."""
-    from swe_sphere.sweep.recipes import load_recipe
-
     flags = {name: value for name, value in context.params.items() if name not in OWN}
     given = {name: value for name, value in flags.items() if is_given(value)}
-    return [make_plan(given)] if recipe is None else load_recipe(recipe).plans(given)
+    return [make_plan(given)] if recipe is None else recipe.plans(given)
 
 
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
@@ -152,7 +157,7 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
         ) from None
 
 
-def _report_again(out: Path, quiet: bool) -> int:
+def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     """Datasets and reports of all sweeps in a folder, anew from their journals."""
     from swe_sphere.sweep.dataset import write_dataset
     from swe_sphere.sweep.journal import RECORDS
@@ -160,8 +165,12 @@ def _report_again(out: Path, quiet: bool) -> int:
     folders = sorted(path.parent for path in (*out.glob(RECORDS), *out.glob(f"*/{RECORDS}")))
     if not folders:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
-    for folder in folders:
-        _finish(write_dataset(folder), folder, None, quiet)
+    datasets = {folder: write_dataset(folder) for folder in folders}
+    for folder, dataset in datasets.items():
+        _finish(dataset, folder, None, quiet)
+    if len(datasets) > 1:
+        by_scene = {folder.name: dataset for folder, dataset in datasets.items()}
+        _join(by_scene, out, recipe, quiet)
     return 0
 
 
@@ -172,4 +181,22 @@ def _finish(dataset: xr.Dataset, folder: Path, search: SweepPlan | None, quiet: 
     page = write_report(dataset, folder)
     if not quiet:
         show_sweep(dataset, search)
+        typer.echo(page)
+
+
+def _join(
+    datasets: Mapping[str, xr.Dataset], out: Path, recipe: Recipe | None, quiet: bool
+) -> None:
+    """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
+    from swe_sphere.report import write_markdown, write_report
+
+    recipe = recipe or Recipe("What accuracy costs in time", ())
+    order = [str(values.get("scene")) for values in recipe.sweeps]
+    names = sorted(datasets, key=lambda name: order.index(name) if name in order else len(order))
+    ordered = {name: datasets[name] for name in names}
+    page = write_report(ordered, out, title=recipe.title, notes=recipe.notes)
+    write_markdown(
+        ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes
+    )
+    if not quiet:
         typer.echo(page)

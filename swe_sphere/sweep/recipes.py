@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,10 @@ class Recipe:
     title: str
     sweeps: tuple[dict[str, Any], ...]
     """Values of a plan for each, with the names of `SweepPlan`."""
+    introduction: str = ""
+    """Markdown before the results of all."""
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """Markdown after the results of a scene."""
 
     def plans(self, given: Mapping[str, object]) -> list[SweepPlan]:
         """The plans, with the values given in the place of the recipe's.
@@ -48,8 +52,9 @@ def recipe_names() -> list[str]:
 def load_recipe(name: str) -> Recipe:
     """The recipe of that name, or in the TOML file of that path.
 
-    A file has a `title`, keys that all sweeps share, and a table [[sweep]] for each of them; or
-    just the keys of one sweep.  Raises ConfigError if there is no such recipe or it cannot be read.
+    A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  Raises ConfigError if
+    there is no such recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -57,11 +62,12 @@ def load_recipe(name: str) -> Recipe:
             raise unknown_name("recipe", name, recipe_names())
         path = _folder() / f"{name}.toml"
     table = _parsed(path)
-    title = str(table.pop("title", path.stem))
+    title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
-    return Recipe(title, tuple(_named(table | each) for each in sweeps))
+    notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
+    return Recipe(title, tuple(_named(table | each) for each in sweeps), introduction, notes)
 
 
 def _parsed(path: Path) -> dict[str, Any]:
