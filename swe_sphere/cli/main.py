@@ -10,6 +10,7 @@ import typer
 from swe_sphere.cli.errors import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all, plot
 from swe_sphere.cli.run import run
+from swe_sphere.cli.stress import stress
 from swe_sphere.cli.sweep import sweep
 from swe_sphere.cli.verify import verify
 
@@ -27,6 +28,7 @@ app.command("sweep")(sweep)
 app.command("plot")(plot)
 app.command("compare")(compare)
 app.command("verify")(verify)
+app.command("stress")(stress)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,0 +1,107 @@
+"""`swe-sphere stress`: run the stress trials, tell each outcome, keep a page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from swe_sphere.cli.errors import Stopped
+from swe_sphere.simulation import Interrupted
+
+if TYPE_CHECKING:
+    from swe_sphere.stress import Result, Store, Trial
+
+__all__ = ["stress"]
+
+
+def stress(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A short form of some trials, in less than a minute.")
+    ] = False,
+    groups: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Only these groups of trials.")
+    ] = None,
+    steppers: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Only trials of these steppers.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.md", help="Write the page, and FILE.json, after each trial."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave out trials whose result FILE.json has.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
+) -> int:
+    """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
+    from swe_sphere.stress import Store, choose
+
+    trials = [
+        trial for group in choose(_names(groups), _names(steppers), quick) for trial in group.trials
+    ]
+    store = None if out is None else Store(out, quick)
+    if store is not None and resume:
+        trials = [trial for trial in trials if not store.has(trial.name, trial.fingerprint)]
+    try:
+        results = _run(trials, store, quiet=as_json)
+    except Interrupted as error:
+        raise Stopped(f"stopped by {error}; --resume goes on after the last trial") from None
+    counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
+    if as_json:
+        values: dict[str, Any] = {"quick": quick, **counts}
+        typer.echo(json.dumps(values | {"results": [result.as_dict() for result in results]}))
+    else:
+        typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))
+    return 1 if counts["failed"] else 0
+
+
+OUTCOMES = ("passed", "refused", "broke", "failed")
+
+
+def _names(text: str | None) -> list[str]:
+    return [name.strip() for name in text.split(",")] if text else []
+
+
+def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
+    from swe_sphere.stress import try_out
+
+    if store is not None:
+        store.write_page()
+    results = []
+    for count, trial in enumerate(trials, 1):
+        label = f"[{count}/{len(trials)}] {trial.name}"
+        result = try_out(trial, _ticker(label, quiet))
+        if store is not None:
+            store.add(result)
+        if not quiet:
+            typer.echo(f"{_clear()}{label}: {_told(result)}")
+        results.append(result)
+    return results
+
+
+def _told(result: Result) -> str:
+    """The outcome in a line."""
+    seconds = result.numbers.get("seconds", 0.0)
+    reason = f": {result.reason}" if result.reason else ""
+    return f"{result.outcome} ({seconds:.1f} s){reason}"
+
+
+def _ticker(label: str, quiet: bool) -> Any:
+    """Tells on a terminal how far the trial is."""
+    if quiet or not sys.stderr.isatty():
+        return None
+
+    def tick(text: str) -> None:
+        sys.stderr.write(f"{_clear()}{label}: {text}")
+        sys.stderr.flush()
+
+    return tick
+
+
+def _clear() -> str:
+    """Wipes the line of a terminal."""
+    return "\r\x1b[K" if sys.stderr.isatty() else ""

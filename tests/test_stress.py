@@ -1,0 +1,240 @@
+"""Stress trials: how they are judged, kept and chosen; the quick form; broken code is noticed."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.steppers import STEPPERS, leapfrog
+from swe_sphere.stress import GROUPS, Bound, Result, Store, Trial, choose, judge, try_out
+from swe_sphere.stress.attempt import Ended
+from swe_sphere.stress.probes import PROBES
+from swe_sphere.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
+from swe_sphere.stress.series import Series
+from swe_sphere.testcases import get_scene
+
+
+def find(name: str) -> Trial:
+    """The trial of that name."""
+    return next(t for group in GROUPS.values() for t in group.trials if t.name == name)
+
+
+# --- judging
+
+CALM = (Bound("max_wind", 10.0), Bound("mass_drift", 1e-12, always=True))
+
+
+@pytest.mark.parametrize(
+    ("expect", "status", "wind", "mass", "outcome"),
+    [
+        ("pass", "completed", 9.0, 0.0, "passed"),
+        ("pass", "completed", 11.0, 0.0, "failed"),
+        ("pass", "completed", math.nan, 0.0, "failed"),
+        ("pass", "completed", 9.0, 1e-9, "failed"),
+        ("pass", "unstable", 9.0, 0.0, "failed"),
+        ("pass", "refused", 9.0, 0.0, "failed"),
+        ("either", "completed", 9.0, 0.0, "passed"),
+        ("either", "completed", 11.0, 0.0, "failed"),
+        ("either", "unstable", 11.0, 0.0, "refused"),
+        ("either", "solver-failed", 11.0, 0.0, "refused"),
+        ("either", "unstable", 9.0, 1e-9, "failed"),
+        ("either", "timed-out", 9.0, 0.0, "failed"),
+        ("either", "crashed", 9.0, 0.0, "failed"),
+        ("refuse", "refused", 9.0, 0.0, "refused"),
+        ("refuse", "completed", 9.0, 0.0, "failed"),
+        ("break", "completed", 11.0, 0.0, "broke"),
+        ("break", "completed", 9.0, 0.0, "passed"),
+        ("break", "unstable", 9.0, 0.0, "refused"),
+        ("break", "crashed", 9.0, 0.0, "failed"),
+    ],
+)
+def test_what_an_end_is_called(expect, status, wind, mass, outcome):
+    trial = Trial("x", {"stepper": "rk4"}, CALM, expect=expect)
+    ended = Ended(status, "because", {"max_wind": wind, "mass_drift": mass})
+    result = judge(trial, ended)
+    assert result.outcome == outcome
+    assert result.reason or outcome == "passed"
+
+
+def test_what_was_not_measured_does_not_hold():
+    assert judge(Trial("x", {"stepper": "rk4"}, CALM), Ended()).outcome == "failed"
+
+
+@pytest.mark.parametrize(
+    ("power", "growth"), [(0.0, 1.0 / 3.0), (1.0, 1.0), (2.0, 3.0)], ids=["constant", "1", "2"]
+)
+def test_growth_of_errors(power: float, growth: float) -> None:
+    days = iter(np.arange(0.0, 30.1, 0.25))
+
+    def sampler(moment):
+        error = moment.time**power
+        keys = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity", "linf_h")
+        return dict.fromkeys(keys, 0.0) | {
+            "max_wind": 1.0, "min_depth": 1.0, "max_wave": 1.0, "l2_h": error, "l2_v": error,
+        }  # fmt: skip
+
+    series = Series(sampler, SimpleNamespace(steps=120), [])
+    for day in days:
+        series.observe(SimpleNamespace(time=day))
+    assert series.numbers()["growth_v"] == pytest.approx(growth, rel=0.01)
+
+
+# --- probes
+
+
+def test_fourfold_sees_what_is_off_the_wave() -> None:
+    mesh = build_mesh(3, 4)
+    _, v, h = get_scene("williamson6").initial(mesh.lon, mesh.lat)
+    probe = PROBES["fourfold"](mesh)
+    one = np.cos(mesh.lat) * np.sin(mesh.lon)
+    assert probe(SimpleNamespace(fields={"v": v}))["off_wave"] < 1e-25
+    assert probe(SimpleNamespace(fields={"v": one}))["off_wave"] == pytest.approx(1.0)
+    mirror = PROBES["mirror"](mesh)
+    assert mirror(SimpleNamespace(fields={"h": h}))["off_mirror"] < 1e-13
+    assert mirror(SimpleNamespace(fields={"h": np.sin(mesh.lat)}))["off_mirror"] == pytest.approx(2)
+
+
+def test_a_probe_needs_its_symmetry() -> None:
+    with pytest.raises(ValueError, match="does not have this symmetry"):
+        PROBES["fourfold"](build_mesh(2, 4, spin=0.3))
+
+
+# --- random states
+
+
+@pytest.mark.parametrize("seed", range(0, 200, 13))
+def test_random_states_are_admissible(seed: int) -> None:
+    scene, (mesh, length) = random_scene(seed), random_setting(seed)
+    lon, lat = build_mesh(3, mesh["np"]).lon, build_mesh(3, mesh["np"]).lat
+    u, v, h = scene.initial(lon, lat)
+    again = random_scene(seed).initial(lon, lat)
+    assert np.array_equal((u, v, h), again)
+    assert h.min() > SHALLOWEST * np.mean(h)
+    # a little more than the flow itself may have, for the noise
+    assert np.max(np.hypot(u, v) / np.sqrt(scene.planet.gravity * h)) < FASTEST + 0.05
+    assert 0.3 <= length.part < 1.0 <= length.courant <= 10.0**1.5
+
+
+def test_all_seeds_are_dealt_out_to_all_steppers() -> None:
+    trials = GROUPS["random"].trials
+    assert sorted(seed for trial in trials for seed in trial.seeds) == list(range(200))
+    assert {trial.stepper for trial in trials} == set(STEPPERS)
+
+
+# --- what breaks is noticed
+
+
+def small(name: str, **run: object) -> Trial:
+    """A trial of the suite, on a small mesh."""
+    trial = find(name)
+    return replace(trial, run={**trial.run, "ne": 4, **run})
+
+
+def test_a_step_beyond_the_limit_fails() -> None:
+    trial = replace(small("steady-pi/4-rk4"), part=1.5)
+    assert try_out(trial).outcome == "failed"
+    within = try_out(replace(small("steady-pi/4-rk4", days=3.0), part=0.9, bounds=trial.bounds[:2]))
+    assert within.outcome == "passed"
+
+
+def test_a_filter_of_the_wrong_sign_fails(monkeypatch) -> None:
+    trial = small("noisy-williamson2-leapfrog", days=2.0, dt=600.0)
+    assert try_out(trial).outcome == "passed"
+    monkeypatch.setattr(leapfrog, "FILTER", -leapfrog.FILTER)
+    assert try_out(trial).outcome == "failed"
+
+
+def test_time_that_is_used_up_fails() -> None:
+    result = try_out(replace(small("steady-pi/4-rk4"), seconds=1e-3))
+    assert (result.outcome, result.reason[:9]) == ("failed", "timed-out")
+
+
+def test_an_error_that_is_none_of_ours_fails() -> None:
+    def scene():
+        raise ValueError("no such thing")
+
+    result = try_out(replace(small("steady-pi/4-rk4"), scene=scene, expect="either"))
+    assert result.reason == "crashed: ValueError: no such thing"
+    assert result.outcome == "failed"
+
+
+def test_a_file_with_what_is_no_number_is_noticed() -> None:
+    trial = find("beyond-limit-rk4")
+    ended = Ended("unstable", "it blew up", {"not_finite": 3.0})
+    assert judge(trial, ended).outcome == "failed"
+
+
+# --- choosing and keeping
+
+
+def test_names_are_unique_and_every_stepper_is_tried() -> None:
+    trials = [trial for group in choose() for trial in group.trials]
+    assert len({trial.name for trial in trials}) == len(trials)
+    for group in ("noise", "rest", "random"):
+        assert {trial.stepper for trial in GROUPS[group].trials} == set(STEPPERS)
+
+
+def test_choosing() -> None:
+    chosen = choose(["noise", "steady"], ["fully-implicit", "rk4"])
+    assert [group.name for group in chosen] == ["noise", "steady"]
+    assert {trial.stepper for group in chosen for trial in group.trials} == {"tr-bdf2", "rk4"}
+    with pytest.raises(ConfigError, match="did you mean 'noise'"):
+        choose(["nois"])
+    with pytest.raises(ConfigError, match="no trial is left"):
+        choose(["steady"], ["gauss-legendre"], quick=True)
+
+
+def test_results_stay_until_they_are_replaced(tmp_path) -> None:
+    path, name = tmp_path / "page.md", "steady-pi/4-rk4"
+    store = Store(path, quick=False)
+    store.add(Result(name, "rk4", "failed", "why", {"l2_v": math.nan}, (), "abc"))
+    store.add(Result("island-rk4", "rk4", "refused", "no water", {}, (), "def"))
+    again = Store(path, quick=False)
+    assert again.has(name, "abc")
+    assert not again.has(name, "xyz")
+    again.add(Result(name, "rk4", "passed", "", {"l2_v": 0.002}, (), "abc"))
+    text, numbers = path.read_text(), json.loads((tmp_path / "page.json").read_text())
+    assert "no water" in text
+    assert "| passed | l2_v 0.002 |" in text
+    assert numbers["results"][name]["outcome"] == "passed"
+    with pytest.raises(ConfigError, match="full form"):
+        Store(path, quick=True)
+
+
+@pytest.mark.parametrize(("name", "word"), [("page.txt", "must end in"), ("no/page.md", "folder")])
+def test_places_that_do_not_do(tmp_path, name: str, word: str) -> None:
+    with pytest.raises(ConfigError, match=word):
+        Store(tmp_path / name, quick=False)
+
+
+def test_a_file_of_something_else_is_not_overwritten(tmp_path) -> None:
+    (tmp_path / "page.json").write_text('{"rows": []}')
+    with pytest.raises(ConfigError, match="no results of trials"):
+        Store(tmp_path / "page.md", quick=False)
+
+
+# --- all of the quick form
+
+
+def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
+    line = ["stress", "--quick", "--json", "--resume", "--out", str(tmp_path / "page.md")]
+    with pytest.raises(SystemExit) as end:
+        main(line)
+    told = json.loads(capsys.readouterr().out)
+    bad = [result for result in told["results"] if result["outcome"] in ("failed", "broke")]
+    assert (bad, end.value.code) == ([], 0)
+    assert told["passed"] >= 12
+    assert told["refused"] >= 3
+    groups = {group.name for group in choose(quick=True)}
+    assert {"steady", "noise", "depth", "random", "guards"} <= groups
+    with pytest.raises(SystemExit):
+        main(line)
+    assert json.loads(capsys.readouterr().out)["results"] == []
