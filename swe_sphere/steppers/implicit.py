@@ -29,8 +29,9 @@ LINEAR = EisenstatWalker(first=1e-15)
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries
 along weighs as much as the change of the wind, and does not drown it."""
-WORTHLESS = 1e-12
-"""Residuals below this part of the state (or a few round-offs) are not worth an iteration."""
+WORTHLESS = 10.0
+"""Residuals below so many round-offs of the state are not worth an iteration.  Anything more shows
+as wind in a lake at rest: what is not worth it stays in the slopes from step to step."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,7 @@ class ImplicitStepper(Stepper):
 
     def _worthless(self) -> float:
         """Residual that is not worth an iteration; none is when the tolerance is 0."""
-        least = max(WORTHLESS, 10.0 * self.space.epsilon) * self.space.norm(self.state)
+        least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)
         return least if self.options.tolerance > 0.0 else 0.0
 
     def _mass_gain(self, tau: float, t: float) -> float:
