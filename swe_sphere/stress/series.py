@@ -20,6 +20,7 @@ BROKEN = 1e-2
 """Part of v² off the symmetry that counts as its loss."""
 DRIFTS = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity")
 ERRORS = ("l2_h", "l2_v", "linf_h")
+GROWING = ("l2_h", "l2_v")
 
 
 class Series:
@@ -73,8 +74,9 @@ class Series:
         last = self._rows[-1]
         if "l2_h" not in last:
             return {}
-        ends = {name: last[name] for name in ERRORS}
-        return ends | {"growth_h": self._growth("l2_h"), "growth_v": self._growth("l2_v")}
+        ends = {name: last[name] for name in ERRORS if name in last}
+        growth = {f"growth_{name[-1]}": self._growth(name) for name in GROWING if name in last}
+        return ends | growth
 
     def _growth(self, name: str) -> float:
         """Largest error of the last third over three times that of the first third.

@@ -45,7 +45,7 @@ def _steep() -> list[Trial]:
             each(KINDS, name=f"over-{label}", scene=partial(flow_over, bottom),
                  run={"ne": 8, "np": 4, "days": 15.0}, bounds=bounded(wind),
                  report=("energy_drift",)),
-            (),
+            KINDS,
         )
     ]  # fmt: skip
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 from swe_sphere.stress.groups.common import EXPLICIT, IMPLICIT, SOUND, SPLIT, bounded
 from swe_sphere.stress.random_state import random_setting
 from swe_sphere.stress.scenes import noisy
-from swe_sphere.stress.trial import Bound, Group, Trial, each
+from swe_sphere.stress.trial import Bound, Group, Trial, each, remedied
 
 __all__ = ["GUARDS", "LONG_STEPS", "NOISE", "PRECISION", "RANDOM", "STRETCHED"]
 
@@ -141,6 +142,12 @@ LONG_STEPS = Group(
 )
 
 
+def _roughly(steppers: Sequence[str], factor: float, **values: Any) -> list[Trial]:
+    """Trials that get viscosity where the coarse side resolves next to nothing."""
+    trials = each(steppers, **values)
+    return remedied(trials, steppers, "viscosity.nu=1e6") if factor > 2.0 else trials
+
+
 def _stretched() -> list[Trial]:
     steppers = ("rk4", "leapfrog", "semi-implicit", "ars343", "tr-bdf2")
     place = {"centre_lon": 4.71, "centre_lat": 0.52}
@@ -148,14 +155,14 @@ def _stretched() -> list[Trial]:
         trial
         for factor, l2_v in ((2.0, 3e-3), (5.0, 5e-2), (10.0, 0.2))
         for trial in (
-            *each(("rk4", "leapfrog", "tr-bdf2"), name=f"steady-stretch{factor:g}",
+            *_roughly(("rk4", "leapfrog", "tr-bdf2"), factor, name=f"steady-stretch{factor:g}",
                   bounds=(*SOUND, Bound("l2_v", l2_v)),
                   run={"scene": "williamson2", "alpha": 0.78, "ne": 12, "np": 4, "days": 5.0,
                        "stretch": factor, **place}),
             *each(steppers, name=f"lake-stretch{factor:g}", bounds=(Bound("max_wind", 1e-10),),
                   run={"scene": "lake-at-rest", "ne": 8, "np": 4, "days": 1.0, "stretch": factor,
                        **place}),
-            *each(steppers, name=f"mountain-stretch{factor:g}", bounds=bounded(80.0),
+            *_roughly(steppers, factor, name=f"mountain-stretch{factor:g}", bounds=bounded(80.0),
                   run={"scene": "williamson5", "ne": 8, "np": 4, "days": 10.0, "stretch": factor,
                        **place}, report=("energy_drift", "dt"),
                   quick=("rk4",) if factor == 2.0 else (),
@@ -170,7 +177,9 @@ STRETCHED = Group(
     "Refined over the mountain of williamson5, coarser by the same factor at the antipode. Steady"
     " flow at ne12 np4 for 5 days: l2(v) ≤ 3e-3, 5e-2, 0.2 (the coarse side has 1/2, 1/5, 1/10 of"
     " the resolution); lake at rest for a day: no wind above 1e-10 m/s; williamson5 for 10 days:"
-    " finite, mass kept, wind below 80 m/s.",
+    " finite, mass kept, wind below 80 m/s. At factors 5 and 10 these two may break for want of"
+    " resolution on the coarse side (a face of the cube has about one element there), and then must"
+    " pass with a viscosity of 1e6 m²/s; so does steady flow without it at np 6 and ne8.",
     tuple(_stretched()),
 )
 
@@ -178,13 +187,14 @@ STRETCHED = Group(
 def _guards() -> list[Trial]:
     """Steps beyond the limit, and one within it."""
     values: dict[str, Any] = {
-        "run": {"scene": "williamson6", "ne": 6, "np": 4, "days": 20.0}, "method": "file",
+        "run": {"scene": "williamson6", "ne": 6, "np": 4, "days": 5.0}, "method": "file",
         "report": ("last_day",),
     }  # fmt: skip
     finite = (Bound("not_finite", 0.0, always=True),)
     return [
-        *each((*EXPLICIT, *SPLIT), name="beyond-limit", part=1.5, expect="refuse", bounds=finite,
+        *each(EXPLICIT, name="beyond-limit", part=1.5, expect="refuse", bounds=finite,
               quick=("rk4", "leapfrog"), **values),
+        *each(SPLIT, name="beyond-limit", part=1.5, expect="either", bounds=finite, **values),
         *each((*EXPLICIT, *SPLIT, "tr-bdf2"), name="within-limit", bounds=finite, **values),
     ]  # fmt: skip
 
@@ -192,8 +202,8 @@ def _guards() -> list[Trial]:
 GUARDS = Group(
     "guards",
     "Steps beyond the limit: what stands in the file",
-    "williamson6 for 20 days with a file, with steps 1.5 times the stability limit at the start:"
-    " the run must stop itself and say why, and no value in its file may be anything but a number."
-    " With its own step the same run must pass.",
+    "williamson6 for 5 days with a file, with steps 1.5 times the stability limit at the start: the"
+    " run must stop itself and say why (or, of steppers that split, may survive), and no value in"
+    " its file may be anything but a number. With its own step the same run must pass.",
     tuple(_guards()),
 )
