@@ -24,6 +24,8 @@ class Threshold:
     """The row with the smallest error."""
     baseline: Row | None = None
     """The explicit stepper's row, None where there is none."""
+    converged: Row | None = None
+    """The run converged in time, whose total error is that of the mesh; None where unknown."""
 
 
 def threshold(
@@ -31,7 +33,8 @@ def threshold(
 ) -> Threshold | None:
     """Up to which error nothing is lost, among rows of one mesh; None where no row has one.
 
-    The larger of `slack` times the smallest error that any stepper reaches, and the error of the
+    The largest of `slack` times the smallest error that any stepper reaches, `slack` times the
+    error of the run converged in time, which no step can be blamed for, and the error of the
     baseline stepper at its largest completed step: who is as good as the explicit scheme at the
     step that one would run it with has lost nothing (Evans, Taylor & Drake 2010 compare so).
     """
@@ -41,8 +44,11 @@ def threshold(
         return None
     explicit = [row for row in candidates(rows, metric) if row.stepper == baseline]
     base = max(explicit, key=lambda row: row.dt, default=None)
-    value = max(slack * best.error(metric), -math.inf if base is None else base.error(metric))
-    return Threshold(value, best, base)
+    exact = [r for r in rows if r.role == "converged" and math.isfinite(r.error(metric))]
+    converged = min(exact, key=lambda row: row.dt, default=None)
+    values = [slack * row.error(metric) for row in (best, converged) if row is not None]
+    values += [] if base is None else [base.error(metric)]
+    return Threshold(max(values), best, base, converged)
 
 
 def largest_step(rows: Sequence[Row], metric: Metric, limit: float) -> Row | None:

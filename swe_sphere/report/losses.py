@@ -14,9 +14,10 @@ __all__ = ["LossTable", "loss_table"]
 
 RULE = (
     "A step is without loss of accuracy if the error is at most "
-    f"{SLACK:g} times the smallest that any stepper reaches on the mesh, or at most that of "
-    f"{BASELINE} at its largest step; it counts if all shorter measured steps of the stepper are "
-    "without loss too. In brackets: multiples of the gravity-wave limit and of the advective limit."
+    f"{SLACK:g} times the smallest that any stepper reaches on the mesh or {SLACK:g} times that "
+    f"of the run converged in time, or that of {BASELINE} at its largest step; it counts if all "
+    "shorter measured steps of the stepper are without loss too. In brackets: multiples of the "
+    "gravity-wave limit and of the advective limit."
 )
 
 
@@ -79,6 +80,9 @@ def _limit(metric: Metric, limit: Threshold) -> str:
         f"{words.error(best.error(metric), 2)}, {best.stepper} at {words.step(best.dt)} "
         f"(row {best.number})"
     )
+    if limit.converged is not None:
+        mesh = words.error(limit.converged.error(metric), 2)
+        text += f"; converged in time it is {mesh} (row {limit.converged.number})"
     if limit.baseline is None:
         return f"{text}; no {BASELINE} to compare with."
     base = limit.baseline

@@ -47,7 +47,8 @@ def plateau(rows: Iterable[Row], metric: Metric) -> Plateau | None:
     if best is None or not any(row.gravity_multiple < LONG for row in rows):
         return None
     by_stepper = {
-        name: [r for r in long if r.stepper == name] for name in {r.stepper for r in long}
+        name: [r for r in long if r.stepper == name]
+        for name in dict.fromkeys(row.stepper for row in long)
     }
     told = [part for part in by_stepper.values() if _spans(part)]
     flat = [row for part in told if _is_flat(part, metric) for row in part]
