@@ -142,7 +142,10 @@ def _plan(
     if trial.part is not None or trial.courant is not None:
         own = trial.part is not None and math.isfinite(limit)
         dt = (trial.part or 1.0) * limit if own else _implicit_step(trial, model, gravity)
-        count = trial.steps or max(1, math.ceil(days * DAY / dt - 1e-9))
+        count = max(1, math.ceil(days * DAY / dt - 1e-9))
+        if trial.steps is not None:
+            whole = max(1, math.floor(days * DAY / dt))
+            count = trial.steps if config.days is None else min(trial.steps, whole)
         return TimePlan(dt, count, count, dt)
     accurate = accurate_step(model.mesh, model.fields(model.initial_state()))
     asked = None if config.dt == "auto" else config.dt

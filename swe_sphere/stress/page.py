@@ -23,7 +23,7 @@ makes sense. Made by
     swe-sphere stress{quick} --out docs/stability.md
 
 which writes this page and the numbers beside it after every trial; `--groups A,B` and
-`--steppers A,B` run some of them again, `--resume` those that are missing. Python {python},
+`--steppers A,B` run some of them again, `--resume` those that have not been run. Python {python},
 Warp {warp}, one CPU core shared with others, {seconds:.0f} s altogether.
 
 A trial **passed** when it ran to its end within all its bounds. It was **refused** when the
@@ -38,8 +38,8 @@ Unless said otherwise: np 4, float64, no dissipation, the step that the model ch
 (0.85 of the stability limit, or without one advective Courant number 2 and at most an hour).
 Drifts and winds are the largest of the whole run, depths the least; about 120 samples a run.
 
-| group | passed | refused | broke | failed |
-|---|---|---|---|---|
+| group | passed | refused | broke | failed | not run |
+|---|---|---|---|---|---|
 {summary}
 """
 
@@ -61,12 +61,11 @@ def page(results: Results, quick: bool) -> str:
 
 def _summary(results: Results) -> Iterator[str]:
     for group in GROUPS.values():
-        mine = [results[trial.name]["outcome"] for trial in group.trials if trial.name in results]
+        mine = [results.get(trial.name, {}).get("outcome", "") for trial in group.trials]
         count = Counter(mine)
-        if mine:
-            cells = " | ".join(
-                str(count[name]) for name in ("passed", "refused", "broke", "failed")
-            )
+        if any(mine):
+            columns = ("passed", "refused", "broke", "failed", "")
+            cells = " | ".join(str(count[name]) for name in columns)
             link = group.title.lower().replace(" ", "-")
             link = "".join(c for c in link if c.isalnum() or c == "-")
             yield f"| [{group.title}](#{link}) | {cells} |"

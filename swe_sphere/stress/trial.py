@@ -60,7 +60,7 @@ class Trial:
     advective: float | None = None
     """Largest advective Courant number of a step that follows `courant`."""
     steps: int | None = None
-    """Length of the run in steps, instead of days."""
+    """Length of the run in steps; with days in `run`, whichever is shorter."""
     probes: tuple[str, ...] = ()
     """What is watched besides the usual: keys of `probes.PROBES`."""
     report: tuple[str, ...] = ()
