@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
+from swe_sphere.experiment.prepare import prepare
 from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation import (
@@ -292,3 +293,10 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone():
     thread.start()
     thread.join()
     assert found == [True]
+
+
+@pytest.mark.parametrize("stepper", ["semi-implicit", "ars343"])
+def test_a_fluid_at_rest_does_not_get_a_step_as_long_as_the_run(stepper: str) -> None:
+    """Split steppers are limited by the wind alone, and there is none when the dam breaks."""
+    config = make_config({"scene": "dam-break", "stepper": stepper, "ne": 4, "days": 0.5})
+    assert prepare(config).plan.dt == 3600.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +27,9 @@ COURANT = 2.0
 LONGEST = 3600.0
 """An automatic step without a stability limit is no longer than this [s]."""
 
+AT_REST = 1e7
+"""A limit above this [s] is that of a fluid at rest, whose wind is yet to come: it is none."""
+
 
 @dataclass(frozen=True)
 class StepChoice:
@@ -49,7 +51,7 @@ def choose_step(
     """
     if asked is not None:
         return StepChoice(asked, "as given")
-    if math.isfinite(stable_dt):
+    if stable_dt < AT_REST:
         return StepChoice(min(safety * stable_dt, days * DAY), f"{safety:g} of the stability limit")
     rule = f"advective Courant number {COURANT:g}, at most {LONGEST:g} s"
     return StepChoice(min(accurate, days * DAY), rule)
