@@ -11,7 +11,7 @@ import warp as wp
 
 from .element import line_sums
 from .formulas import algebra
-from .terms import lanes_of
+from .terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
 
@@ -24,26 +24,16 @@ def derivative_kernels(np_: int, real: type, shape: str) -> SimpleNamespace:
     `basis`, `derivative`, `weight` and `size` as in the tendency kernels; `shape` is "element" or
     "node".
     """
-    lanes = lanes_of(real) if shape == "element" else 1
-    value = wp.types.vector(lanes, real) if lanes > 1 else real
-    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
-    members = {
-        "nodes": wp.array2d(dtype=index),
-        "basis": wp.array3d(dtype=value),
-        "derivative": wp.array2d(dtype=real),
-        "weight": wp.array2d(dtype=real),
-        "size": wp.int32,
-    }
-    geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
-    t = SimpleNamespace(np=np_, real=real, value=value, geometry=geometry)
-    t.vector, t.local = wp.array(dtype=real), wp.array3d(dtype=value)
-    ops = algebra(value, index, real, lanes)
+    t = kernel_types(np_, real, shape)
+    ops = algebra(t.value, t.index, real, t.lanes)
     if shape == "element":
-        line = line_sums(np_, value, real)
+        line = line_sums(np_, t.value, real)
         gradient, divergence = _element_gradient(t, ops, line), _element_divergence(t, ops, line)
     else:
         gradient, divergence = _node_gradient(t, ops), _node_divergence(t, ops)
-    return SimpleNamespace(gradient=gradient, divergence=divergence, geometry=geometry, value=value)
+    return SimpleNamespace(
+        gradient=gradient, divergence=divergence, geometry=t.geometry, value=t.value
+    )
 
 
 def _element_gradient(t: SimpleNamespace, ops: SimpleNamespace, line: SimpleNamespace) -> wp.Kernel:

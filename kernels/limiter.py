@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .formulas import algebra
-from .terms import lanes_of
+from .terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
 TINY = 1e-30
@@ -29,20 +29,11 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
     the mass-weighted change of each element node, before DSS.  `depth` and `first` are the offsets
     of the depth and of the first tracer in the state x.
     """
-    lanes = lanes_of(real) if shape == "element" else 1
-    value = wp.types.vector(lanes, real) if lanes > 1 else real
-    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
-    members = {
-        "nodes": wp.array2d(dtype=index),
-        "basis": wp.array3d(dtype=value),
-        "weight": wp.array2d(dtype=real),
-        "size": wp.int32,
-    }
-    geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
-    ops = algebra(value, index, real, lanes)
+    t = kernel_types(np_, real, shape)
+    value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
+    ops = algebra(value, t.index, real, t.lanes)
     mul, load, wedge = ops.mul, ops.load, ops.wedge
-    div = wp.cw_div if lanes > 1 else wp.div
-    vector, local = wp.array(dtype=real), wp.array3d(dtype=value)
+    div = wp.cw_div if t.lanes > 1 else wp.div
 
     @wp.func
     def mass(geo: geometry, e: int, n: int):

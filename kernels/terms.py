@@ -4,6 +4,7 @@ A term that is not named here leaves no array, no load and no branch in the gene
 """
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import warp as wp
 
@@ -92,3 +93,25 @@ def geometry_struct(
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
     return wp.struct(type("Geometry", (), {"__annotations__": members}))
+
+
+def kernel_types(np_: int, real: type, shape: str) -> SimpleNamespace:
+    """Types of kernels on element nodes that have no terms of their own.
+
+    `shape` is "element" (a thread a group of elements) or "node".  The namespace has `np`, `real`,
+    `lanes`, `value`, `index`, the plain `geometry` and the arrays `vector` (of nodes) and `local`
+    (groups, np*np, fields).
+    """
+    lanes = lanes_of(real) if shape == "element" else 1
+    value = wp.types.vector(lanes, real) if lanes > 1 else real
+    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
+    return SimpleNamespace(
+        np=np_,
+        real=real,
+        lanes=lanes,
+        value=value,
+        index=index,
+        geometry=geometry_struct(Terms(), value, index, real),
+        vector=wp.array(dtype=real),
+        local=wp.array3d(dtype=value),
+    )

@@ -14,7 +14,7 @@ import warp as wp
 from .assembly import Contributors, gather_sum
 from .element import line_sums
 from .formulas import algebra
-from .terms import lanes_of
+from .terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
 
@@ -28,28 +28,16 @@ def transport_kernels(np_: int, real: type, shape: str, prescribed: bool) -> Sim
     shape (groups, np*np, count); `shape` is "element" or "node".  `prescribed`: round as the depth
     does under a prescribed wind.
     """
-    lanes = lanes_of(real) if shape == "element" else 1
-    value = wp.types.vector(lanes, real) if lanes > 1 else real
-    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
-    members = {
-        "nodes": wp.array2d(dtype=index),
-        "basis": wp.array3d(dtype=value),
-        "derivative": wp.array2d(dtype=real),
-        "weight": wp.array2d(dtype=real),
-        "size": wp.int32,
-    }
-    geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
-    t = SimpleNamespace(np=np_, real=real, value=value, geometry=geometry)
-    t.vector, t.local = wp.array(dtype=real), wp.array3d(dtype=value)
-    ops = algebra(value, index, real, lanes)
+    t = kernel_types(np_, real, shape)
+    ops = algebra(t.value, t.index, real, t.lanes)
     flux_1, flux_2 = _fluxes(t, ops, prescribed)
     if shape == "element":
-        line = line_sums(np_, value, real)
+        line = line_sums(np_, t.value, real)
         transport = _element_transport(t, ops, line, flux_1, flux_2)
         tangent = _element_tangent(t, ops, line)
     else:
         transport, tangent = _node_transport(t, flux_1, flux_2), _node_tangent(t, ops)
-    return SimpleNamespace(transport=transport, tangent=tangent, geometry=geometry, value=value)
+    return SimpleNamespace(transport=transport, tangent=tangent, geometry=t.geometry, value=t.value)
 
 
 def _fluxes(
@@ -206,17 +194,16 @@ def _node_tangent(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Kernel:
 
 
 @functools.cache
-def assembly_kernels(real: type) -> SimpleNamespace:
-    """DSS of `count` fields from local ones into the blocks of a vector that begin at `first`.
+def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
+    """DSS of `count` fields from local ones into, or `adds` onto, the blocks from `first` on.
 
-    Kernels `assign` and `add` over N threads: (places (N,), inverse_area (N,), stride, N, count,
-    first, local, out).
+    Kernel over N threads: (places (N,), inverse_area (N,), stride, N, count, first, local, out).
     """
     vector = wp.array(dtype=real)
     gather = gather_sum(real)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assign(
+    def assemble(
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
@@ -230,26 +217,13 @@ def assembly_kernels(real: type) -> SimpleNamespace:
         at = places[node]
         scale = inverse_area[node]
         for k in range(count):
-            out[first + k * size + node] = scale * gather(local, at, k * stride)
+            value = scale * gather(local, at, k * stride)
+            if wp.static(adds):
+                out[first + k * size + node] += value
+            else:
+                out[first + k * size + node] = value
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def add(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        size: int,
-        count: int,
-        first: int,
-        local: vector,
-        out: vector,
-    ):
-        node = wp.tid()
-        at = places[node]
-        scale = inverse_area[node]
-        for k in range(count):
-            out[first + k * size + node] += scale * gather(local, at, k * stride)
-
-    return SimpleNamespace(assign=assign, add=add)
+    return assemble
 
 
 @functools.cache

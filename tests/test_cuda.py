@@ -12,7 +12,7 @@ from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
-from swe_sphere.kernels.tracers import assembly_kernels, pointwise_kernels, transport_kernels
+from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.model.effects import Drag, Forcing, Hyperviscosity, Relaxation, Tracers, Viscosity
@@ -46,7 +46,8 @@ def kernels(real: type) -> list[wp.Kernel]:
         derivatives.divergence,
         *vars(elimination_kernels(wp.float32, real)).values(),
         *(kernel for pair in carried for kernel in (pair.transport, pair.tangent)),
-        *vars(assembly_kernels(real)).values(),
+        blocks_kernel(real, adds=False),
+        blocks_kernel(real, adds=True),
         *vars(pointwise_kernels(real)).values(),
         element_limiter(4, real, "node").limit,
         *vars(sphere_limiter(real)).values(),

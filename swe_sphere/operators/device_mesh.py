@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,14 @@ class DeviceMesh:
         node = np.repeat(np.arange(mesh.size), count)
         places[node, np.arange(node.size) - mesh.gather_offsets[node]] = position
         return wp.array(places, dtype=Contributors, device=self.device)
+
+    def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
+        """A structure of that kind, each member the one given by its name, else that of the mesh."""
+        known = {"size": self.mesh.size} | dict(given or {})
+        filled = kind()
+        for name in kind.vars:
+            setattr(filled, name, known[name] if name in known else getattr(self, name))
+        return filled
 
     def local(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
         """Room for local tendencies, (groups + 1, np*np, unknowns) of `value`, and a flat view.

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..kernels.limiter import element_limiter, sphere_limiter
-from ..kernels.tracers import assembly_kernels
+from ..kernels.tracers import blocks_kernel
 from .device_mesh import DeviceMesh
 from .launch import Launcher
 
@@ -30,12 +30,9 @@ class Limiter:
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
         self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
         self._across = sphere_limiter(mesh.real)
-        self._geometry = self._inside.geometry()
-        for name in ("nodes", "basis", "weight"):
-            setattr(self._geometry, name, getattr(mesh, name))
-        self._geometry.size = mesh.mesh.size
+        self._geometry = mesh.geometry(self._inside.geometry)
         self._local, self._flat = mesh.local(self._count, self._inside.value)
-        self._places, self._add = mesh.places(self._count), assembly_kernels(mesh.real).add
+        self._places, self._add = mesh.places(self._count), blocks_kernel(mesh.real, adds=True)
         self._area = wp.array(mesh.mesh.area, dtype=wp.float64, device=mesh.device)
         self._span = math.isqrt(mesh.mesh.size) + 1
         blocks = -(-mesh.mesh.size // self._span)

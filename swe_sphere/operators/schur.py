@@ -33,10 +33,7 @@ class SchurOperator:
         self.size, self.tau = mesh.mesh.size, 0.0
         self._derivatives = derivative_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         self._steps = elimination_kernels(mesh.real, given)
-        self._geometry = self._derivatives.geometry()
-        for name in ("nodes", "basis", "derivative", "weight"):
-            setattr(self._geometry, name, getattr(mesh, name))
-        self._geometry.size = self.size
+        self._geometry = mesh.geometry(self._derivatives.geometry)
         self._places_1, self._places_2 = mesh.places(1), mesh.places(2)
         self._local_1, self._flat_1 = mesh.local(1, self._derivatives.value)
         self._local_2, self._flat_2 = mesh.local(2, self._derivatives.value)

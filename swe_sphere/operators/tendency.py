@@ -72,15 +72,8 @@ class TendencyOperator:
         return [] if flux is None else [flux]
 
     def _fill_geometry(self, parameters: dict[str, Any]) -> Any:
-        geometry = self.compiled.geometry()
-        for name in self.compiled.geometry.vars:
-            if name == "size":
-                value = self.mesh.mesh.size
-            elif name == "fluxes":
-                value, _ = self.mesh.local(4, self.compiled.value)
-            elif name in parameters:
-                value = parameters[name]
-            else:
-                value = getattr(self.mesh, name)
-            setattr(geometry, name, value)
-        return geometry
+        kind = self.compiled.geometry
+        if "fluxes" in kind.vars:
+            fluxes, _ = self.mesh.local(4, self.compiled.value)
+            parameters = parameters | {"fluxes": fluxes}
+        return self.mesh.geometry(kind, parameters)

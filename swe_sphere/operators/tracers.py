@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from ..kernels.tracers import assembly_kernels, pointwise_kernels, transport_kernels
+from ..kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
 from .device_mesh import DeviceMesh
 from .launch import Launcher
 
@@ -18,11 +18,8 @@ class TracerTransport:
     def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int, prescribed: bool) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
         self._kernels = transport_kernels(mesh.mesh.np, mesh.real, mesh.shape, prescribed)
-        self._assemble = assembly_kernels(mesh.real).assign
-        self._geometry = self._kernels.geometry()
-        for name in ("nodes", "basis", "derivative", "weight"):
-            setattr(self._geometry, name, getattr(mesh, name))
-        self._geometry.size = mesh.mesh.size
+        self._assemble = blocks_kernel(mesh.real, adds=False)
+        self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._flat = mesh.local(count, self._kernels.value)
         self._places = mesh.places(count)
         launch.load(self._kernels.transport, self._assemble)
