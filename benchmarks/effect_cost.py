@@ -22,10 +22,10 @@ import numpy as np
 import typer
 import warp as wp
 from generated import Cost, cost
-from rhs_cost import machine
 from rich.console import Console
 from rich.table import Table
 
+from swe_sphere.machine import machine
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model, Scene
 from swe_sphere.model.effects import (

@@ -19,9 +19,10 @@ import warp as wp
 from implicit_common import Section
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
-from rhs_cost import machine
 from rich.console import Console
 from rich.table import Table
+
+from swe_sphere.machine import machine
 
 DOCS = Path(__file__).parents[1] / "docs"
 SECTIONS = {

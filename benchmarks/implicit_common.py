@@ -78,26 +78,28 @@ def run(model: Model, name: str, dt: float, days: float, **options: Any) -> Run:
 def _rhs_seconds(model: Model) -> float:
     """CPU time of one right-hand side [s]: the median of batches."""
     state, out = model.initial_state(), model.zeros()
-    seconds = []
-    for _ in range(10):
-        began = time.process_time()
-        for _ in range(30):
-            model.tendency(state, 0.0, out)
-        seconds.append((time.process_time() - began) / 30)
-    return float(np.median(seconds))
+    [seconds] = interleaved(
+        lambda: model.tendency(state, 0.0, out), rounds=10, batch=30, clock=time.process_time
+    )
+    return seconds
 
 
-def interleaved(*calls: Callable[[], None], rounds: int = 15, batch: int = 10) -> list[float]:
+def interleaved(
+    *calls: Callable[[], None],
+    rounds: int = 15,
+    batch: int = 10,
+    clock: Callable[[], float] = time.perf_counter,
+) -> list[float]:
     """Median seconds of each call, measured in turns."""
     seconds: list[list[float]] = [[] for _ in calls]
     with threadpool_limits(1, user_api="blas"):
         for _ in range(rounds):
             for times, call in zip(seconds, calls, strict=True):
                 call()
-                began = time.perf_counter()
+                began = clock()
                 for _ in range(batch):
                     call()
-                times.append((time.perf_counter() - began) / batch)
+                times.append((clock() - began) / batch)
     return [float(np.median(times)) for times in seconds]
 
 

@@ -8,7 +8,6 @@ the figure is the median over the rounds.  Meshes have about 25 000 element node
 
 from __future__ import annotations
 
-import platform
 import statistics
 import time
 from collections.abc import Sequence
@@ -22,6 +21,7 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
+from swe_sphere.machine import machine
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
 from swe_sphere.testcases import get_scene
@@ -91,16 +91,6 @@ def measure(cases: Sequence[tuple[int, str, str]], rounds: int = 15) -> list[Cas
         for timer in timers:
             timer.batch()
     return [timer.case for timer in timers]
-
-
-def machine() -> str:
-    """The processor and the versions that the figures hold for."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    processor = names[0] if names else platform.processor()
-    python = platform.python_version()
-    return f"{processor}, {len(names) or '?'} cores; Python {python}, Warp {wp.__version__}"
 
 
 def main(

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from rhs_cost import machine
 from rich.console import Console
 
+from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model import Model, Scene
 from swe_sphere.model.effects import Tracers

@@ -86,7 +86,7 @@ class DeviceMesh:
         return wp.array(places, dtype=Contributors, device=self.device)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
-        """A structure of that kind, each member the one given by its name, else that of the mesh."""
+        """A structure of that kind: members by name from those given, else from the mesh."""
         known = {"size": self.mesh.size} | dict(given or {})
         filled = kind()
         for name in kind.vars:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from swe_sphere.machine import versions
 from swe_sphere.stress.groups import GROUPS
 from swe_sphere.stress.trial import Group, Trial
 
@@ -59,12 +59,11 @@ After a first look at results, and so not decided beforehand:
 
 def page(results: Results, quick: bool) -> str:
     """The page of these results, by name of trial, in the order of the groups."""
-    import warp as wp
-
+    found = versions()
     head = HEAD.format(
         quick=" --quick" if quick else "",
-        python=platform.python_version(),
-        warp=wp.__version__,
+        python=found["python"],
+        warp=found["warp"],
         seconds=sum(entry["numbers"].get("seconds") or 0.0 for entry in results.values()),
         summary="\n".join(_summary(results)),
     )

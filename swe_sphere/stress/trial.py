@@ -67,8 +67,6 @@ class Trial:
     """Numbers worth telling that have no bound."""
     seeds: tuple[int, ...] = ()
     """Of a trial that is a batch of random ones."""
-    remedy: str = ""
-    """What is switched on to help, in words."""
     quick: Mapping[str, Any] | None = None
     """Changes of the trial for the quick form; None: it is not in it."""
     seconds: float = 900.0
@@ -139,6 +137,6 @@ def remedied(
         name = f"{trial.name}+{setting.partition('.')[0]}"
         found += [
             replace(trial, expect="break"),
-            replace(trial, name=name, run=helped, remedy=f"--set {setting}", quick=None),
+            replace(trial, name=name, run=helped, quick=None),
         ]
     return found

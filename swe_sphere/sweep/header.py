@@ -8,15 +8,13 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
-from swe_sphere import __version__
 from swe_sphere.errors import ConfigError
+from swe_sphere.machine import processor, versions
 from swe_sphere.model.scene import Scene
 from swe_sphere.sweep.journal import Journal
 from swe_sphere.sweep.plan import SweepPlan
 
-__all__ = ["machine", "write_header"]
+__all__ = ["write_header"]
 
 
 def write_header(journal: Journal, plan: SweepPlan, scene: Scene) -> None:
@@ -26,7 +24,7 @@ def write_header(journal: Journal, plan: SweepPlan, scene: Scene) -> None:
         ConfigError: the journal is of another scene.
     """
     headers = [record for record in journal.records if record["record"] == "sweep"]
-    given = plan.given()
+    given, machine = plan.given(), f"{processor()}, {platform.system()}"
     if headers:
         last = headers[-1]
         if last["scene"] != scene.name:
@@ -34,33 +32,13 @@ def write_header(journal: Journal, plan: SweepPlan, scene: Scene) -> None:
                 f"{journal.path.parent} holds a sweep of {last['scene']}, not of {scene.name}:"
                 " choose another folder"
             )
-        if last["plan"] == given and last["machine"] == machine():
+        if last["plan"] == given and last["machine"] == machine:
             return
     journal.append({
         "record": "sweep", "scene": scene.name, "title": scene.title, "plan": given,
-        "machine": machine(), "cores": os.cpu_count(), "versions": _versions(),
+        "machine": machine, "cores": os.cpu_count(), "versions": versions(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"), "command": _command(),
     })  # fmt: skip
-
-
-def machine() -> str:
-    """The processor and the system."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    processor = names[0] if names else platform.processor() or platform.machine()
-    return f"{processor}, {platform.system()}"
-
-
-def _versions() -> dict[str, str]:
-    import warp as wp
-
-    return {
-        "python": platform.python_version(),
-        "warp": str(wp.__version__),
-        "numpy": np.__version__,
-        "swe_sphere": __version__,
-    }
 
 
 def _command() -> str:

@@ -10,7 +10,6 @@ __all__ = ["Target", "longest_accurate", "longest_working"]
 
 GROWTH = 1.25
 """Between steps while the limit is not yet enclosed."""
-HALVINGS = 12
 REFINEMENTS = 6
 PLATEAU = 0.9
 """An error that a halved step leaves above this part of itself does not depend on the step."""

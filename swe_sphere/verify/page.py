@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Iterator, Sequence
 
+from swe_sphere.machine import versions
 from swe_sphere.verify.cases import FAMILIES
 from swe_sphere.verify.verdict import NORMS, Check, Row
 
@@ -29,7 +29,7 @@ must be kept to 1e-13 by every run. The last column says how much of its tightes
 above 1 it fails.
 
 **{verdict}** {count} rows in {seconds:.0f} s of stepping; largest drift of mass where it is
-conserved, float64: {mass:.1e}; {versions}.
+conserved, float64: {mass:.1e}; Python {python}, Warp {warp}.
 """
 
 MASS = "mass_drift"
@@ -65,14 +65,15 @@ LABELS = {
 
 def page(rows: Sequence[Row], command: str) -> str:
     """The page (Markdown) of these rows, in the order of the families."""
-    failed = sum(not row.passed for row in rows)
+    failed, found = sum(not row.passed for row in rows), versions()
     head = HEAD.format(
         command=command,
         verdict=f"{failed} of" if failed else "All bounds hold:",
         count=f"{len(rows)} rows fail:" if failed else len(rows),
         seconds=sum(row.measure.seconds for row in rows),
         mass=max((_drift(row) for row in rows), default=0.0),
-        versions=_versions(),
+        python=found["python"],
+        warp=found["warp"],
     )
     return "\n".join([head, *(line for line in _families(rows))]) + "\n"
 
@@ -178,9 +179,3 @@ def _number(name: str, value: float) -> str:
 
 EXACT = ("mean_depth", "energy", "enstrophy", "max_wind", "rms_coriolis", "mean_bottom")
 """Numbers worth all their digits."""
-
-
-def _versions() -> str:
-    import warp
-
-    return f"Python {platform.python_version()}, Warp {warp.__version__}"
