@@ -136,6 +136,8 @@ class GaussLegendre(ImplicitStepper):
 
     def _allocate(self, model: Model) -> None:
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()
+        # what the solved stages have more than the state: at rest exactly nothing
+        self._changes = self._pair.reshape((len(C), self.space.n))
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
@@ -160,18 +162,15 @@ class GaussLegendre(ImplicitStepper):
         sources = np.array([self.model.mean_source(t + c * dt) for c in C])
         for stage, gain in zip(stages, dt * np.array(A) @ sources, strict=True):
             self._restore_mass(self.state, stage, float(gain))
-        self.space.copy(self.state, out)
-        self.space.axpy(_ROOT, stages[1], out)
-        self.space.axpy(-_ROOT, stages[0], out)
+        for stage in stages:
+            self.space.axpy(-1.0, self.state, stage)
+        self.space.combine(self.state, self._changes, (-_ROOT, _ROOT), out)
         return None
 
     def _accept(self, dt: float, new: wp.array) -> None:
         for i, row in enumerate(_INVERSE / dt):
-            past = self._past[i]
-            self.space.copy(self.state, past)
-            self.space.scale(-float(row.sum()), past)
-            for stage, part in zip(self.problem.split(self._pair), row, strict=True):
-                self.space.axpy(float(part), stage, past)
+            self.space.copy(self._changes[0], self._past[i])
+            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self._past[i])
         super()._accept(dt, new)
 
 
