@@ -30,8 +30,8 @@ TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries
 along weighs as much as the change of the wind, and does not drown it."""
 WORTHLESS = 3.0
-"""Residuals below so many round-offs of the state are not worth an iteration.  With ten they add up:
-15 days of williamson2 in float32 (tr-bdf2, 1 h) end three times further from those in float64."""
+"""Residuals below so many round-offs of the state are not worth an iteration.  With ten they add
+up: 15 days of williamson2 (tr-bdf2, 1 h) in float32 end three times further from float64."""
 
 
 @dataclass(frozen=True)

