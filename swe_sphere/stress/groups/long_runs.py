@@ -48,11 +48,16 @@ GALEWSKY = Group(
     (*remedied(_jet(16, LONG), ()), *remedied(_jet(30, ("kg5", "leapfrog")), ())),
 )
 
-_MODONS = each(
-    LONG, name="modons", run={"scene": "modons", "ne": 10, "np": 4, "days": 100.0},
-    bounds=(*SOUND, Bound("max_wind", 60.0), Bound("off_mirror", 1e-6)),
-    probes=("mirror",), report=("energy_drift",),
-)  # fmt: skip
+_MODONS = [
+    trial
+    for steppers, options in ((LONG[:-1], {}), (LONG[-1:], {"tolerance": 1e-6}))
+    for trial in each(
+        steppers, name="modons",
+        run={"scene": "modons", "ne": 10, "np": 4, "days": 100.0, **options},
+        bounds=(*SOUND, Bound("max_wind", 60.0), Bound("off_mirror", 1e-6)),
+        probes=("mirror",), report=("energy_drift",),
+    )
+]  # fmt: skip
 _BARE = each(
     ("rk4", "leapfrog", "tr-bdf2"), name="modons-bare", expect="either",
     run={"scene": "modons", "ne": 10, "np": 4, "days": 100.0,
@@ -64,7 +69,9 @@ MODONS = Group(
     "modons",
     "Colliding modons, 100 days",
     "modons with the hyperviscosity that the scene calls for: finite, mass kept, wind below 60 m/s,"
-    " the depth the same on both sides of the equator to 1e-6 of its variation. And without it"
-    " (bare): finite and below 150 m/s, or a stop that says why.",
+    " the depth the same on both sides of the equator to 1e-6 of its variation. tr-bdf2 has a"
+    " solver tolerance of 1e-6 here: solves end where the residual is small, not where it is"
+    " symmetric, and with the default of 1e-2 the two sides are 1.8e-4 apart in the end. And without"
+    " hyperviscosity (bare): finite and below 150 m/s, or a stop that says why.",
     (*_MODONS, *_BARE),
 )
