@@ -10,12 +10,17 @@ from ..model.model import Model
 from ..newton import NewtonResult
 from .implicit import ImplicitStepper
 
+FOLLOWED = 0.75
+"""The part of a change of slope that the guess of the next stage follows.  Slow flow would have all
+of it, but so the noise of fast waves grows."""
+
 
 class DiagonallyImplicit(ImplicitStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
-    consistent with it; the guess for a stage is made with the slope the stage had one step before.
+    consistent with it.  The guess for a stage is made with the slope the stage had one step before,
+    and most of what the slope of the stage before it has changed by since.
     """
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
@@ -59,14 +64,21 @@ class DiagonallyImplicit(ImplicitStepper):
             if gamma == 0.0:
                 self.model.tendency(self._rhs, stage_time, self._slopes[i])
                 continue
-            self.space.copy(self._rhs, out)
-            self.space.axpy(gamma, self._guesses[i], out)
+            self._guess(i, gamma, out)
             result = self._solve(gamma, stage_time, self._rhs, out)
             if not result.converged:
                 return result
             self._slope(out, self._rhs, gamma, self._slopes[i])
         self.space.combine(self.state, self._stack, dt * np.array(self.b), out)
         return None
+
+    def _guess(self, i: int, gamma: float, out: wp.array) -> None:
+        """The stage i that would have the slope guessed for it."""
+        self.space.copy(self._rhs, out)
+        self.space.axpy(gamma, self._guesses[i], out)
+        if i > 0:
+            self.space.axpy(FOLLOWED * gamma, self._slopes[i - 1], out)
+            self.space.axpy(-FOLLOWED * gamma, self._guesses[i - 1], out)
 
     def _accept(self, dt: float, new: wp.array) -> None:
         super()._accept(dt, new)
