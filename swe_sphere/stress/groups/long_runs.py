@@ -71,7 +71,7 @@ MODONS = Group(
     "modons with the hyperviscosity that the scene calls for: finite, mass kept, wind below 60 m/s,"
     " the depth the same on both sides of the equator to 1e-6 of its variation. tr-bdf2 has a"
     " solver tolerance of 1e-6 here: solves end where the residual is small, not where it is"
-    " symmetric, and with the default of 1e-2 the two sides are 1.8e-4 apart in the end. And without"
+    " symmetric, and with the default of 1e-2 the two sides end 1.8e-4 apart. And without"
     " hyperviscosity (bare): finite and below 150 m/s, or a stop that says why.",
     (*_MODONS, *_BARE),
 )
