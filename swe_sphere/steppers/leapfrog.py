@@ -20,13 +20,18 @@ class Leapfrog(Stepper):
     """Leapfrog with Robert-Asselin-Williams filter: one right-hand side a step, started by rk4.
 
     Williams 2009 (doi:10.1175/2009MWR2724.1).  Dissipation is taken at the past level, where it is
-    stable.
+    stable.  Another filter than the usual one (strength 0: none) is for comparison with other
+    models at a given step: `stable_dt` is that of the usual one.
     """
 
     name, order = "leapfrog", 2
 
-    def __init__(self, model: Model, dt: float) -> None:
+    def __init__(
+        self, model: Model, dt: float, strength: float | None = None, share: float | None = None
+    ) -> None:
         super().__init__(model, dt)
+        self._displacement = 0.5 * (FILTER if strength is None else strength)
+        self._share = SHARE if share is None else share
         self._previous, self._slope = model.zeros(), model.zeros()
         self._damping = wp.zeros((1, model.size), dtype=self.state.dtype, device=model.device)
         self._add_damping = Combiner(model, self._damping, np.ones(1))
@@ -45,7 +50,7 @@ class Leapfrog(Stepper):
             self._add_damping(self._slope, self._slope)
         self.model.launch(
             self._kernel, self.model.size, self._previous, self.state, self._slope,
-            2.0 * self.dt, 0.5 * FILTER, SHARE,
+            2.0 * self.dt, self._displacement, self._share,
         )  # fmt: skip
 
     def _first_step(self) -> None:
