@@ -17,7 +17,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
 from swe_sphere.verify import CASES, Case, Rung, Setting, choose, page, verify
 from swe_sphere.verify.cases.constants import CASES as STARTS
-from swe_sphere.verify.scenes import decay, driven
+from swe_sphere.verify.scenes import decay, driven, homme_mountain, homme_wave
 from swe_sphere.verify.verdict import Check
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -82,6 +82,20 @@ def test_own_scenes_are_smooth_and_start_exactly(scene) -> None:
         np.testing.assert_array_equal(first, exact)
     later = scene.exact(lon, lat, 86400.0)[2]
     assert np.abs(later / scene.initial(lon, lat)[2] - 1.0).max() > 1e-6
+
+
+def test_scenes_on_a_larger_planet_are_those_of_the_formulas() -> None:
+    """Surface at a pole of williamson5; wind and depth of williamson6 on the equator."""
+    a, g, omega, k = 6.376e6, 9.80616, 7.292e-5, 7.848e-6
+    mountain, wave = homme_mountain(), homme_wave()
+    assert mountain.planet.radius == wave.planet.radius == a
+    pole = mountain.initial(np.array([0.0]), np.array([0.5 * np.pi]))[2]
+    assert pole == pytest.approx(5960.0 - (a * omega * 20.0 + 200.0) / g, abs=1e-8)
+    u, _, h = wave.initial(np.array([0.0, 0.25 * np.pi]), np.zeros(2))
+    np.testing.assert_allclose(u, [0.0, 2.0 * a * k], atol=1e-10)
+    once, rest = 2.0 * (omega + k) * k / 30.0, 0.5 * k * (2.0 * omega + k) - 0.5 * k**2
+    depth = 8000.0 + a**2 / g * (rest + once * np.array([1.0, -1.0]))
+    np.testing.assert_allclose(h, depth, rtol=1e-12)
 
 
 def test_bounds() -> None:

@@ -46,6 +46,7 @@ LABELS = {
     "mass_drift": "mass drift",
     "energy_drift": "energy drift",
     "order_energy": "order",
+    "enstrophy_drift": "potential enstrophy drift",
     "max_v": "largest northward wind [m/s]",
     "max_speed": "largest wind [m/s]",
     "rms_h": "rms error of h [m]",

@@ -1,15 +1,18 @@
-"""Scenes with exact solutions that are of use for verification only."""
+"""Scenes of use for verification only: with exact solutions, or as another model has them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from swe_sphere.model.effects import DYNAMICS, Drag, Forcing, Hyperviscosity, Relaxation, Viscosity
 from swe_sphere.model.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
+from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import solid_body, tilted_latitude
 
-__all__ = ["decay", "driven", "friction"]
+__all__ = ["decay", "driven", "friction", "homme_mountain", "homme_wave"]
 
 DEGREE = 3
 """Of the spherical harmonic Y = cos³ θ cos 3λ + ... that decays."""
@@ -149,6 +152,42 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         days=1.0,
         parameters={"alpha": alpha},
     )
+
+
+HOMME = replace(EARTH, radius=6.376e6)
+"""The planet of HOMME, which is 0.08 % larger than that of Williamson et al."""
+
+
+def homme_mountain() -> Scene:
+    """williamson5 on the planet of HOMME.
+
+    The wind of u0 = 20 m/s is the same; its balance makes the surface fall by another
+    (a - 6.37122e6 m) Ω u0 sin² θ / g.
+    """
+    scene = get_scene("williamson5")
+    more = (HOMME.radius - EARTH.radius) * EARTH.rotation * 20.0 / EARTH.gravity
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, h = scene.initial(lon, lat)
+        return u, v, h - more * np.sin(lat) ** 2
+
+    return replace(scene, planet=HOMME, initial=initial)
+
+
+def homme_wave() -> Scene:
+    """williamson6 on the planet of HOMME.
+
+    Its angular speeds are the same: the wind grows with the radius, and what the depth has beyond
+    8000 m with its square.
+    """
+    scene = get_scene("williamson6")
+    more = HOMME.radius / EARTH.radius
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, h = scene.initial(lon, lat)
+        return more * u, more * v, 8000.0 + more**2 * (h - 8000.0)
+
+    return replace(scene, planet=HOMME, initial=initial)
 
 
 def _harmonic(lon: Array, lat: Array) -> tuple[Array, Array, Array]:

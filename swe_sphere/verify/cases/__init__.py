@@ -36,7 +36,7 @@ FAMILIES: dict[str, tuple[Case, ...]] = {
     "A balanced jet": jet.CASES,
     "Against an independent model": reference.CASES,
     "Against a finer mesh": finer.CASES,
-    "Energy": conservation.CASES,
+    "Energy and potential enstrophy": conservation.CASES,
     "Dissipation": dissipation.CASES,
     "Steppers": steppers.CASES,
 }
