@@ -17,6 +17,7 @@ from typing import Annotated
 import typer
 import warp as wp
 from implicit_common import Section
+from implicit_newton import newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
 from rich.console import Console
@@ -28,6 +29,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 SECTIONS = {
     "counts": counts,
     "price": price,
+    "newton": newton,
     "race": race,
     "steady": steady,
     "drift": drift,

@@ -1,0 +1,58 @@
+"""Section on Newton's method: the first forcing term, and what guesses follow."""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+from implicit_common import Section
+
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.newton import EisenstatWalker
+from swe_sphere.planet import DAY
+from swe_sphere.steppers import dirk, get_stepper, implicit
+from swe_sphere.testcases import get_scene
+
+RUNS = {
+    "williamson5": (("bdf2", 3600.0), ("tr-bdf2", 7200.0), ("tr-bdf2", 14400.0),
+                    ("tr-bdf2", 86400.0), ("sdirk3", 7200.0), ("esdirk4", 10800.0)),
+    "williamson6": (("tr-bdf2", 3600.0), ("esdirk4", 3600.0)),
+    "galewsky": (("bdf2", 3600.0), ("tr-bdf2", 3600.0), ("tr-bdf2", 21600.0), ("esdirk4", 3600.0)),
+    "lauter": (("tr-bdf2", 1800.0), ("esdirk4", 3600.0)),
+}  # fmt: skip
+DAYS = 4.0
+CHOICES = ((0.1, 0.0), (1e-15, 0.0), (0.02, 0.0), (0.02, 0.5), (0.02, 0.75), (0.02, 1.0))
+"""First forcing term, and part of the change of slope that guesses of stages follow."""
+
+
+def newton() -> Section:
+    """Newton and Krylov iterations a step by first forcing term and guess."""
+    rows = []
+    for scene, runs in RUNS.items():
+        model = Model(build_mesh(12, 4), get_scene(scene))
+        for name, dt in runs:
+            counts = [_counts(model, name, dt, *choice) for choice in CHOICES]
+            rows.append([scene, name, f"{dt:.0f}", *counts])
+            print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
+    return Section(
+        f"ne12 np4, {DAYS:.0f} days: Newton / Krylov iterations a step by forcing term and guess",
+        "First number of a column: how exactly the first linear system of a stage is solved.  "
+        "Second: the part of the change of slope of the stage before that the guess of a stage "
+        "follows (bdf2 extrapolates its states and has none).  Chosen: "
+        f"{implicit.FORCING.first:g}, {dirk.FOLLOWED:g}.",
+        ["scene", "stepper", "Δt [s]", *(f"{first:g}, {part:g}" for first, part in CHOICES)],
+        rows,
+    )
+
+
+def _counts(model: Model, name: str, dt: float, first: float, followed: float) -> str:
+    with (
+        patch.object(implicit, "FORCING", EisenstatWalker(first=first)),
+        patch.object(dirk, "FOLLOWED", followed),
+    ):
+        stepper = get_stepper(name)(model, dt)
+        stepper.start(model.initial_state())
+        for _ in range(round(DAYS * DAY / dt)):
+            stepper.step()
+    a_step = {key: count / stepper.steps for key, count in stepper.counters.items()}
+    return f"{a_step['newton_iterations']:.1f} / {a_step['krylov_iterations']:.1f}"
