@@ -24,7 +24,7 @@ before the first runs; those that a first look at results changed are named at t
 
 which writes this page and the numbers beside it after every trial; `--groups A,B` and
 `--steppers A,B` run some of them again, `--resume` those that have not been run. Python {python},
-Warp {warp}, one CPU core shared with others, {seconds:.0f} s altogether.
+Warp {warp}, one CPU core, {seconds:.0f} s altogether.
 
 A trial **passed** when it ran to its end within all its bounds. It was **refused** when the
 program stopped it and said why, where that is an answer that was admitted beforehand: then no state
@@ -35,7 +35,8 @@ error that is none of ours. Nothing is switched on silently: a trial whose name 
 before it with that effect switched on, as `--set` does it.
 
 Unless said otherwise: np 4, float64, no dissipation, the step that the model chooses by itself
-(0.85 of the stability limit, or without one advective Courant number 2 and at most an hour).
+(0.85 of the stability limit, 0.45 for steppers that treat gravity waves implicitly and the wind
+not, and without a limit advective Courant number 2 and at most an hour).
 Drifts and winds are the largest of the whole run, depths the least; about 120 samples a run.
 
 | group | passed | refused | broke | failed | not run |
