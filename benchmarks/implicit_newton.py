@@ -39,7 +39,8 @@ def newton() -> Section:
         "First number of a column: how exactly the first linear system of a stage is solved.  "
         "Second: the part of the change of slope of the stage before that the guess of a stage "
         "follows (bdf2 extrapolates its states and has none).  Chosen: "
-        f"{implicit.FORCING.first:g}, {dirk.FOLLOWED:g}.",
+        f"{implicit.FORCING.first:g}, and {dirk.ESDIRK4.followed:g} for sdirk3 and esdirk4, "
+        f"{dirk.TRBDF2.followed:g} for tr-bdf2, which longer runs made worse with it.",
         ["scene", "stepper", "Δt [s]", *(f"{first:g}, {part:g}" for first, part in CHOICES)],
         rows,
     )
@@ -48,7 +49,9 @@ def newton() -> Section:
 def _counts(model: Model, name: str, dt: float, first: float, followed: float) -> str:
     with (
         patch.object(implicit, "FORCING", EisenstatWalker(first=first)),
-        patch.object(dirk, "FOLLOWED", followed),
+        patch.object(dirk.DiagonallyImplicit, "followed", followed),
+        patch.object(dirk.SDIRK3, "followed", followed),
+        patch.object(dirk.ESDIRK4, "followed", followed),
     ):
         stepper = get_stepper(name)(model, dt)
         stepper.start(model.initial_state())

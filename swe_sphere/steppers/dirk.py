@@ -10,17 +10,13 @@ from ..model.model import Model
 from ..newton import NewtonResult
 from .implicit import ImplicitStepper
 
-FOLLOWED = 0.75
-"""The part of a change of slope that the guess of the next stage follows.  Slow flow would have all
-of it, but so the noise of fast waves grows."""
-
 
 class DiagonallyImplicit(ImplicitStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
     consistent with it.  The guess for a stage is made with the slope the stage had one step before,
-    and most of what the slope of the stage before it has changed by since.
+    and a part of what the slope of the stage before it has changed by since.
     """
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
@@ -28,6 +24,9 @@ class DiagonallyImplicit(ImplicitStepper):
     b: ClassVar[tuple[float, ...]]
     embedded: ClassVar[tuple[float, ...] | None] = None
     """Weights of a companion of another order, where the method has one."""
+    followed: ClassVar[float] = 0.0
+    """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
+    all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
 
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)
@@ -76,9 +75,9 @@ class DiagonallyImplicit(ImplicitStepper):
         """The stage i that would have the slope guessed for it."""
         self.space.copy(self._rhs, out)
         self.space.axpy(gamma, self._guesses[i], out)
-        if i > 0:
-            self.space.axpy(FOLLOWED * gamma, self._slopes[i - 1], out)
-            self.space.axpy(-FOLLOWED * gamma, self._guesses[i - 1], out)
+        if i > 0 and self.followed:
+            self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
+            self.space.axpy(-self.followed * gamma, self._guesses[i - 1], out)
 
     def _accept(self, dt: float, new: wp.array) -> None:
         super()._accept(dt, new)
@@ -128,6 +127,7 @@ class SDIRK3(DiagonallyImplicit):
     """Singly diagonally implicit, three stages, third order, L-stable (Alexander 1977)."""
 
     name, order = "sdirk3", 3
+    followed = 0.75
     _g = 0.435866521508459
     _b1, _b2 = -1.5 * _g**2 + 4.0 * _g - 0.25, 1.5 * _g**2 - 5.0 * _g + 1.25
     a = ((_g,), (0.5 * (1.0 - _g), _g), (_b1, _b2, _g))
@@ -143,6 +143,7 @@ class ESDIRK4(DiagonallyImplicit):
 
     name, order = "esdirk4", 4
     default_tolerance = 1e-4
+    followed = 0.75
     a = (
         (0.0,),
         (1 / 4, 1 / 4),
