@@ -1,6 +1,6 @@
 """Errors of transport by resolution, with and without the limiter; writes docs/transport.md.
 
-python benchmarks/transport.py        about six minutes on one core
+python benchmarks/transport.py        a few minutes on one core
 """
 
 from __future__ import annotations
