@@ -49,9 +49,7 @@ def newton() -> Section:
 def _counts(model: Model, name: str, dt: float, first: float, followed: float) -> str:
     with (
         patch.object(implicit, "FORCING", EisenstatWalker(first=first)),
-        patch.object(dirk.DiagonallyImplicit, "followed", followed),
-        patch.object(dirk.SDIRK3, "followed", followed),
-        patch.object(dirk.ESDIRK4, "followed", followed),
+        patch.object(get_stepper(name), "followed", followed, create=True),
     ):
         stepper = get_stepper(name)(model, dt)
         stepper.start(model.initial_state())
