@@ -53,6 +53,8 @@ After a first look at results, and so not decided beforehand:
 * mountain, 60 days: the drift of energy became its gain, as hyperviscosity drains 0.4 %;
 * noise on williamson5: a factor of 1.5 became 2.5;
 * meshes stretched by 5 and 10 may break where the same run with viscosity passes;
+* waves of 100 days may break where the same run with hyperviscosity passes;
+* float32 on williamson6: ne 12 instead of 8;
 * modons with tr-bdf2: a solver tolerance of 1e-6 instead of the default;
 * steps beyond the limit: 5 days instead of 20, and split steppers may survive;
 * the outcome "broke" itself, with the rule that the run with a remedy must pass.
