@@ -15,7 +15,7 @@ from swe_sphere.model.settings import apply_settings
 from swe_sphere.output.norms import errors
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import RECOMMENDED, get_stepper
-from swe_sphere.steppers.implicit import energy_weights
+from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.testcases import get_scene
 
 

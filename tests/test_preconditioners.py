@@ -27,7 +27,8 @@ from swe_sphere.model import Model, Scene
 from swe_sphere.operators import sparse
 from swe_sphere.planet import HOUR, Planet
 from swe_sphere.steppers import RK4, get_stepper
-from swe_sphere.steppers.implicit import StageProblem, energy_weights
+from swe_sphere.steppers.energy_norm import energy_weights
+from swe_sphere.steppers.implicit import StageProblem
 from swe_sphere.testcases import get_scene
 
 ELIMINATING = [name for name in PRECONDITIONERS if name != "none"]

@@ -119,14 +119,11 @@ class GravityWaveSolver:
     """(I - tau L)^-1 to a tolerance, by block elimination and conjugate gradients on S.
 
     With the Coriolis force in L, S is not symmetric and flexible GMRES takes over.  S is applied in
-    float64 and preconditioned in float32, whatever the run's number type.  `tolerance`: of the
-    residual of the eliminated system, relative to its right-hand side.
+    float64 and preconditioned in float32, whatever the run's number type.
     """
 
-    def __init__(self, waves: GravityWaves, tolerance: float) -> None:
-        if not 0.0 <= tolerance < 1.0:
-            raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
-        self.waves, self.tolerance, self.tau = waves, tolerance, 0.0
+    def __init__(self, waves: GravityWaves) -> None:
+        self.waves, self.tau = waves, 0.0
         model = waves.model
         self._launch, self._outer = model.launch, model.device_mesh.real
         self.operator = self._schur_operator(wp.float64, self._outer)
@@ -157,16 +154,19 @@ class GravityWaveSolver:
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
 
-    def solve(self, r: wp.array, guess: wp.array, out: wp.array) -> LinearResult:
+    def solve(
+        self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float
+    ) -> LinearResult:
         """out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
 
-        The masses of `out` are those of r, whatever the tolerance.  All are of the run's number
+        tolerance: of the residual of the eliminated system, relative to its right-hand side.  The
+        masses of `out` are those of r, whatever the tolerance.  All are of the run's number
         type.
         """
         self.operator.eliminate(r, self._b)
         self._launch(self._from_outer, self.space.n, guess, self._h)
         result: LinearResult = self._krylov.solve(
-            self.operator.apply, self._b, self._h, self._precondition, self.tolerance,
+            self.operator.apply, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
         lost = self.space.dot(self._ones, self._b) - self.space.dot(self._ones, self._h)

@@ -22,6 +22,9 @@ __all__ = ["NewtonHistory", "NewtonKrylov", "NewtonResult", "Problem"]
 
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
 ROUNDOFFS = 1e3
+# What a solve at least makes of the residual of its guess, unless that is round-off: guesses that
+# are taken as they are, step after step, would be an explicit scheme.
+LEAST_GAIN = 0.5
 
 
 class Problem(Protocol):
@@ -150,7 +153,8 @@ class NewtonKrylov:
         problem.residual(x, self._residual)
         p.evaluations = 1
         p.residuals.append(self.space.norm(self._residual))
-        p.target = max(self.rtol * (p.residuals[0] if scale is None else scale), self.atol)
+        wanted = self.rtol * (p.residuals[0] if scale is None else scale)
+        p.target = max(min(wanted, LEAST_GAIN * p.residuals[0]), self.atol)
         if not math.isfinite(p.residuals[0]):
             return p.end(Status.NOT_A_NUMBER, "the residual of the guess is not finite")
         if p.residuals[0] <= p.target:

@@ -172,7 +172,7 @@ class AdaptiveStepper(Stepper):
     def _attempt(self, t: float, dt: float) -> str | None:
         """Put the state after dt into the scheme's new state; what went wrong, if anything did."""
         self._set_solver(dt)
-        failure = self._scheme._attempt(t, dt, self._scheme._new)
+        failure = self._scheme.attempt(t, dt, self._scheme._new)
         return failure.message if failure else self._scheme._trouble()
 
     def _set_solver(self, dt: float) -> None:
@@ -183,11 +183,10 @@ class AdaptiveStepper(Stepper):
         for scheme in (self._scheme, getattr(self._scheme, "_starter", None)):
             if scheme is not None:
                 scheme.options = replace(scheme.options, tolerance=tolerance)
-                scheme._newton.rtol = tolerance
 
     def _first_guess(self) -> float:
         """A step [s] from the time the state takes to change by itself; the outer one at rest."""
-        rate = self._scheme._rate
+        rate = self._scheme.motion.rate
         if rate == 0.0:
             return self.dt
         scale = self._scheme.space.norm(self.state) / rate

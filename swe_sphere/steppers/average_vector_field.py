@@ -58,13 +58,16 @@ class AverageVectorField(ImplicitStepper):
     name, order = "average-vector-field", 2
     default_tolerance = 1e-6
 
+    @classmethod
+    def error_constant(cls) -> float:
+        """That of the midpoint rule."""
+        return 1.0 / 12.0
+
     def _allocate(self, model: Model) -> None:
         self._past = model.zeros()
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
-        self.space.copy(self._new, self._past)
+    def _begin(self, slope: wp.array) -> None:
+        self.space.copy(slope, self._past)
 
     def _make_problem(self, preconditioner: str) -> AverageProblem:
         return AverageProblem(self.model, self.space, preconditioner)

@@ -19,6 +19,11 @@ class BDF2(ImplicitStepper):
     name, order = "bdf2", 2
     default_tolerance = 1e-2
 
+    @classmethod
+    def error_constant(cls) -> float:
+        """For equal steps (Hairer, Norsett & Wanner 1993, III.2)."""
+        return 2.0 / 9.0
+
     def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._previous_dt = 0.0
@@ -63,7 +68,7 @@ class BDF2(ImplicitStepper):
     def _start_up(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
         starter = self._starter
         starter.start(self.state, t)
-        failure = starter._attempt(t, dt, out)
+        failure = starter.attempt(t, dt, out)
         for name, count in starter.counters.items():
             self.counters[name] += count
             starter.counters[name] = 0

@@ -9,6 +9,7 @@ import warp as wp
 from ..model.model import Model
 from ..newton import NewtonResult
 from .implicit import ImplicitStepper
+from .stability import error_constant
 
 
 class DiagonallyImplicit(ImplicitStepper):
@@ -28,6 +29,14 @@ class DiagonallyImplicit(ImplicitStepper):
     """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
 
+    @classmethod
+    def error_constant(cls) -> float:
+        """From the tableau."""
+        a = np.zeros((len(cls.b), len(cls.b)))
+        for i, row in enumerate(cls.a):
+            a[i, : len(row)] = row
+        return error_constant(a, np.array(cls.b), cls.order)
+
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)
         self._stack = self.space.stack(stages)
@@ -36,11 +45,9 @@ class DiagonallyImplicit(ImplicitStepper):
         self._guesses = [self._past[i] for i in range(stages)]
         self._rhs, self._attempted = model.zeros(), 0.0
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
+    def _begin(self, slope: wp.array) -> None:
         for guess in self._guesses:
-            self.space.copy(self._new, guess)
+            self.space.copy(slope, guess)
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "slopes": self._past}

@@ -12,7 +12,9 @@ from ..linear import Operator, VectorSpace
 from ..linear.preconditioners import Preconditioner, make_preconditioner
 from ..model.model import Model
 from ..newton import NewtonResult
-from .implicit import ImplicitStepper, energy_weights
+from .energy_norm import energy_weights
+from .implicit import ImplicitStepper
+from .stability import error_constant
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
@@ -134,16 +136,19 @@ class GaussLegendre(ImplicitStepper):
     name, order = "gauss-legendre", 4
     default_tolerance = 1e-4
 
+    @classmethod
+    def error_constant(cls) -> float:
+        """From the tableau."""
+        return error_constant(np.array(A), np.array(B), cls.order)
+
     def _allocate(self, model: Model) -> None:
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
+    def _begin(self, slope: wp.array) -> None:
         for i in range(len(C)):
-            self.space.copy(self._new, self._past[i])
+            self.space.copy(slope, self._past[i])
 
     def _make_problem(self, preconditioner: str) -> CoupledStages:
         return CoupledStages(self.model, self.space, preconditioner)
@@ -156,7 +161,7 @@ class GaussLegendre(ImplicitStepper):
         problem.time, problem.dt, problem.start = t, dt, self.state
         for stage, row in zip(stages, dt * np.array(A) @ _EXTRAPOLATION, strict=True):
             self.space.combine(self.state, self._past, row, stage)
-        result = self._newton_solve(dt, self._pair, dt * self._rate)
+        result = self._newton_solve(dt, self._pair, dt * self.motion.rate)
         if not result.converged:
             return result
         sources = np.array([self.model.mean_source(t + c * dt) for c in C])

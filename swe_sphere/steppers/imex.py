@@ -12,7 +12,7 @@ from ..linear.gravity_waves import GravityWaveSolver
 from ..model.model import Model
 from .base import Combiner
 from .split import TOLERANCE, SplitStepper, depth_of
-from .stability import Complex
+from .stability import Complex, error_constant
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
@@ -48,7 +48,8 @@ class ImexRungeKutta(SplitStepper):
         self._full = [stack[i] for i in range(stages)]
         self._linear = [stack[stages + i] for i in range(stages)]
         real = model.device_mesh.real
-        self._past = wp.zeros((stages, n), dtype=real, device=model.device)
+        self._slopes = wp.zeros((stages, n), dtype=real, device=model.device)
+        self._past = [self._slopes[i] for i in range(stages)]
         self._rhs, self._change, self._stage = model.zeros(), model.zeros(), model.zeros()
         self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
         self._nothing = model.zeros()
@@ -64,10 +65,13 @@ class ImexRungeKutta(SplitStepper):
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
-        self._past.zero_()
+        self.waves.linearise(self.state)
+        self.waves.apply(self.state, self._linear[0])
+        for guess in self._past:
+            wp.copy(guess, depth_of(self._linear[0], guess.size))
 
     def _remembered(self) -> dict[str, wp.array]:
-        return {"state": self.state, "slopes": self._past}
+        return {"state": self.state, "slopes": self._slopes}
 
     def _advance(self) -> None:
         self.waves.linearise(self.state)
@@ -78,7 +82,9 @@ class ImexRungeKutta(SplitStepper):
             self.space.copy(self.state, self._stage)
             self.space.axpy(1.0, self._change, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
-        self._last(self.state, self.state)
+        self._last(self.state, self._stage)
+        self.motion.accept(self.state, self._stage, self.dt)
+        self.space.copy(self._stage, self.state)
 
     def _solve_stage(self, i: int) -> None:
         """The change Y_i - x, and L Y_i."""
@@ -92,6 +98,11 @@ class ImexRungeKutta(SplitStepper):
         self.space.copy(self._change, slope)
         self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
         wp.copy(self._past[i], depth_of(slope, self._guess.size))
+
+    @classmethod
+    def error_constant(cls) -> float:
+        """That of the implicit part."""
+        return error_constant(cls._square(cls.implicit), np.array(cls.b), cls.order)
 
     @classmethod
     def _square(cls, rows: Rows) -> Array:

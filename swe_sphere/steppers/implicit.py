@@ -1,7 +1,6 @@
 """What all implicit steppers share: one nonlinear solver and what to do when it fails."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,13 +8,15 @@ import warp as wp
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..errors import ConfigError, RunFailed
+from ..errors import RunFailed
 from ..linear import FlexibleGMRES, LinearResult, VectorSpace
 from ..linear.preconditioners import make_preconditioner
 from ..model.model import Model
-from ..model.tracers import mixing_ratios
 from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
 from .base import Stepper
+from .energy_norm import energy_weights
+from .motion import Motion
+from .options import SolverOptions
 
 SMALLEST_PART = 64
 """A step that cannot be solved is halved, and halved again, down to this part of it."""
@@ -29,46 +30,9 @@ FORCING = EisenstatWalker(first=0.02)
 tolerance mostly is the last one too, with no more Krylov iterations than two rougher ones have."""
 LINEAR = EisenstatWalker(first=1e-15)
 """For linear equations: to where Newton is to get, at once."""
-TRACER_SHARE = 0.1
-"""About the Froude number of the flows here: with it the change of a tracer that the wind carries
-along weighs as much as the change of the wind, and does not drown it."""
 WORTHLESS = 3.0
 """Residuals below so many round-offs of the state are not worth an iteration.  With ten they add
 up: 15 days of williamson2 (tr-bdf2, 1 h) in float32 end three times further from float64."""
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """How stage equations are solved.
-
-    `tolerance`: of the residual, relative to the change of the state over the last step.
-    `preconditioner`: a name of `PRECONDITIONERS`.  Raises ConfigError for a tolerance out of range.
-    """
-
-    tolerance: float
-    preconditioner: str = "helmholtz"
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.tolerance < 1.0:
-            raise ConfigError(f"the solver tolerance must be in [0, 1), not {self.tolerance}")
-
-
-def energy_weights(model: Model) -> NDArray[np.float64]:
-    """Weights (n,) of the energy inner product: area, times g/H for depth, over the whole area.
-
-    With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
-    The mass hq of a tracer counts as depth does, over the largest q of the start, and under a wind
-    that is stepped by `TRACER_SHARE` of that.
-    """
-    share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
-    ratios = mixing_ratios(model.scene, model.mesh).values()
-    largest = [float(np.abs(q).max()) or 1.0 for q in ratios]
-    if model.scene.wind is not None:
-        return np.concatenate([share, *(share / q**2 for q in largest)])
-    _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
-    heights = share * model.scene.planet.gravity / float(np.average(depth, weights=share))
-    tracers = (heights * (TRACER_SHARE / q) ** 2 for q in largest)
-    return np.concatenate([share, share, heights, *tracers])
 
 
 Failure = NewtonResult | LinearResult
@@ -107,7 +71,8 @@ class ImplicitStepper(Stepper):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
     default_tolerance: ClassVar[float] = 1e-3
-    """Where the error of the solver is well below that of the scheme (docs/steppers.md)."""
+    """For steps that do not resolve the motion: where the error of the solver is well below that of
+    the scheme (docs/steppers.md)."""
 
     def __init__(
         self,
@@ -121,13 +86,13 @@ class ImplicitStepper(Stepper):
         self._blas = threadpool_limits(limits=1, user_api="blas")
         chosen = self.default_tolerance if tolerance is None else tolerance
         self.options = SolverOptions(chosen, preconditioner)
+        self.tolerance = chosen
         self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
         self._newton = NewtonKrylov(
             space,
             _gmres(space),
-            rtol=chosen,
             max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
             forcing=LINEAR if model.scene.linear else FORCING,
@@ -135,7 +100,7 @@ class ImplicitStepper(Stepper):
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
-        self._new, self._rate = model.zeros(), 0.0
+        self._new, self.motion = model.zeros(), Motion(self.space)
         self._units = self._unit_masses()
         waves = model.scene.effect("pressure-gradient") is not None
         self._needs_depth = waves and not model.scene.linear
@@ -149,8 +114,10 @@ class ImplicitStepper(Stepper):
         super().start(state, t)
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore({})
-        self.model.tendency(self.state, t, self._new)
-        self._rate = self.space.norm(self._new)
+        self._begin(self.motion.start(self.model, self.state, t, self.dt))
+
+    def _begin(self, slope: wp.array) -> None:
+        """Make the first guesses from the slope at the start."""
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
@@ -172,12 +139,12 @@ class ImplicitStepper(Stepper):
         """Copies of all that a bitwise exact restart needs, a set-up in use included."""
         made = self.problem.preconditioner
         in_use = {} if made is None else made.memory()
-        return super().memory() | {"rate": np.array(self._rate)} | in_use
+        return super().memory() | self.motion.state_dict() | in_use
 
     def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
         """Go on from what `memory` returned after that many steps."""
         super().restore(memory, steps)
-        self._rate = float(memory["rate"])
+        self.motion.restore(memory)
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore(memory)
 
@@ -189,6 +156,20 @@ class ImplicitStepper(Stepper):
         """What Newton solves, with its `space` and its `preconditioner`."""
         return StageProblem(self.model, self.space, preconditioner)
 
+    @classmethod
+    @abstractmethod
+    def error_constant(cls) -> float:
+        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
+
+    def attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
+        """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
+
+        Returns the result of the solve that failed, if one did; nothing has changed then.
+        """
+        truncation = self.motion.truncation(self.error_constant(), self.order, dt)
+        self.tolerance = min(self.options.tolerance, truncation)
+        return self._attempt(t, dt, out)
+
     @abstractmethod
     def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
         """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
@@ -198,8 +179,7 @@ class ImplicitStepper(Stepper):
 
     def _accept(self, dt: float, new: wp.array) -> None:
         """Make the new state the present one, and remember how fast it moved."""
-        self.space.axpy(-1.0, new, self.state)
-        self._rate = self.space.norm(self.state) / dt
+        self.motion.accept(self.state, new, dt)
         self.space.copy(new, self.state)
 
     def _advance(self) -> None:
@@ -207,7 +187,7 @@ class ImplicitStepper(Stepper):
         done, parts = 0, 1
         while done < parts:
             dt = self.dt / parts
-            failure = self._attempt(self.time + done * dt, dt, self._new)
+            failure = self.attempt(self.time + done * dt, dt, self._new)
             trouble = failure.message if failure else self._trouble()
             if trouble is None:
                 self._accept(dt, self._new)
@@ -235,14 +215,14 @@ class ImplicitStepper(Stepper):
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
         """Solve x - tau F(x, t) = rhs from the guess x."""
         self.problem.tau, self.problem.time, self.problem.rhs = tau, t, rhs
-        result = self._newton_solve(tau, x, tau * self._rate)
+        result = self._newton_solve(tau, x, tau * self.motion.rate)
         self._restore_mass(rhs, x, self._mass_gain(tau, t))
         return result
 
     def _newton_solve(self, tau: float, x: wp.array, scale: float) -> NewtonResult:
         """Solve the problem as it is set from the guess x; the tolerance is relative to `scale`."""
         self._prepare(tau)
-        self._newton.atol = self._worthless()
+        self._newton.rtol, self._newton.atol = self.tolerance, self._worthless()
         result = self._newton.solve(self.problem, x, scale=scale)
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations

@@ -145,7 +145,7 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
 
 def _relative_rate(scheme: ImplicitStepper) -> float:
     """Rate of the last step [s-1], over the norm of the state."""
-    return scheme._rate / scheme.space.norm(scheme.state)
+    return scheme.motion.rate / scheme.space.norm(scheme.state)
 
 
 def _has_energy(scene: Scene) -> bool:

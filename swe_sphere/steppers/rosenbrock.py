@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from ..linear import LinearResult
 from ..model.model import Model
 from .implicit import ImplicitStepper
+from .stability import error_constant
 
 Array = NDArray[np.float64]
 FRACTION = 1e-3
@@ -39,6 +40,12 @@ class RosenbrockW(ImplicitStepper):
     b = (0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900)
     embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
 
+    @classmethod
+    def error_constant(cls) -> float:
+        """From the tableau."""
+        a = np.array(cls.alpha) + np.array(cls.lower) + cls.gamma * np.eye(len(cls.b))
+        return error_constant(a, np.array(cls.b), cls.order)
+
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)
         self._stack, self._past = self.space.stack(stages), self.space.stack(stages)
@@ -52,12 +59,10 @@ class RosenbrockW(ImplicitStepper):
         self._inner, self._coupling = np.array(self.alpha) @ inverse, -np.tril(inverse, -1)
         self._b, self._b_embedded = np.array(self.b) @ inverse, np.array(self.embedded) @ inverse
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
-        self.space.clear(self._new)
-        for guess in self._guesses:
-            self.space.copy(self._new, guess)
+    def _begin(self, slope: wp.array) -> None:
+        for guess, part in zip(self._guesses, self._gammas, strict=True):
+            self.space.copy(slope, guess)
+            self.space.scale(float(part), guess)
 
     def error_estimate(self) -> float | None:
         """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
@@ -79,7 +84,7 @@ class RosenbrockW(ImplicitStepper):
             # before the tangent, for which the wind has to be that of the start
             self._right_hand_side(i, t, dt)
             self.model.linearise(self.state, t)
-            result = self._solve_stage(i, tau)
+            result = self._solve_stage(i, tau, dt)
             if not result.converged:
                 return result
         self.space.combine(self.state, self._stack, self._b, out)
@@ -95,11 +100,12 @@ class RosenbrockW(ImplicitStepper):
         if self._has_drift:
             space.axpy(tau * self._gammas[i] * dt, self._drift, self._rhs)
 
-    def _solve_stage(self, i: int, tau: float) -> LinearResult:
+    def _solve_stage(self, i: int, tau: float, dt: float) -> LinearResult:
         """(I - tau J) u_i = right-hand side; u_i has its mass, which J does not move."""
         u = self._solutions[i]
         self.space.copy(self._guesses[i], u)
-        goal = max(self.options.tolerance * tau * self._rate, self._worthless())
+        self.space.scale(dt, u)
+        goal = max(self.tolerance * tau * self.motion.rate, self._worthless())
         result = self._newton.gmres.solve(
             self.problem.jacobian,
             self._rhs,
@@ -124,4 +130,6 @@ class RosenbrockW(ImplicitStepper):
 
     def _accept(self, dt: float, new: wp.array) -> None:
         super()._accept(dt, new)
-        self.space.copy(self._stack, self._past)
+        for solution, guess in zip(self._solutions, self._guesses, strict=True):
+            self.space.copy(solution, guess)
+            self.space.scale(1.0 / dt, guess)

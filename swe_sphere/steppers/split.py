@@ -1,10 +1,11 @@
 """What all steppers share that treat linear gravity waves implicitly and the rest explicitly."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..errors import RunFailed
@@ -13,6 +14,9 @@ from ..linear.gravity_waves import GravityWaves, GravityWaveSolver
 from ..model.model import Model
 from ..model.spectrum import Spectrum
 from .base import Stepper
+from .energy_norm import energy_weights
+from .motion import Motion
+from .options import SolverOptions
 from .stability import Complex, largest_step
 
 TOLERANCE = 1e-3
@@ -26,7 +30,9 @@ class SplitStepper(Stepper):
 
     The step is limited by the wind, which in williamson5 doubles in a few days.
 
-    `tolerance`: of the solves, relative to the change of the eliminated state that is solved for.
+    `tolerance`: of the solves at most, relative to the change of the eliminated state that is
+    solved for; they are as exact as the estimated truncation error of a step where that is smaller
+    (see `Motion`).
     `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the
     same model, to share; it brings both options.  Raises ConfigError for options out of range and
     for a scene without gravity waves.
@@ -49,10 +55,11 @@ class SplitStepper(Stepper):
         super().__init__(model, dt)
         # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
         self._blas = threadpool_limits(limits=1, user_api="blas")
-        self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis), tolerance)
+        self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis))
         self.waves = self.solver.waves
-        weights = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
-        self.space = VectorSpace(weights, model.device, model.device_mesh.real)
+        self.options = SolverOptions(tolerance)
+        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
+        self.motion = Motion(self.space)
         self.counters = {"krylov_iterations": 0}
 
     def _solve(self, tau: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
@@ -61,13 +68,33 @@ class SplitStepper(Stepper):
         Raises RunFailed where that does not converge.
         """
         self.solver.setup(tau)
-        result = self.solver.solve(r, guess, out)
+        truncation = self.motion.truncation(self.error_constant(), self.order, self.dt)
+        result = self.solver.solve(r, guess, out, min(self.options.tolerance, truncation))
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise RunFailed(
                 f"{self.name}: the gravity waves at {self.time:.0f} s cannot be solved for: "
                 f"{result.message}; choose a smaller --dt"
             )
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self.motion.start(self.model, self.state, t, self.dt)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs."""
+        return super().memory() | self.motion.state_dict()
+
+    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps."""
+        super().restore(memory, steps)
+        self.motion.restore(memory)
+
+    @classmethod
+    @abstractmethod
+    def error_constant(cls) -> float:
+        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
 
     def costs(self) -> dict[str, float]:
         """Counts of the solver, and seconds of its set-up."""

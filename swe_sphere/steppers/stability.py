@@ -1,5 +1,6 @@
 """Largest stable steps from amplification factors."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -32,6 +33,12 @@ def largest_step(
         stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + TOLERANCE
         low, high = (middle, high) if stable else (low, middle)
     return low
+
+
+def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:
+    """|b^T A^p 1 - 1/(p+1)!|, by which R(z) of a method of order p differs from e^z at z^(p+1)."""
+    power = np.linalg.matrix_power(a, order).sum(axis=1)
+    return float(abs(b @ power - 1.0 / math.factorial(order + 1)))
 
 
 def runge_kutta_growth(
