@@ -4,9 +4,8 @@ import numpy as np
 import warp as wp
 
 from ..model.model import Model
-from ..newton import NewtonResult
 from .dirk import TRBDF2
-from .implicit import ImplicitStepper
+from .implicit import Failure, ImplicitStepper
 
 
 class BDF2(ImplicitStepper):
@@ -48,7 +47,7 @@ class BDF2(ImplicitStepper):
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
         if self._previous_dt == 0.0:
             return self._start_up(t, dt, out)
         w = dt / self._previous_dt
@@ -65,7 +64,7 @@ class BDF2(ImplicitStepper):
         self._previous_dt = dt
         super()._accept(dt, new)
 
-    def _start_up(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
         starter = self._starter
         starter.start(self.state, t)
         failure = starter.attempt(t, dt, out)
