@@ -22,7 +22,7 @@ class OrthonormalBasis:
 
     def __init__(self, space: VectorSpace, size: int) -> None:
         self.space = space
-        self.stack = space.stack(size)
+        self.stack = space.room(size)
         self.rows = [self.stack[k] for k in range(size)]
         # bound of |I - V' V|, and how far it may grow: semi-orthogonality is as good as the full
         # one for what is read off the projections (Simon 1984, doi:10.1016/0024-3795(84)90025-9)

@@ -45,7 +45,8 @@ class _End(Enum):
 class FlexibleGMRES:
     """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
 
-    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on.
+    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
+    only as many of each as the longest cycle so far has had.
     """
 
     def __init__(self, space: VectorSpace, size: int = 30) -> None:
@@ -177,7 +178,7 @@ class FlexibleGMRES:
     def _image_row(self, k: int) -> wp.array:
         """Where M v_k is kept: a flexible method cannot find it again."""
         if self._images is None:
-            self._images = self.space.stack(self.size)
+            self._images = self.space.room(self.size)
             self._image_rows = [self._images[i] for i in range(self.size)]
         return self._image_rows[k]
 

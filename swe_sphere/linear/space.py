@@ -56,6 +56,14 @@ class VectorSpace:
         """A new stack (rows, n) of zeros."""
         return wp.zeros((rows, self.n), dtype=self.real, device=self.device)
 
+    def room(self, rows: int) -> wp.array:
+        """A new stack (rows, n) of whatever was there.
+
+        In the memory of a CPU a row takes its place only when it is first written to: room for many
+        costs nothing until they are needed.
+        """
+        return wp.empty((rows, self.n), dtype=self.real, device=self.device)
+
     def copy(self, source: wp.array, target: wp.array) -> None:
         """target = source."""
         self._do.copy(source, target)

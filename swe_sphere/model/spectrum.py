@@ -33,7 +33,9 @@ def estimate_spectrum(
     [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).
     """
     wave = _radius(model, state, waves)
-    return Spectrum(wave, 0.0 if dissipation is None else _radius(model, state, dissipation))
+    damping = 0.0 if dissipation is None else _radius(model, state, dissipation)
+    model.launch.forget()
+    return Spectrum(wave, damping)
 
 
 def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
@@ -63,15 +65,21 @@ def _scaled_product(
     base = state.numpy()[: model.fluid_size].astype(np.float64)
     scale = _units(model, base)
     size = np.abs(base / scale).max() or 1.0
-    plus, minus = (model.device_mesh.upload(np.zeros(base.size)) for _ in range(2))
+    real = model.device_mesh.real
+    moved, plus, minus = (wp.zeros(base.size, dtype=real, device=model.device) for _ in range(3))
+    room = np.empty(base.size)
 
     def product(direction: NDArray[np.float64]) -> NDArray[np.float64]:
         d = direction.ravel()
-        step = size / max(np.abs(d).max(), np.finfo(float).tiny)
+        step = size / max(d.max(), -d.min(), np.finfo(float).tiny)
         for sign, out in ((1.0, plus), (-1.0, minus)):
-            operator(model.device_mesh.upload(base + sign * step * d * scale), out)
-        difference: NDArray[np.float64] = plus.numpy().astype(np.float64) - minus.numpy()
-        difference /= 2.0 * step * scale
+            np.multiply(d, sign * step, out=room)
+            np.multiply(room, scale, out=room)
+            moved.assign(np.add(base, room, out=room))
+            operator(moved, out)  # on one array: launches keep all those they are recorded with
+        difference: NDArray[np.float64] = plus.numpy().astype(np.float64)
+        difference -= minus.numpy()
+        difference /= np.multiply(scale, 2.0 * step, out=room)
         return difference
 
     return product

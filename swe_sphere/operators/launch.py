@@ -40,11 +40,15 @@ class Launcher:
         command = self._record(kernel, dim, arguments, key) if known is None else known[0]
         command.launch()
 
+    def forget(self) -> None:
+        """Let go of all recorded commands, and of the arrays that only they still hold."""
+        self._commands.clear()
+
     def _record(
         self, kernel: Any, dim: int | tuple[int, ...], arguments: Any, key: tuple[object, ...]
     ) -> Any:
         if len(self._commands) >= REMEMBERED:
-            self._commands.clear()
+            self.forget()
         command = wp.launch(
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True
         )

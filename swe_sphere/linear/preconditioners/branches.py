@@ -15,9 +15,10 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from ...mesh import Mesh
+from ...operators.sparse import ElementSpace
 
 Array = NDArray[np.float64]
-Int = NDArray[np.int64]
+Int = NDArray[np.integer]
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
 
@@ -25,8 +26,6 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
     """Interpolations (N, V) from V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
 
-    Elements of more than four nodes an edge are split for the smooth waves, at about every third
-    node: one hat an element would leave too much to the smoother.
     The two directions are paired across element boundaries around each vertex.  At the eight cube
     corners, where three elements meet, they cannot be told apart: there the third space takes both
     and the fourth has no function (V - 8 columns).
@@ -40,18 +39,22 @@ def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
     other = np.where(turned[:, None, :], first, second)
     corner = np.bincount(vertices.ravel())[vertices] == 3
     one = np.where(corner[:, None, :], 0.5 * (first + second), one)
-    renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3) - 1
+    renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3, dtype=np.int32) - 1
     fewer = np.where(corner, -1, renumbered[vertices])
+    smooth = smooth_functions(mesh)
     return [
-        _smooth_space(mesh),
+        _interpolation(mesh, smooth.values, smooth.numbers),
         _interpolation(mesh, _products(pattern, pattern), vertices),
         _interpolation(mesh, one, vertices),
         _interpolation(mesh, other, fewer),
     ]
 
 
-def _smooth_space(mesh: Mesh) -> sp.csr_matrix:
-    """Bilinear hats on the cells between about every third GLL node."""
+def smooth_functions(mesh: Mesh) -> ElementSpace:
+    """Bilinear hats for the smooth waves on the cells between about every third GLL node.
+
+    One hat an element would leave too much to the smoother where an edge has more than four nodes.
+    """
     cells = -(-(mesh.np - 1) // 3)
     targets = np.linspace(-1.0, 1.0, cells + 1)
     kept = np.abs(mesh.gll_points[:, None] - targets).argmin(axis=0)
@@ -62,14 +65,14 @@ def _smooth_space(mesh: Mesh) -> sp.csr_matrix:
     values = np.einsum("pi,qj->ijpq", hats, hats).reshape(mesh.np**2, -1)
     corners = mesh.nodes[:, kept][:, :, kept].reshape(mesh.elements, -1)
     _, number = np.unique(corners, return_inverse=True)
-    return _interpolation(mesh, values, number.reshape(corners.shape))
+    return ElementSpace(values, number.reshape(corners.shape).astype(np.int32))
 
 
 def _vertex_numbers(mesh: Mesh) -> Int:
     """(E, 4) vertex number of each element's corners, in the order of CORNERS."""
     ends = np.array(CORNERS) * (mesh.np - 1)
     _, number = np.unique(mesh.nodes[:, ends[:, 0], ends[:, 1]], return_inverse=True)
-    return number.reshape(mesh.elements, 4)
+    return number.reshape(mesh.elements, 4).astype(np.int32)
 
 
 def _products(along_1: Array, along_2: Array) -> Array:
@@ -110,4 +113,5 @@ def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
     used = (where >= 0) & (values != 0.0)
     size = (mesh.size, int(columns.max()) + 1)
     total = sp.coo_array((values[used], (rows[used], where[used])), size).tocsr()
-    return (sp.diags_array(1.0 / np.diff(mesh.gather_offsets)) @ total).tocsr()
+    total.data *= np.repeat(1.0 / np.diff(mesh.gather_offsets), np.diff(total.indptr))
+    return total

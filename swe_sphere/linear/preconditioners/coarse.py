@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ...operators import sparse
-from .branches import branch_spaces
+from .branches import branch_spaces, smooth_functions
 from .chebyshev import chebyshev_coefficients, spectral_bound
 from .schur_matrix import SchurMatrix
 
@@ -28,22 +28,23 @@ class CoarseCorrection:
     """
 
     def __init__(self, schur: SchurMatrix) -> None:
-        self._schur = schur
-        self._smooth, *spurious = branch_spaces(schur.mesh)
+        self._schur, self._hats = schur, smooth_functions(schur.mesh)
+        spaces, area = branch_spaces(schur.mesh), sp.diags_array(schur.mesh.area)
+        parts = [space.astype(np.float32) for space in spaces]
+        self._prolongation = sp.hstack(parts, format="csr")
+        parts = [(space.T @ area).tocsr().astype(np.float32) for space in spaces]
+        self._restriction = sp.vstack(parts, format="csr")
+        smooth, *spurious = spaces
+        self._mass = (smooth.T @ (area @ smooth)).tocsr()
         self._branches = [(space, (schur.gradient @ space).tocsr()) for space in spurious]
-        area = sp.diags_array(schur.mesh.area)
-        together = sp.hstack([self._smooth, *spurious], format="csr")
-        self._prolongation = together.astype(np.float32)
-        self._restriction = (together.T @ area).tocsr().astype(np.float32)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
         from scipy.sparse.linalg import splu
 
-        schur, smooth = self._schur, self._smooth
-        compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth))
-        area = sp.diags_array(schur.mesh.area)
-        matrix = smooth.T @ ((area + tau**2 * schur.gravity * compact) @ smooth)
+        schur = self._schur
+        compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
+        matrix = self._mass + tau**2 * schur.gravity * compact
         self._direct = splu(
             matrix.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -57,7 +58,7 @@ class CoarseCorrection:
     def solve(self, b: Float32) -> Float32:
         """The correction (N,) for the residual b (N,)."""
         coarse = self._restriction @ b
-        split = self._smooth.shape[1]
+        split = self._mass.shape[0]
         coarse[:split] = self._direct.solve(coarse[:split])
         coarse[split:] = self._sweep(coarse[split:])
         correction: Float32 = self._prolongation @ coarse

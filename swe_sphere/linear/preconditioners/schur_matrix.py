@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class SchurMatrix:
-    """S = I - tau^2 g D H T G on a mesh; G and D are built once."""
+    """S = I - tau^2 g D H T G on a mesh; G is built once, and D is minus its adjoint."""
 
     def __init__(self, mesh: Mesh, gravity: float, coriolis: Array) -> None:
         self.mesh, self.gravity, self.coriolis = mesh, gravity, coriolis
@@ -24,15 +24,10 @@ class SchurMatrix:
         """G (2N, N) [m-1]."""
         return sparse.gradient(self.mesh)
 
-    @functools.cached_property
-    def divergence(self) -> sp.csr_matrix:
-        """D (N, 2N) [m-1]."""
-        return sparse.divergence(self.mesh)
-
-    @functools.cached_property
-    def _squares(self) -> sp.csr_matrix:
-        """(N, 2N) products D_nk G_kn, whose row sums are the diagonal of D G."""
-        return self.divergence.multiply(self.gradient.T.tocsr()).tocsr()
+    def divergence(self, wind: Array) -> Array:
+        """D (N,) [s-1] of a wind (2N,) [m s-1]."""
+        fluxes: Array = self.gradient.T @ (np.tile(self.mesh.area, 2) * wind)
+        return -fluxes / self.mesh.area
 
     def weight(self, tau: float, depth: Array) -> Array:
         """H/(1 + tau^2 f^2) (N,) [m]: the symmetric part of H T."""
@@ -40,8 +35,10 @@ class SchurMatrix:
 
     def diagonal(self, tau: float, depth: Array) -> Array:
         """Diagonal of S (N,)."""
-        rates: Array = self._squares @ np.tile(self.weight(tau, depth), 2)
-        return 1.0 - tau**2 * self.gravity * rates
+        slopes, area = self.gradient, self.mesh.area
+        squares = sp.csr_array((slopes.data**2, slopes.indices, slopes.indptr), slopes.shape)
+        rates: Array = squares.T @ np.tile(area * self.weight(tau, depth), 2) / area
+        return 1.0 + tau**2 * self.gravity * rates
 
     def matrix(self, tau: float, depth: Array) -> sp.csr_matrix:
         """S (N, N)."""
@@ -49,7 +46,7 @@ class SchurMatrix:
         same = sp.diags_array(depth / (1.0 + angle**2))
         cross = sp.diags_array(depth * angle / (1.0 + angle**2))
         turn = sp.block_array([[same, cross], [-cross, same]], format="csr")
-        product = self.divergence @ (turn @ self.gradient)
+        product = sparse.divergence(self.mesh) @ (turn @ self.gradient)
         return (sp.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
@@ -67,7 +64,7 @@ class SchurMatrix:
         inverse, factor = 1.0 / self.diagonal(tau, depth), tau**2 * self.gravity
 
         def product(x: Array) -> Array:
-            waves: Array = self.divergence @ (weight * (self.gradient @ x))
+            waves = self.divergence(weight * (self.gradient @ x))
             return inverse * (x - factor * waves)
 
         return spectral_bound(product, self.mesh.size)
