@@ -172,7 +172,8 @@ def test_galerkin_is_the_symmetric_part() -> None:
     basis = sp.csr_array(rough(n * 12, 9).reshape(n, 12))
     expected = basis.T @ (0.5 * (weighted + weighted.T)) @ basis
     assert np.abs(weighted - weighted.T).max() > 1e-3 * np.abs(weighted).max()
-    ours = host.galerkin(basis, (host.gradient @ basis).tocsr(), TAU, depth)
+    mass = basis.T @ sp.diags_array(host.mesh.area) @ basis
+    ours = host.galerkin(mass, (host.gradient @ basis).tocsr(), TAU, depth)
     assert relative(ours.toarray(), expected) < 1e-12
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.model.settings import apply_settings
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.memory import check_memory
 from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from swe_sphere.model.model import Model
 
 __all__ = ["identity", "make_mesh", "make_model", "make_scene"]
-
-NODE_BYTES = 300
-"""Memory of a run for each node of each element, measured with rk4 in float64."""
 
 
 def make_scene(config: RunConfig) -> Scene:
@@ -39,7 +36,7 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
     """The mesh; ConfigError for a number out of range, or a mesh that memory cannot hold."""
     ne = scene.ne if config.ne is None else config.ne
     np = scene.np if config.np is None else config.np
-    _check_memory(ne, np)
+    check_memory(config, scene, ne, np)
     return build_mesh(
         ne,
         np,
@@ -75,20 +72,6 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
     }
-
-
-def _check_memory(ne: int, np: int) -> None:
-    """Refuse what would otherwise be killed by the system without a word."""
-    try:
-        installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # not on this system
-        return
-    needed = NODE_BYTES * 6 * (ne * np) ** 2
-    if needed > installed:
-        raise ConfigError(
-            f"ne={ne} with np={np} needs about {needed / 2**30:.3g} GiB of memory, this machine"
-            f" has {installed / 2**30:.3g}: take a smaller ne"
-        )
 
 
 def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:

@@ -34,9 +34,9 @@ class CoarseCorrection:
         self._prolongation = sp.hstack(parts, format="csr")
         parts = [(space.T @ area).tocsr().astype(np.float32) for space in spaces]
         self._restriction = sp.vstack(parts, format="csr")
-        smooth, *spurious = spaces
-        self._mass = (smooth.T @ (area @ smooth)).tocsr()
-        self._branches = [(space, (schur.gradient @ space).tocsr()) for space in spurious]
+        self._mass, *masses = [(space.T @ (area @ space)).tocsr() for space in spaces]
+        slopes = [(schur.gradient @ space).tocsr() for space in spaces[1:]]
+        self._branches = list(zip(masses, slopes, strict=True))
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -49,7 +49,7 @@ class CoarseCorrection:
             matrix.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
-        blocks = [schur.galerkin(space, slopes, tau, depth) for space, slopes in self._branches]
+        blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._branches]
         self._spurious = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
         self._inverse = (1.0 / self._spurious.diagonal()).astype(np.float32)
         largest = spectral_bound(lambda x: self._inverse * (self._spurious @ x), self._inverse.size)

@@ -50,12 +50,14 @@ class SchurMatrix:
         return (sp.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
-        self, basis: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array
+        self, mass: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array
     ) -> sp.csr_matrix:
-        """basis^T M S basis of the symmetric part of S, with slopes = G basis and M the areas."""
-        area, weight = self.mesh.area, self.weight(tau, depth)
-        mass = basis.T @ (sp.diags_array(area) @ basis)
-        stiffness = slopes.T @ (sp.diags_array(np.tile(area * weight, 2)) @ slopes)
+        """B^T M S B of the symmetric part of S for a basis B, with M the areas.
+
+        mass = B^T M B and slopes = G B.
+        """
+        weight = self.mesh.area * self.weight(tau, depth)
+        stiffness = slopes.T @ (sp.diags_array(np.tile(weight, 2)) @ slopes)
         return (mass + tau**2 * self.gravity * stiffness).tocsr()
 
     def largest_eigenvalue(self, tau: float, depth: Array) -> float:

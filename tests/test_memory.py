@@ -1,0 +1,79 @@
+"""What a run takes of memory, and the guard that tells it beforehand."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.linear import VectorSpace
+from swe_sphere.model.model import Model
+from swe_sphere.simulation import make_config, make_scene, memory
+from swe_sphere.simulation.memory import PROGRAM, VECTORS, check_memory, needed_memory
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+
+MEASURE = """
+import json, sys
+from swe_sphere.experiment import run
+from swe_sphere.simulation import make_config
+from swe_sphere.sweep.memory import begin_peak, peak_memory
+given = json.loads(sys.argv[1])
+run(make_config(given | {"ne": 2}))
+if not begin_peak():
+    sys.exit(3)
+before = peak_memory()
+run(make_config(given))
+print(peak_memory() - before)
+"""
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "semi-implicit", "tr-bdf2"])
+def test_estimate_is_what_a_run_takes(stepper: str) -> None:
+    given = {"scene": "williamson5", "stepper": stepper, "ne": 30, "np": 4, "days": 0.01}
+    command = [sys.executable, "-c", MEASURE, json.dumps(given)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 3:
+        pytest.skip("this system does not tell the peak of a run")
+    measured, config = float(done.stdout), make_config(given)
+    estimate = needed_memory(config, make_scene(config), 30, 4) - PROGRAM
+    assert 0.9 * measured < estimate < 1.4 * measured
+
+
+def test_every_stepper_has_an_estimate() -> None:
+    assert VECTORS.keys() == STEPPERS.keys()
+
+
+def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:
+    monkeypatch.setattr(memory, "available_memory", lambda: 2.0 * 2**30)
+    config = make_config({"scene": "williamson5", "stepper": "fully-implicit"})
+    scene = make_scene(config)
+    check_memory(config, scene, 30, 4)
+    with pytest.raises(ConfigError, match=r"about 2\.\d+ GiB of memory, and 2 GiB are free"):
+        check_memory(config, scene, 120, 4)
+
+
+def test_room_for_a_basis_takes_memory_only_row_by_row() -> None:
+    space = VectorSpace(np.ones(1_000_000))
+    before = resident()
+    rows = space.room(50)
+    assert resident() - before < 20e6
+    rows[0].zero_()
+    assert rows.shape == (50, space.n)
+
+
+def resident() -> float:
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(1024.0 * float(ln.split()[1]) for ln in lines if ln.startswith("VmRSS"))
+    except OSError:
+        pytest.skip("this system does not tell the memory in use")
+
+
+def test_spectrum_keeps_no_vectors_alive(small_mesh) -> None:
+    model = Model(small_mesh, get_scene("williamson5"))
+    model.spectrum(model.initial_state())
+    assert not model.launch._commands
