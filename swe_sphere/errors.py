@@ -1,5 +1,7 @@
 """What can go wrong in a way the user can mend: one line each, no traceback."""
 
+import reprlib
+
 
 class SweError(Exception):
     """An error whose message is one clear line saying what to change."""
@@ -25,3 +27,23 @@ class Unstable(RunFailed):
 
 class TimedOut(RunFailed):
     """The time that the user gave the run is used up; its state is sound."""
+
+
+class _Short(reprlib.Repr):
+    """Of long values the beginning and the end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = self.maxlong = 60
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Also of whole numbers that Python itself refuses to write out."""
+        try:
+            return super().repr_int(x, level)
+        except ValueError:
+            return "a number of thousands of digits"
+
+
+def shown(value: object) -> str:
+    """The value as an error message shows it: in Python's notation, shortened where it is long."""
+    return _Short().repr(value)

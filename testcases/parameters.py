@@ -13,7 +13,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.model.scene import Parameter, Scene
 
 __all__ = ["SceneFactory", "checked"]
@@ -73,20 +73,26 @@ def _switch(label: str, value: Parameter) -> bool:
 
 
 def _whole(label: str, value: Parameter) -> int:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not number.is_integer():
-        raise ConfigError(f"{label} must be a whole number, not {value!r}")
+    number = _float(value)
+    if number is None or not number.is_integer():
+        raise ConfigError(f"{label} must be a whole number, not {shown(value)}")
     return int(number)
 
 
 def _number(label: str, value: Parameter) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ConfigError(f"{label} must be a number, not {value!r}") from None
+    number = _float(value)
+    if number is None:
+        raise ConfigError(f"{label} must be a number, not {shown(value)}")
     if not math.isfinite(number):
-        raise ConfigError(f"{label} must be finite, not {value}")
+        raise ConfigError(f"{label} must be finite, not {number}")
     return number
+
+
+def _float(value: Parameter) -> float | None:
+    """The number, infinite where it is too large; None for a switch and for other words."""
+    try:
+        return None if isinstance(value, bool) else float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError):
+        return None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.guarded import guarded
 from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.testcases.parameters import SceneFactory, checked
 
@@ -25,10 +26,7 @@ def load(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
     if spec is None or spec.loader is None:
         raise ConfigError(f"{path} cannot be read as a Python file")
     module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise ConfigError(f"{path} fails: {type(error).__name__}: {error}") from error
+    guarded(str(path), spec.loader.exec_module, module)
     factory = getattr(module, "scene", None)
     if not callable(factory):
         raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
@@ -36,13 +34,8 @@ def load(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
 
 
 def _made_by(path: Path, factory: SceneFactory, parameters: Mapping[str, Parameter]) -> Scene:
-    given = checked(str(path), factory, parameters)
-    try:
-        scene = factory(**given)
-    except ConfigError:
-        raise
-    except Exception as error:
-        raise ConfigError(f"scene() of {path} fails: {type(error).__name__}: {error}") from error
+    given = guarded(f"scene() of {path}", checked, str(path), factory, parameters)
+    scene = guarded(f"scene() of {path}", factory, **given)
     if not isinstance(scene, Scene):
         raise ConfigError(f"scene() of {path} must return a Scene, not {type(scene).__name__}")
     return scene

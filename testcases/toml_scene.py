@@ -16,7 +16,6 @@ rotation = false                        # off; then the exact solution no longer
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,16 +23,18 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.model.settings import apply_settings
+from swe_sphere.toml_file import read_toml
 
 __all__ = ["load"]
 
 DEPTH = 8
 """So many files may build on each other; more are taken for a circle."""
 
-Value = bool | int | float | str
+Integer = Annotated[int, Field(ge=-(2**63), lt=2**63)]
+Value = bool | Integer | float | str
 Positive = Annotated[float, Field(gt=0.0)]
 Whole = Annotated[int, Field(gt=0)]
 
@@ -76,14 +77,10 @@ def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sce
 
 def _checked(path: Path) -> _File:
     """What the file says."""
+    if not path.is_file():
+        raise ConfigError(f"there is no scene file {path}")
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"there is no scene file {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from None
-    try:
-        return _File.model_validate(table)
+        return _File.model_validate(read_toml(path))
     except ValidationError as error:
         raise ConfigError(f"{path}: {_complaint(error)}") from None
 
@@ -91,14 +88,14 @@ def _checked(path: Path) -> _File:
 def _complaint(error: ValidationError) -> str:
     """The first of the complaints, in a line."""
     first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"][:2])
+    key, given = ".".join(str(part) for part in first["loc"][:2]), shown(first["input"])
     if first["type"] == "extra_forbidden":
         return f"there is no {key!r} in a scene; there are {', '.join(_File.model_fields)}"
     if first["type"] == "missing":
         return f'say which scene it changes: {key} = "williamson5"'
     if first["loc"][0] == "effects" and len(first["loc"]) > 1:
-        return f"{key} must be false or a table of parameters, not {first['input']!r}"
-    return f"{key}: {first['msg'].replace('Input should', 'must')}, not {first['input']!r}"
+        return f"{key} must be false or a table of parameters, not {given}"
+    return f"{key}: {first['msg'].replace('Input should', 'must')}, not {given}"
 
 
 def _base(path: Path, base: str, given: Mapping[str, Parameter], depth: int) -> Scene:

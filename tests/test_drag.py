@@ -204,7 +204,7 @@ def test_user_switches_drag_and_relaxation_on_and_off() -> None:
     assert apply_settings(slow, ["drag.linear=0", "relaxation.time=inf"]) == scene
     assert slow.without_effect("relaxation").without_effect("drag") == scene
     own = make_scene("relaxation")
-    assert own.with_effect(Relaxation(5.0)).equilibrium is own.equilibrium
+    assert own.with_effect(Relaxation(5.0)).equilibrium == own.equilibrium
 
 
 def test_a_prescribed_wind_has_no_drag() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from swe_sphere.errors import RunFailed, TimedOut
+from swe_sphere.errors import ConfigError, RunFailed, TimedOut
 from swe_sphere.experiment.prepare import Prepared
 from swe_sphere.experiment.recorder import Recorder
 from swe_sphere.experiment.sampler import Sampler
@@ -58,7 +58,7 @@ class Execution:
         except TimedOut as error:
             self._stop(str(error), error.exit_status)
             self._keep(self._loop.moment())
-        except RunFailed as error:
+        except (RunFailed, ConfigError) as error:  # also a function of the scene, late in the run
             self._stop(str(error), error.exit_status)
             self._recorder.latest = {}
         except Interrupted as error:

@@ -56,6 +56,5 @@ class GivenForcing(Given):
         mesh, model = self._model.mesh, self._model
         assert model.scene.forcing is not None
         rates = dict(zip("uvh", model.scene.forcing(mesh.lon, mesh.lat, t), strict=True))
-        fields = {name: np.broadcast_to(rate, mesh.size) for name, rate in rates.items()}
-        self.mean_depth_rate = float(np.average(fields["h"], weights=mesh.area))
-        return np.concatenate([fields[name] for name in model.names if name in fields])
+        self.mean_depth_rate = float(np.average(rates["h"], weights=mesh.area))
+        return np.concatenate([rates[name] for name in model.names if name in rates])

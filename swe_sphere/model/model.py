@@ -14,13 +14,15 @@ from ..operators.diagnose import divergence, vorticity
 from .difference import DifferenceProduct
 from .given import GivenForcing, GivenWind
 from .parts import Part, device_parameters
-from .scene import Scene
+from .scene import Scene, State
 from .spectrum import Spectrum, estimate_spectrum
 from .tracers import TracerPart, mixing_ratios
 
 Array = NDArray[np.float64]
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
+LEAST_DEPTH = 1e-30
+"""A depth below this [m] is none: one over it does not fit into every number of a run."""
 
 
 class Model:
@@ -66,6 +68,7 @@ class Model:
         """Coefficients and fields of the effects, on the device."""
         self._wind = GivenWind(self)
         self._forcing = GivenForcing(self)
+        self.set_time(0.0)  # a function that fails does so before anything is computed
         self._parts: dict[str, Part] = {}
         self._part("all")
         self.tracers = TracerPart(self) if scene.tracers else None
@@ -102,19 +105,14 @@ class Model:
     def initial_state(self) -> wp.array:
         """The scene's initial state.
 
-        Raises ConfigError where a value is not finite, or a depth that waves run on not positive.
+        Raises ConfigError where a depth that waves run on, which is that of the base of linearised
+        dynamics, is not positive.
         """
-        u, v, h = self.scene.initial(self.mesh.lon, self.mesh.lat)
-        for name, values in zip("uvh", (u, v, h), strict=True):
-            _check_finite(f"initial {name}", values, self.mesh)
-        waves = self.scene.effect("pressure-gradient") is not None
-        if waves and not self.scene.linear and not np.min(h) > 0.0:
-            where = _place(self.mesh, int(np.argmin(h)))
-            raise ConfigError(
-                f"{self.scene.name}: the initial depth is {np.min(h):.3g} m at {where}; make the "
-                "fluid deeper or the bottom lower: every depth must be positive"
-            )
-        return self.state_from(u, v, h)
+        scene, mesh = self.scene, self.mesh
+        if scene.wind is None and scene.effect("pressure-gradient") is not None:
+            name = "initial" if scene.base is None else "base"
+            _check_depth(f"{scene.name}: the {name} depth", getattr(scene, name), mesh)
+        return self.state_from(*scene.initial(mesh.lon, mesh.lat))
 
     def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
         """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
@@ -238,20 +236,15 @@ class Model:
 
 def _on_nodes(formula: Any, mesh: Mesh) -> Array:
     """The field on the nodes, zeros where the scene has none."""
-    if formula is None:
-        return np.zeros(mesh.size)
-    values = np.asarray(formula(mesh.lon, mesh.lat))
-    _check_finite("bottom or Coriolis parameter", values, mesh)
-    return values
+    return np.zeros(mesh.size) if formula is None else np.asarray(formula(mesh.lon, mesh.lat))
 
 
-def _check_finite(name: str, values: Array, mesh: Mesh) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        where = _place(mesh, int(np.argmax(bad)))
-        raise ConfigError(f"the {name} of the scene is not finite at {where}: mend its formula")
-
-
-def _place(mesh: Mesh, node: int) -> str:
-    lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
-    return f"longitude {lon:.4g}°, latitude {lat:.4g}°"
+def _check_depth(name: str, flow: State, mesh: Mesh) -> None:
+    depth = flow(mesh.lon, mesh.lat)[2]
+    node = int(np.argmin(depth))
+    if not depth[node] > LEAST_DEPTH:
+        lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
+        raise ConfigError(
+            f"{name} is {depth[node]:.3g} m at longitude {lon:.4g}°, latitude {lat:.4g}°; make the"
+            " fluid deeper or the bottom lower: every depth must be positive"
+        )

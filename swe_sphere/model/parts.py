@@ -64,8 +64,7 @@ def _surface_level(model: "Model") -> float:
     """
     mesh = model.mesh
     _, _, depth = model.scene.initial(mesh.lon, mesh.lat)
-    mean = np.average(depth + model.bottom, weights=mesh.area)
-    return float(np.float32(mean)) if np.isfinite(mean) else 0.0
+    return float(np.float32(np.average(depth + model.bottom, weights=mesh.area)))
 
 
 def device_parameters(model: "Model") -> dict[str, Any]:

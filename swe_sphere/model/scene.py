@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.effects import EFFECTS, Effect
+from swe_sphere.model.effects import Effect
+from swe_sphere.model.scene_checks import check_scene
+from swe_sphere.model.scene_functions import checked_functions
 from swe_sphere.planet import EARTH, Planet
 
 __all__ = [
@@ -44,30 +44,19 @@ Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 Parameter = float | bool | str
 """Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
 
-INCOMPATIBLE = (
-    ("prescribed-wind", "momentum-advection", "a prescribed wind cannot also be stepped"),
-    ("prescribed-wind", "drag", "a prescribed wind cannot be slowed down; leave out drag"),
-    (
-        "prescribed-wind",
-        "linearised",
-        "a prescribed wind acts linearly; leave out linearised",
-    ),
-    ("linearised", "tracers", "tracers need the whole dynamics; leave out linearised"),
-)
-"""Effects that cannot both act, and what to say then."""
-
-
 @dataclass(frozen=True)
 class Scene:
     """One test case: where it starts, what acts, and what is known of the answer.
 
-    All functions take arrays of equal shape and return arrays of that shape. They must be finite
-    everywhere; at a pole the wind is meant in the frame of the longitude given (the meshes here
+    All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
+    everywhere. They must be finite everywhere (of the exact ones NaN says that nothing is known).
+    Each checks what it returns when it is called, and raises ConfigError. At a pole the wind is meant in the frame of the longitude given (the meshes here
     give 0), so east = (-sin lon, cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon,
     cos lat).
 
     Raises:
-        ConfigError: the functions do not go with the effects, or a number is out of range.
+        ConfigError: the functions do not go with the effects, a value is of the wrong type, or a
+            number is out of range.
     """
 
     name: str
@@ -114,9 +103,9 @@ class Scene:
     """The scene parameters (alpha, ...) this scene was made with."""
 
     def __post_init__(self) -> None:
-        _check_effects(self)
-        _check_tracers(self)
-        _check_numbers(self)
+        check_scene(self)
+        for name, function in checked_functions(self).items():
+            object.__setattr__(self, name, function)
 
     @property
     def autonomous(self) -> bool:
@@ -151,6 +140,12 @@ class Scene:
             needed = {"equilibrium": partial(_initial_depth, self.initial)}
         return replace(self, effects=(*self.effects, effect), **needed)
 
+    def check_answers(self, lon: Array, lat: Array) -> None:
+        """ConfigError now, and not when errors are first taken, if what is exact cannot be had."""
+        for known in (self.exact, self.exact_tracers):
+            if known is not None:
+                known(lon, lat, 0.0)
+
     def without_effect(self, name: str) -> Scene:
         """The scene without the effect of that name and the function that it needs.
 
@@ -166,50 +161,12 @@ class Scene:
         changes: dict[str, Any] = {"effects": tuple(e for e in self.effects if e.name != name)}
         if effect.needs:
             changes |= {effect.needs: None}
-        if not effect.dissipation:
+        if name == "tracers":
+            changes |= {"exact_tracers": None}
+        elif not effect.dissipation:
             changes |= {"exact": None}
         return replace(self, **changes)
 
 
-def _check_effects(scene: Scene) -> None:
-    """An effect and the function it calls for come together or not at all."""
-    names = [effect.name for effect in scene.effects]
-    if len(set(names)) < len(names):
-        raise ConfigError(f"{scene.name}: an effect is listed twice: {', '.join(names)}")
-    for name, cls in EFFECTS.items():
-        if cls.needs is None:
-            continue
-        given = getattr(scene, cls.needs) is not None
-        if given and name not in names:
-            raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
-        if name in names and not given:
-            raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
-    for first, second, trouble in INCOMPATIBLE:
-        if first in names and second in names:
-            raise ConfigError(f"{scene.name}: {trouble}")
-
-
 def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:
     return initial(lon, lat)[2]
-
-
-def _check_tracers(scene: Scene) -> None:
-    """Names of tracers become names of variables in files."""
-    if scene.tracers is not None and not scene.tracers:
-        raise ConfigError(f"{scene.name}: tracers are called for, but there is none")
-    for name in scene.tracers or ():
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-            raise ConfigError(
-                f"{scene.name}: a tracer is named by letters, digits and _, not {name!r}"
-            )
-    if scene.exact_tracers is not None and scene.tracers is None:
-        raise ConfigError(f"{scene.name}: 'exact_tracers' is given without tracers")
-
-
-def _check_numbers(scene: Scene) -> None:
-    if scene.error_field not in ("h", "surface"):
-        raise ConfigError(f"{scene.name}: error_field is 'h' or 'surface'")
-    if not (math.isfinite(scene.days) and scene.days > 0.0):
-        raise ConfigError(f"{scene.name}: days must be finite and positive, not {scene.days}")
-    if scene.dt is not None and not (math.isfinite(scene.dt) and scene.dt > 0.0):
-        raise ConfigError(f"{scene.name}: dt must be finite and positive, not {scene.dt}")

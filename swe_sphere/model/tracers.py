@@ -26,8 +26,7 @@ Array = NDArray[np.float64]
 def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
     """The initial mixing ratios (N,) of the scene's tracers by name."""
     formulas = scene.tracers or {}
-    like = np.zeros(mesh.size)
-    return {name: formula(mesh.lon, mesh.lat) + like for name, formula in formulas.items()}
+    return {name: formula(mesh.lon, mesh.lat) for name, formula in formulas.items()}
 
 
 class TracerPart:

@@ -156,7 +156,7 @@ def _draw_orography(axes: Axes, x: Array, y: Array, bottom: Array) -> None:
 def _write_titles(axes: Axes, source: Source, kind: Field, time: float | None) -> None:
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title
-    axes.set_title(title, fontsize=14, fontweight="bold", pad=26)
+    axes.set_title(title, fontsize=14, fontweight="bold", pad=26, parse_math=False)
     parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
     if isinstance(source, RunFile):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
@@ -166,5 +166,5 @@ def _write_titles(axes: Axes, source: Source, kind: Field, time: float | None) -
             parts += [f"Δt = {dt:g} s"]
     axes.text(
         0.5, 1.015, "  ·  ".join(parts), transform=axes.transAxes, ha="center", va="bottom",
-        fontsize=10, color="0.3",
+        fontsize=10, color="0.3", parse_math=False,
     )  # fmt: skip

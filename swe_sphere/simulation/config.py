@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +16,9 @@ from pydantic import (
     field_validator,
 )
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
+from swe_sphere.model.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
+from swe_sphere.toml_file import read_toml
 
 __all__ = ["RunConfig", "first_complaint", "load_config", "make_config"]
 
@@ -26,15 +27,27 @@ def _time_step(value: object) -> object:
     if isinstance(value, str) and value.strip().lower() == "auto":
         return "auto"
     try:
-        seconds = float(value)  # type: ignore[arg-type]
+        seconds = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise ValueError("must be a number of seconds or 'auto'") from None
+    except OverflowError:
+        seconds = math.inf
     if not (math.isfinite(seconds) and seconds > 0.0):
         raise ValueError("must be a positive number of seconds or 'auto'")
     return seconds
 
 
-Positive = Annotated[float, Field(gt=0.0)]
+def plain_number(value: object) -> object:
+    """The value; ValueError for a switch or a text, which pydantic would make a number of."""
+    if isinstance(value, bool | str):
+        raise ValueError("must be a number")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(plain_number)]
+Positive = Annotated[Number, Field(gt=0.0)]
+Whole = Annotated[int, BeforeValidator(plain_number), Field(le=MOST_ELEMENTS)]
+Days = Annotated[Positive, Field(le=LONGEST_DAYS)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
 
 
@@ -57,7 +70,7 @@ class RunConfig(BaseModel):
     stepper: str = "rk4"
     preconditioner: str | None = None
     """Of the linear solves of an implicit stepper."""
-    tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Of the solves of an implicit stepper, relative to the change over a step."""
     dt: TimeStep = "auto"
     """Time step [s]; of an adaptive run the longest one, by default the time between frames."""
@@ -65,21 +78,21 @@ class RunConfig(BaseModel):
     """Tolerance of steps that follow their error, for implicit steppers with an estimate."""
     adaptive_by: Literal["embedded", "energy"] = "embedded"
     """The error: of a step, relative to the state; or relative drift of the energy per day."""
-    days: Positive | None = None
+    days: Days | None = None
     """Length of the run from its very start [days]."""
-    ne: int | None = None
+    ne: Whole | None = None
     """Elements along the edge of a cube face."""
-    np: int | None = None
+    np: Whole | None = None
     """Nodes along the edge of an element."""
-    stretch: float = 1.0
+    stretch: Number = 1.0
     """Schmidt refinement factor at the centre."""
-    centre_lon: float = 0.0
+    centre_lon: Number = 0.0
     """Longitude of the refined point [rad]."""
-    centre_lat: float = 0.0
+    centre_lat: Number = 0.0
     """Latitude of the refined point [rad]."""
-    spin: float = 0.0
+    spin: Number = 0.0
     """Turn of the cube about that point [rad]."""
-    alpha: float | None = None
+    alpha: Number | None = None
     """Scene parameter alpha: angle between the flow and the equator [rad]."""
     device: str = "cpu"
     precision: Literal["float64", "float32"] = "float64"
@@ -132,13 +145,8 @@ def load_config(path: Path) -> dict[str, object]:
     Raises:
         ConfigError: the file is not there or is no TOML.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from None
-    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table.items()}
+    table = read_toml(path).items()
+    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table}
 
 
 def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
@@ -151,7 +159,7 @@ def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"
     message = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
-    return f"{name}: {message}, not {first['input']!r}"
+    return f"{name}: {message}, not {shown(first['input'])}"
 
 
 def _flag(field: str) -> str:

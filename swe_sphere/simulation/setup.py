@@ -48,10 +48,12 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
 
 
 def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
-    """The compiled right-hand side; ConfigError for a device that is not there."""
+    """The compiled right-hand side; ConfigError for a device that is not there,
+    or a function of the scene that fails."""
     start_warp()  # takes its time: after the cheap checks
     from swe_sphere.model.model import Model
 
+    scene.check_answers(mesh.lon, mesh.lat)
     return Model(mesh, scene, config.device, config.precision, config.launch)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
@@ -12,6 +11,7 @@ from typing import Any
 from swe_sphere.errors import ConfigError
 from swe_sphere.model.effects import unknown_name
 from swe_sphere.sweep.plan import SweepPlan, make_plan
+from swe_sphere.toml_file import read_toml
 
 __all__ = ["Recipe", "load_recipe", "recipe_names"]
 
@@ -61,22 +61,13 @@ def load_recipe(name: str) -> Recipe:
         if name not in recipe_names():
             raise unknown_name("recipe", name, recipe_names())
         path = _folder() / f"{name}.toml"
-    table = _parsed(path)
+    table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
     return Recipe(title, tuple(_named(table | each) for each in sweeps), introduction, notes)
-
-
-def _parsed(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid TOML: {error}") from None
 
 
 def _named(table: Mapping[str, Any]) -> dict[str, Any]:
