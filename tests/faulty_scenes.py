@@ -144,6 +144,8 @@ def faulty_functions() -> Iterator[tuple[str, str]]:
         kind = kind_of(name)
         for number in range(len(sound)):
             for fault, bad in BAD_FIELDS.items():
+                if name in MAY_BE_NAN and fault == "masked":
+                    continue
                 fields = (*sound[:number], bad, *sound[number + 1 :])
                 yield f"{name} {number} {fault}", scene_file(kind, returning(name, fields))
         for fault, body in BAD_BODIES.items():
@@ -172,7 +174,8 @@ def _wrong_numbers(name: str, kind: str, sound: tuple[str, ...]) -> Iterator[tup
         yield f"{name} returns {fault}", scene_file(kind, function(name, result))
 
 
-def _later(name: str) -> str:
+def later(name: str) -> str:
+    """The function, which fails after ten minutes."""
     fields = FIELDS[name]
     return returning(name, (f"{fields[0]} if t < 600.0 else 1 / 0", *fields[1:]))
 
@@ -180,7 +183,6 @@ def _later(name: str) -> str:
 OTHERS = {
     "tracers of another name": scene_file(override=function("exact_tracers", "{'p': lat}")),
     "exact tracers are an array": scene_file(override=function("exact_tracers", "lat")),
-    **{f"later {name}": scene_file(kind_of(name), _later(name)) for name in UNSTEADY},
     **{
         f"{name} {depth}": scene_file(
             kind_of(name), returning(name, ("0.0", "0.0", f"{depth} + 0.0 * lat"))
@@ -219,7 +221,7 @@ FILES = {
     "no scene": "x = 1\n",
     "scene is a number": "scene = 3\n",
     "scene is a type": "scene = dict\n",
-    "scene is built in": "scene = print\n",
+    "scene is built in": "scene = len\n",
     "returns nothing": "def scene():\n    pass\n",
     "returns the class": "from swe_sphere.model.scene import Scene\ndef scene():\n    return Scene\n",
     "syntax": "def scene(:\n",

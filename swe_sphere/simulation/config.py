@@ -40,7 +40,7 @@ def _time_step(value: object) -> object:
 def plain_number(value: object) -> object:
     """The value; ValueError for a switch or a text, which pydantic would make a number of."""
     if isinstance(value, bool | str):
-        raise ValueError("must be a number")
+        raise ValueError("must be a valid number")
     return value
 
 

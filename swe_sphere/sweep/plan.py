@@ -10,7 +10,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.model.scene_checks import MOST_ELEMENTS
 from swe_sphere.simulation import RunConfig, first_complaint, make_config, make_mesh, make_scene
+from swe_sphere.simulation.config import Days, Number, Positive, Whole
 
 __all__ = ["SweepPlan", "check_plan", "make_plan"]
 
@@ -30,22 +32,30 @@ def _each(item: object) -> tuple[object, ...]:
     return parts
 
 
+def _counted(value: object) -> object:
+    """A list of numbers; ValueError for a switch among them, which pydantic would take for 1."""
+    values = _listed(value)
+    assert isinstance(values, tuple)
+    if any(isinstance(each, bool) for each in values):
+        raise ValueError("must be numbers")
+    return values
+
+
 def _steps(value: object) -> object:
     if isinstance(value, str) and value.strip().lower() == "auto":
         return "auto"
     try:
-        steps = tuple(float(step) for step in _listed(value))  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+        steps = tuple(float(step) for step in _counted(value))  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
         steps = ()
     if not steps or not all(math.isfinite(step) and step > 0.0 for step in steps):
         raise ValueError("must be positive numbers of seconds or 'auto'")
     return steps
 
 
-Positive = Annotated[float, Field(gt=0.0)]
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
-Numbers = Annotated[tuple[Positive, ...], BeforeValidator(_listed)]
-Counts = Annotated[tuple[int, ...], BeforeValidator(_listed)]
+Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_counted)]
+Counts = Annotated[tuple[Annotated[int, Field(le=MOST_ELEMENTS)], ...], BeforeValidator(_counted)]
 Steps = Annotated[Literal["auto"] | tuple[float, ...], BeforeValidator(_steps)]
 Paths = Annotated[tuple[Path, ...], BeforeValidator(_listed)]
 Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
@@ -69,19 +79,19 @@ class SweepPlan(BaseModel):
     steppers: Annotated[Names, Field(min_length=1)]
     dt: Steps = "auto"
     """Time steps [s] of every stepper, or a ladder for each."""
-    levels: Annotated[int, Field(ge=1, le=20)] = 6
+    levels: Annotated[Whole, Field(ge=1, le=20)] = 6
     """Steps of an automatic ladder."""
     ne: Counts = ()
     np: Counts = ()
     precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
     preconditioner: Names = ()
     """Of the implicit steppers."""
-    tolerance: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Of the solves of the implicit steppers."""
-    days: Positive | None = None
+    days: Days | None = None
     report_days: Numbers = ()
     """Times at which errors are taken [days]; the end always is one."""
-    repeats: Annotated[int, Field(ge=1, le=100)] = 3
+    repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
     """Runs of each setting that are timed."""
     time_limit: Positive | None = None
     """Wall time of the steps of one run [s]."""
@@ -95,20 +105,20 @@ class SweepPlan(BaseModel):
     target_norm: Literal["l1", "l2", "linf"] = "l2"
     reference: Paths = ()
     """Reference solutions on latitude-longitude grids, each for a report day."""
-    finer: Annotated[int, Field(ge=0)] | None = None
+    finer: Annotated[Whole, Field(ge=0)] | None = None
     """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
     converged_stepper: str = "rk4"
     """Explicit stepper of the time-converged run."""
-    converged_part: Annotated[float, Field(gt=0.0, le=0.5)] = 0.25
+    converged_part: Annotated[Number, Field(gt=0.0, le=0.5)] = 0.25
     """Its step as a part of its stability limit; a run of twice the step checks it."""
     slow: bool | None = None
     """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
-    alpha: float | None = None
+    alpha: Number | None = None
     settings: Names = ()
-    stretch: float = 1.0
-    centre_lon: float = 0.0
-    centre_lat: float = 0.0
-    spin: float = 0.0
+    stretch: Number = 1.0
+    centre_lon: Number = 0.0
+    centre_lat: Number = 0.0
+    spin: Number = 0.0
     device: str = "cpu"
     launch: Literal["element", "node"] | None = None
 
