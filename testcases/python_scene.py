@@ -20,7 +20,7 @@ def load(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
     Raises:
         ConfigError: no such file, a file that fails, or a parameter that it does not have.
     """
-    if not path.is_file():
+    if not guarded(f"looking for {path}", path.is_file):
         raise ConfigError(f"there is no scene file {path}")
     spec = importlib.util.spec_from_file_location(f"swe_sphere_scene_{path.stem}", path)
     if spec is None or spec.loader is None:

@@ -24,6 +24,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.guarded import guarded
 from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.model.settings import apply_settings
 from swe_sphere.toml_file import read_toml
@@ -77,7 +78,7 @@ def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sce
 
 def _checked(path: Path) -> _File:
     """What the file says."""
-    if not path.is_file():
+    if not guarded(f"looking for {path}", path.is_file):
         raise ConfigError(f"there is no scene file {path}")
     try:
         return _File.model_validate(read_toml(path))

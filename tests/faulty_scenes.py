@@ -223,7 +223,7 @@ FILES = {
     "scene is a type": "scene = dict\n",
     "scene is built in": "scene = len\n",
     "returns nothing": "def scene():\n    pass\n",
-    "returns the class": "from swe_sphere.model.scene import Scene\ndef scene():\n    return Scene\n",
+    "returns a class": "def scene():\n    return dict\n",
     "syntax": "def scene(:\n",
     "no text": "\x00\x01",
     "indentation": "def scene():\npass\n",

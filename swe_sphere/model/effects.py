@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH
 
@@ -323,7 +323,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
     names = list(known)
     near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return ConfigError(f"unknown {kind} {name!r}; {hint}There are: {', '.join(names)}")
+    return ConfigError(f"unknown {kind} {shown(name)}; {hint}There are: {', '.join(names)}")
 
 
 def _check_coefficient(label: str, value: float) -> None:

@@ -44,15 +44,16 @@ Wind = Callable[[Array, Array, float], tuple[Array, Array]]
 Parameter = float | bool | str
 """Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
 
+
 @dataclass(frozen=True)
 class Scene:
     """One test case: where it starts, what acts, and what is known of the answer.
 
     All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
-    everywhere. They must be finite everywhere (of the exact ones NaN says that nothing is known).
-    Each checks what it returns when it is called, and raises ConfigError. At a pole the wind is meant in the frame of the longitude given (the meshes here
-    give 0), so east = (-sin lon, cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon,
-    cos lat).
+    everywhere. They must be finite everywhere (NaN of the exact ones says that nothing is known);
+    each checks what it returns whenever it is called, and raises ConfigError. At a pole the wind is
+    meant in the frame of the longitude given (the meshes here give 0), so east = (-sin lon,
+    cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon, cos lat).
 
     Raises:
         ConfigError: the functions do not go with the effects, a value is of the wrong type, or a

@@ -58,7 +58,8 @@ def _check_kinds(scene: Scene) -> None:
         if not isinstance(value, kind):
             what = kind.__name__.lower()
             raise ConfigError(f"{scene.name}: {name} must be a {what}, not {shown(value)}")
-    for effect in scene.effects:
+    effects: tuple[object, ...] = scene.effects
+    for effect in effects:
         if not isinstance(effect, Effect):
             hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
             raise ConfigError(f"{scene.name}: {shown(effect)} among its effects is none{hint}")
@@ -99,9 +100,9 @@ def _check_effects(scene: Scene) -> None:
 
 def _check_tracers(scene: Scene) -> None:
     """Names of tracers become names of variables in files."""
-    if scene.tracers is not None and not isinstance(scene.tracers, Mapping):
-        what = shown(scene.tracers)
-        raise ConfigError(f"{scene.name}: tracers are functions by name, not {what}")
+    given: object = scene.tracers
+    if given is not None and not isinstance(given, Mapping):
+        raise ConfigError(f"{scene.name}: tracers are functions by name, not {shown(given)}")
     if scene.tracers is not None and not scene.tracers:
         raise ConfigError(f"{scene.name}: tracers are called for, but there is none")
     for name in scene.tracers or ():
@@ -145,7 +146,9 @@ def _check_count(scene: Scene, name: str, value: object) -> None:
 
 def _is_finite(value: object) -> bool:
     """Whether the value is a finite number; a switch is none, nor is one too large for a float."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
     try:
-        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+        return math.isfinite(value)
     except OverflowError:
         return False

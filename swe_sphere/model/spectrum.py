@@ -8,6 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..errors import ConfigError
+
 if TYPE_CHECKING:
     from .model import Model
 
@@ -30,7 +32,8 @@ def estimate_spectrum(
     """Spectral radii of the two parts of the right-hand side at a state, to about 1 %.
 
     The largest eigenvalue is found by Arnoldi iteration on the exact Jacobian-vector product
-    [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).
+    [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).  Raises ConfigError where the
+    right-hand side is not finite.
     """
     wave = _radius(model, state, waves)
     damping = 0.0 if dissipation is None else _radius(model, state, dissipation)
@@ -43,7 +46,14 @@ def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
 
     product = _scaled_product(model, state, operator)
     start = np.random.default_rng(0).standard_normal(model.fluid_size)
-    if not product(start).any():
+    with np.errstate(over="ignore", invalid="ignore"):
+        first = product(start)
+    if not np.isfinite(first).all():
+        raise ConfigError(
+            f"{model.scene.name}: the equations overflow at the start: its fields or the"
+            " coefficients of its effects are too large, or too small to divide by"
+        )
+    if not first.any():
         return 0.0
     matrix = LinearOperator((model.fluid_size, model.fluid_size), matvec=product, dtype=np.float64)
     try:

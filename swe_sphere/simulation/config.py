@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -44,9 +45,21 @@ def plain_number(value: object) -> object:
     return value
 
 
+def _nameable(path: Path) -> Path:
+    """The path; ValueError for one that no file can have, or that cannot be looked at."""
+    if "\0" in str(path):
+        raise ValueError("must be the name of a file")
+    try:
+        path.exists()
+    except OSError as error:
+        raise ValueError(f"must be the name of a file ({error.strerror})") from None
+    return path
+
+
+FileName = Annotated[Path, AfterValidator(_nameable)]
 Number = Annotated[float, BeforeValidator(plain_number)]
 Positive = Annotated[Number, Field(gt=0.0)]
-Whole = Annotated[int, BeforeValidator(plain_number), Field(le=MOST_ELEMENTS)]
+Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=0, le=MOST_ELEMENTS)]
 Days = Annotated[Positive, Field(le=LONGEST_DAYS)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
 
@@ -100,12 +113,12 @@ class RunConfig(BaseModel):
     """Shape of kernel launches: a thread for each element or for each node."""
     settings: tuple[str, ...] = ()
     """"effect.parameter=value", "scene.parameter=value" and "stepper.option=value"."""
-    out: Path | None = None
-    every: Positive | None = None
+    out: FileName | None = None
+    every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
     """Time between frames [h]."""
-    plot: Path | None = None
-    restart: Path | None = None
-    reference: Path | None = None
+    plot: FileName | None = None
+    restart: FileName | None = None
+    reference: FileName | None = None
     """Reference solution on a latitude-longitude grid, for the time at the end of the run."""
     time_limit: Positive | None = None
     """Wall time that the steps may take [s]; the run ends when it is used up."""

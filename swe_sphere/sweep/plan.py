@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -12,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from swe_sphere.errors import ConfigError
 from swe_sphere.model.scene_checks import MOST_ELEMENTS
 from swe_sphere.simulation import RunConfig, first_complaint, make_config, make_mesh, make_scene
-from swe_sphere.simulation.config import Days, Number, Positive, Whole
+from swe_sphere.simulation.config import Days, FileName, Number, Positive, Whole
 
 __all__ = ["SweepPlan", "check_plan", "make_plan"]
 
@@ -55,9 +54,10 @@ def _steps(value: object) -> object:
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
 Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_counted)]
-Counts = Annotated[tuple[Annotated[int, Field(le=MOST_ELEMENTS)], ...], BeforeValidator(_counted)]
+Count = Annotated[int, Field(ge=0, le=MOST_ELEMENTS)]
+Counts = Annotated[tuple[Count, ...], BeforeValidator(_counted)]
 Steps = Annotated[Literal["auto"] | tuple[float, ...], BeforeValidator(_steps)]
-Paths = Annotated[tuple[Path, ...], BeforeValidator(_listed)]
+Paths = Annotated[tuple[FileName, ...], BeforeValidator(_listed)]
 Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
 
 RUN_OPTIONS = (
@@ -105,7 +105,7 @@ class SweepPlan(BaseModel):
     target_norm: Literal["l1", "l2", "linf"] = "l2"
     reference: Paths = ()
     """Reference solutions on latitude-longitude grids, each for a report day."""
-    finer: Annotated[Whole, Field(ge=0)] | None = None
+    finer: Whole | None = None
     """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
     converged_stepper: str = "rk4"
     """Explicit stepper of the time-converged run."""
