@@ -138,3 +138,8 @@ def test_scene_without_an_effect() -> None:
     )
     with fails("lauter has no effect 'drag'; it has momentum-advection, pressure-gradient,"):
         scene.without_effect("drag")
+
+
+def test_scene_without_tracers_has_no_exact_ones() -> None:
+    scene = get_scene("deformational").without_effect("tracers")
+    assert scene.tracers is None and scene.exact_tracers is None and scene.exact is not None

@@ -95,12 +95,14 @@ class Model:
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
 
-        Tracers that are not given have those of the scene's start.
+        Tracers that are not given have those of the scene's start.  Raises ValueError for arrays
+        of another size.
         """
         ratios = mixing_ratios(self.scene, self.mesh) | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
         values = {"u": u, "v": v, "h": h} | masses
-        return self.device_mesh.upload(np.concatenate([values[name] for name in self.names]))
+        blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
+        return self.device_mesh.upload(np.concatenate(blocks))
 
     def initial_state(self) -> wp.array:
         """The scene's initial state.
