@@ -1,19 +1,19 @@
-"""Files of runs: structure, what survives failing disks and kills, restarts to the last bit."""
+"""Files of runs: structure, what survives failing disks and other programs, checkpoints."""
 
+import json
 import os
 import resource
-import signal
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
+from scipy.io import netcdf_file
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
-from swe_sphere.output.netcdf import FrameWriter, read_checkpoint
+from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.output.netcdf import FrameWriter
 from swe_sphere.output.runfile import RunFile
 
 NAMES = ("h", "u", "v", "vorticity", "divergence")
@@ -52,25 +52,27 @@ def written(tmp_path, mesh):
     path = tmp_path / "run.nc"
     attributes = {"scene": "x", "dt": 300.0, "limit": None, "visc": {"nu": 1e5}, "ne": 99}
     with FrameWriter(path, mesh, attributes, bottom=np.arange(mesh.size)) as writer:
-        writer.record(0.0, {"mass": 1.0, "l2_h": None})
-        writer.write(0.0, frame(mesh, 0))
+        writer.write(0.0, frame(mesh, 0), {"mass": 1.0, "l2_h": None})
+        writer.record(3600.0, {"mass": 1.5})
         writer.write(7200.0, frame(mesh, 1), {"mass": 2.0, "l2_h": 0.5})
         writer.checkpoint(memory(mesh.size, 1), 7200.0, 24, "bdf2")
-        writer.set_attributes({"rhs_evaluations": 17})
+        writer.finish({"rhs_evaluations": 17, "cuts": ["a", "b"]})
     return path
 
 
 def test_xarray_reads_fields_times_and_series(written, mesh):
     with xarray.open_dataset(written) as data:
         assert dict(data.sizes) == {
-            "time": 2, "diagnostic_time": 2, "node": mesh.size, "face": mesh.size - 2, "corner": 4
+            "time": 2, "diagnostic_time": 3, "node": mesh.size, "face": mesh.size - 2, "corner": 4
         }  # fmt: skip
         for name in NAMES:
             np.testing.assert_array_equal(data[name][1], frame(mesh, 1)[name])
         np.testing.assert_array_equal(data["b"], np.arange(mesh.size))
         assert data["time"].values[1] - data["time"].values[0] == np.timedelta64(2, "h")
-        np.testing.assert_array_equal(data["mass"], [1.0, 2.0])
-        np.testing.assert_array_equal(data["l2_h"], [np.nan, 0.5])
+        np.testing.assert_array_equal(data["mass"], [1.0, 1.5, 2.0])
+        np.testing.assert_array_equal(data["l2_h"], [np.nan, np.nan, 0.5])
+        assert data["diagnostic_time"].values[1] - data["time"].values[0] == np.timedelta64(1, "h")
+        assert json.loads(data.attrs["summary"]) == {"rhs_evaluations": 17, "cuts": ["a", "b"]}
         assert data["area"].sum() == pytest.approx(4.0 * np.pi * mesh.radius**2, rel=1e-6)
         np.testing.assert_allclose(np.radians(data["lon"]), mesh.lon, rtol=0.0, atol=1e-14)
 
@@ -113,12 +115,44 @@ def test_faces_are_anticlockwise(written):
     assert (np.einsum("ij,ij->i", np.cross(b - a, d - a), a) > 0.0).all()
 
 
-def test_a_reserved_name_is_no_diagnostic(tmp_path, mesh):
+@pytest.mark.parametrize("name", ["divergence", "lat", "diagnostic_time"])
+def test_a_reserved_name_is_no_diagnostic(tmp_path, mesh, name):
     with (
         FrameWriter(tmp_path / "run.nc", mesh, {}) as writer,
-        pytest.raises(ValueError, match="divergence"),
+        pytest.raises(ValueError, match=f"cannot be called '{name}'"),
     ):
-        writer.record(0.0, {"divergence": 1.0})
+        writer.write(0.0, frame(mesh, 0), {name: 1.0})
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_series_are_those_of_the_first_frame_and_have_their_room(tmp_path, mesh):
+    with FrameWriter(tmp_path / "run.nc", mesh, {}, samples=2) as writer:
+        with pytest.raises(ValueError, match="begins with a frame"):
+            writer.record(0.0, {"mass": 1.0})
+        writer.write(0.0, frame(mesh, 0), {"mass": 1.0})
+        with pytest.raises(ValueError, match="no diagnostics energy"):
+            writer.record(60.0, {"mass": 2.0, "energy": 3.0})
+        writer.record(60.0, {"mass": 2.0})
+        with pytest.raises(ValueError, match="room for 2 samples only"):
+            writer.record(120.0, {"mass": 3.0})
+    times, series = RunFile(tmp_path / "run.nc").series()
+    assert (times.tolist(), series["mass"].tolist()) == ([0.0, 60.0], [1.0, 2.0])
+
+
+def test_a_summary_that_is_too_long_loses_its_end(tmp_path, mesh):
+    with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
+        writer.write(0.0, frame(mesh, 0))
+        assert RunFile(writer.path).attributes["completed"] is False
+        writer.finish({"completed": True, "reason": "ü" * 1000, "cuts": "x" * 100_000})
+    attributes = RunFile(tmp_path / "run.nc").attributes
+    assert (attributes["completed"], attributes["reason"]) == (True, "ü" * 1000)
+    assert "cuts" not in attributes
+
+
+def test_plain_readers_of_the_format_read_it_too(written, mesh):
+    with netcdf_file(written, mmap=False) as file:
+        np.testing.assert_array_equal(file.variables["mass"][:], [1.0, 1.5, 2.0])
+        np.testing.assert_array_equal(file.variables["u"][1], frame(mesh, 1)["u"])
 
 
 def test_checkpoint_comes_back_bit_by_bit(written, mesh):
@@ -133,51 +167,76 @@ def test_checkpoint_comes_back_bit_by_bit(written, mesh):
 
 def test_latest_checkpoint_wins_also_after_the_memory_changed(tmp_path, mesh):
     path = tmp_path / "run.nc"
-    sizes = (5, 5, 5, 9)
     with FrameWriter(path, mesh, {}) as writer:
-        for step, size in enumerate(sizes):
-            writer.checkpoint({"a": np.full(size, float(step))}, 60.0 * step, step, "rk4")
-            writer.set_attributes({"steps": step})
-    found = read_checkpoint(path)
-    assert found.steps == 3
-    np.testing.assert_array_equal(found.memory["a"], np.full(9, 3.0))
+        writer.write(0.0, frame(mesh, 0))
+        for step, size in enumerate((5, 5, 5, 9)):
+            writer.checkpoint({"file": np.full(size, float(step))}, 60.0 * step, step, "rk4")
+    for place in (path, checkpoint_path(path)):
+        found = read_checkpoint(place)
+        assert found.steps == 3
+        np.testing.assert_array_equal(found.memory["file"], np.full(9, 3.0))
 
 
-def test_a_spoilt_checkpoint_leaves_the_one_before(tmp_path, mesh):
+def test_a_spoilt_checkpoint_is_never_taken_for_a_whole_one(tmp_path, mesh):
+    """Whatever byte is wrong or missing: the same numbers come back, or one line."""
     path = tmp_path / "run.nc"
+    arrays = {"a": np.arange(3.0), "b": np.array([1, 2])}
     with FrameWriter(path, mesh, {}) as writer:
-        for step in (1, 2):
-            pattern = np.full(1000, 1.2345e6 + step)
-            writer.checkpoint({"a": pattern}, 60.0 * step, step, "rk4")
-    content = path.read_bytes()
-    assert content.count(pattern.tobytes()) == 1
-    half_written = np.append(pattern[:500], np.zeros(500)).tobytes()
-    path.write_bytes(content.replace(pattern.tobytes(), half_written))
-    found = read_checkpoint(path)
-    assert found.steps == 1
-    np.testing.assert_array_equal(found.memory["a"], pattern - 1.0)
-    other = (pattern - 1.0).tobytes()
-    path.write_bytes(path.read_bytes().replace(other, other[:-8] + bytes(8)))
-    with pytest.raises(ConfigError, match="damaged") as error:
-        read_checkpoint(path)
+        writer.write(0.0, frame(mesh, 0))
+        writer.checkpoint(arrays, 60.0, 1, "rk4")
+    beside = checkpoint_path(path)
+    whole = beside.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 5):
+        spoilt = whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :]
+        for content in (spoilt, whole[:place]):
+            beside.write_bytes(content)
+            try:
+                found = read_checkpoint(path)
+            except ConfigError as error:
+                assert "damaged" in str(error) and "\n" not in str(error)
+                refused += 1
+                continue
+            assert (found.steps, found.time, found.stepper) == (1, 60.0, "rk4")
+            for name, array in arrays.items():
+                assert found.memory[name].tobytes() == array.tobytes()
+    assert refused > len(whole) // 2
+
+
+def test_a_checkpoint_left_behind_by_another_run_is_not_taken(tmp_path, mesh, written):
+    with FrameWriter(written, mesh, {}) as writer:
+        writer.write(0.0, frame(mesh, 2))
+    with pytest.raises(ConfigError, match="checkpoint of another run") as error:
+        read_checkpoint(written)
     one_line(error)
+    assert read_checkpoint(checkpoint_path(written)).steps == 24
 
 
 def test_files_that_hold_no_checkpoint(tmp_path, mesh, written):
     with FrameWriter(tmp_path / "plain.nc", mesh, {}) as writer:
         writer.write(0.0, frame(mesh, 0))
     content = written.read_bytes()
-    (tmp_path / "short.nc").write_bytes(content[: len(content) // 2])
+    (tmp_path / "short.nc").write_bytes(content[:1000])
     (tmp_path / "noise.nc").write_bytes(b"no netCDF at all" * 100)
     (tmp_path / "empty.nc").write_bytes(b"")
     (tmp_path / "hole.nc").write_bytes(content[:64] + bytes(4096) + content[4160:])
     for name, reason in {
-        "plain": "no checkpoint", "short": "cut short", "noise": "not a file of this kind",
-        "empty": "cut short", "hole": "damaged", "missing": "there is no file",
+        "plain": "no checkpoint: there is no file", "short": "cut short",
+        "noise": "not a file of this kind", "empty": "cut short", "hole": "damaged",
+        "missing": "there is no file",
     }.items():  # fmt: skip
         with pytest.raises(ConfigError, match=reason) as error:
             read_checkpoint(tmp_path / f"{name}.nc")
         assert name in one_line(error)
+
+
+def test_a_file_that_was_cut_short_is_not_read(tmp_path, written):
+    content = written.read_bytes()
+    for part in (1, 8, len(content) // 2):
+        written.write_bytes(content[:-part])
+        with pytest.raises(ConfigError, match="cut short") as error:
+            RunFile(written)
+        one_line(error)
 
 
 @pytest.mark.parametrize("where", ["missing/run.nc", "", "file/run.nc"])
@@ -197,13 +256,13 @@ def test_a_folder_without_permission(tmp_path, mesh):
 
 
 def test_two_runs_do_not_write_one_file(tmp_path, mesh):
-    """HDF5 would cut the first one's file to nothing before it notices."""
+    """Neither before nor after the first frame has made the file."""
     path = tmp_path / "run.nc"
     with FrameWriter(path, mesh, {}) as writer:
-        writer.write(0.0, frame(mesh, 0))
-        with pytest.raises(ConfigError, match="another program"):
-            FrameWriter(path, mesh, {})
-        writer.write(60.0, frame(mesh, 1))
+        for k in range(2):
+            with pytest.raises(ConfigError, match="another program writes it"):
+                FrameWriter(path, mesh, {})
+            writer.write(60.0 * k, frame(mesh, k))
     np.testing.assert_array_equal(RunFile(path).frame()["u"], frame(mesh, 1)["u"])
 
 
@@ -224,7 +283,7 @@ def write_until_full(path, mesh, most=1000):
         for step in range(most):
             writer.write(60.0 * step, frame(mesh, step), {"mass": 1.0, "energy": 2.0})
             frames = step + 1
-            writer.checkpoint(memory(mesh.size, step), 60.0 * step, step, "rk4")
+            writer.checkpoint({"state": np.full(8 * mesh.size, step)}, 60.0 * step, step, "rk4")
             checkpoints = step
     return frames, checkpoints, one_line(error)
 
@@ -236,7 +295,9 @@ def check_kept(path, mesh, frames, checkpoints):
         np.testing.assert_array_equal(run.frame()[name], values)
     found = read_checkpoint(path)
     assert found.steps == checkpoints
-    np.testing.assert_array_equal(found.memory["state"], memory(mesh.size, checkpoints)["state"])
+    state = np.full(8 * run.bottom.size, checkpoints)
+    np.testing.assert_array_equal(found.memory["state"], state)
+    assert sorted(file.name for file in path.parent.iterdir()) == ["run.nc", "run.nc.restart"]
 
 
 def test_a_full_disk_keeps_every_frame(tmp_path, mesh, file_limit):
@@ -272,36 +333,75 @@ def test_no_room_for_a_first_frame(tmp_path, mesh, file_limit):
     assert not (tmp_path / "run.nc").exists()
 
 
-ENDLESS = """
-import itertools, sys
-import numpy as np
-from swe_sphere.mesh import build_mesh
-from swe_sphere.output.netcdf import FrameWriter
-mesh = build_mesh(3, 4)
-with FrameWriter(sys.argv[1], mesh, {}) as writer:
-    for step in itertools.count(1):
-        values = np.full(mesh.size, float(step))
-        names = ("h", "u", "v", "vorticity", "divergence")
-        writer.write(step, dict.fromkeys(names, values))
-        if step % 7 == 1:
-            writer.checkpoint({"a": np.full(5000, float(step))}, step, step, "rk4")
-        print(step, flush=True)
-"""
+def removed(path):
+    path.unlink()
 
 
-def test_a_kill_leaves_the_last_checkpoint(tmp_path):
-    path: Path = tmp_path / "run.nc"
-    run = subprocess.Popen(
-        [sys.executable, "-c", ENDLESS, path], stdout=subprocess.PIPE, text=True
-    )  # fmt: skip
-    lines = [run.stdout.readline() for _ in range(18)]
-    run.send_signal(signal.SIGKILL)
-    last = int((lines + run.stdout.readlines())[-1])
-    run.wait()
-    run.stdout.close()
-    found = read_checkpoint(path)
-    assert found.steps >= (last - 1) // 7 * 7 + 1
-    np.testing.assert_array_equal(found.memory["a"], np.full(5000, float(found.steps)))
-    read = RunFile(path)
-    assert read.times.size >= last
-    np.testing.assert_array_equal(read.frame()["h"], read.times[-1])
+def moved(path):
+    path.rename(path.with_name("elsewhere.nc"))
+
+
+def replaced(path):
+    content = path.read_bytes()
+    path.unlink()
+    path.write_bytes(content)
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def cut(path):
+    os.truncate(path, path.stat().st_size - 8)
+
+
+def overwritten(path):
+    with path.open("r+b") as file:
+        file.write(bytes(100))
+
+
+@pytest.mark.parametrize("harm", [removed, moved, replaced, emptied, cut, overwritten])
+@pytest.mark.parametrize("call", ["write", "record", "checkpoint", "finish"])
+def test_a_file_that_others_remove_or_change_is_noticed_at_once(tmp_path, mesh, harm, call):
+    with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
+        writer.write(0.0, frame(mesh, 0), {"mass": 1.0})
+        harm(writer.path)
+        arguments = {
+            "write": (60.0, frame(mesh, 1)), "record": (60.0, {"mass": 1.0}),
+            "checkpoint": (memory(mesh.size, 1), 60.0, 1, "rk4"), "finish": ({"completed": True},),
+        }  # fmt: skip
+        with pytest.raises(RunFailed, match=r"run\.nc was .* while the run") as error:
+            getattr(writer, call)(*arguments[call])
+        one_line(error)
+
+
+def test_an_old_file_stays_until_there_is_a_first_frame(tmp_path, mesh, written):
+    before = written.read_bytes()
+    with FrameWriter(written, mesh, {}):
+        assert written.read_bytes() == before
+    assert written.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.nc", "run.nc.restart"]
+
+
+def test_a_link_leads_to_the_file(tmp_path, mesh):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link.nc").symlink_to(tmp_path / "disk" / "run.nc")
+    with FrameWriter(tmp_path / "link.nc", mesh, {}) as writer:
+        writer.write(0.0, frame(mesh, 0))
+    assert (tmp_path / "link.nc").is_symlink()
+    assert RunFile(tmp_path / "disk" / "run.nc").times.tolist() == [0.0]
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path, mesh):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="what is there is no file"):
+        FrameWriter(tmp_path / "pipe", mesh, {})
+
+
+def test_a_file_can_be_read_while_it_is_written(tmp_path, mesh):
+    with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
+        for k in range(3):
+            writer.write(60.0 * k, frame(mesh, k))
+            run = RunFile(writer.path)
+            assert run.times.size == k + 1
+            np.testing.assert_array_equal(run.frame()["divergence"], frame(mesh, k)["divergence"])

@@ -7,6 +7,7 @@ from matplotlib.image import imread
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
 from swe_sphere.output import plot
+from swe_sphere.output.classic import RECORDS_AT
 from swe_sphere.output.globe import equal_earth, globe_grid
 from swe_sphere.output.netcdf import FrameWriter
 from swe_sphere.output.panels import panels
@@ -96,7 +97,13 @@ def test_what_cannot_be_drawn(run, tmp_path):
 
 
 def test_a_file_without_frames(tmp_path):
-    FrameWriter(tmp_path / "run.nc", build_mesh(1, 4), {}).close()
+    mesh = build_mesh(1, 4)
+    frame = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
+    with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
+        writer.write(0.0, frame)
+    with (tmp_path / "run.nc").open("r+b") as file:
+        file.seek(RECORDS_AT)
+        file.write(bytes(4))
     with pytest.raises(ConfigError, match="no frame yet"):
         plot_file(tmp_path / "run.nc")
 

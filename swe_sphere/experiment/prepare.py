@@ -173,12 +173,16 @@ def _begin(stepper: Stepper, state: wp.array, checkpoint: Checkpoint | None) -> 
 
 
 def _read(config: RunConfig) -> Checkpoint:
-    from swe_sphere.output.checkpoint import read_checkpoint
+    from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
 
     assert config.restart is not None
-    if config.out is not None and config.out.exists() and config.out.samefile(config.restart):
-        raise ConfigError(f"out and restart are both {config.out}: write to another file")
-    return read_checkpoint(config.restart)
+    checkpoint = read_checkpoint(config.restart)
+    for place in () if config.out is None else (config.out, checkpoint_path(config.out)):
+        if place.exists() and place.samefile(config.restart):
+            raise ConfigError(
+                f"out={config.out} would replace the restart file {place}: write to another file"
+            )
+    return checkpoint
 
 
 def _reference(config: RunConfig, scene: Scene, days: float) -> ReferenceErrors | None:

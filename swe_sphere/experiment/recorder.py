@@ -13,10 +13,21 @@ from swe_sphere.simulation import Moment, TimePlan
 if TYPE_CHECKING:
     from swe_sphere.output.netcdf import FrameWriter
 
-__all__ = ["Recorder"]
+__all__ = ["Recorder", "most_samples"]
 
 SAMPLES = 200
 """About how many times the numbers are sampled in a run."""
+
+
+def most_samples(plan: TimePlan, done: int) -> int:
+    """How many samples a run takes at the most, of which so many steps lie behind."""
+    ahead = plan.steps - done
+    return min(ahead, ahead // plan.frame_steps + ahead // _interval(plan) + 3) + 1
+
+
+def _interval(plan: TimePlan) -> int:
+    """Steps between samples."""
+    return max(1, plan.steps // SAMPLES)
 
 
 class Recorder:
@@ -36,7 +47,7 @@ class Recorder:
     ) -> None:
         self._sampler, self._plan, self._writer = sampler, plan, writer
         self._stepper, self._counts = stepper, counts
-        self._every = max(1, plan.steps // SAMPLES)
+        self._every = _interval(plan)
         self._framed: int | None = None
         self.latest: dict[str, float] = {}
         """The numbers sampled last."""

@@ -49,7 +49,7 @@ def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str
 
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
     """The step [s] of the run in the file; ConfigError if another one is asked for."""
-    dt = float(checkpoint.attributes.get("dt", 0.0))  # type: ignore[arg-type]
+    dt = float(checkpoint.attributes.get("dt", 0.0))
     before = _stored(config, checkpoint, "configuration").get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
         raise ConfigError(

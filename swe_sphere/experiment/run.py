@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from swe_sphere.errors import RunFailed, SweError
 from swe_sphere.experiment.execution import Execution
 from swe_sphere.experiment.prepare import Prepared, prepare
+from swe_sphere.experiment.recorder import most_samples
 from swe_sphere.experiment.summary import Summary
 from swe_sphere.experiment.watcher import Watcher
 from swe_sphere.simulation import RunConfig
@@ -47,19 +48,11 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
 
 
 def _executed(prepared: Prepared, watcher: Watcher, out: Path | None) -> Summary:
-    """Step with or without a file; a disk that fails when the file is closed is a failed run."""
-    summary = None
-    try:
-        with ExitStack() as stack:
-            writer = None if out is None else stack.enter_context(_writer(prepared, out))
-            summary = Execution(prepared, writer, watcher).run()
-            if writer is not None:
-                _note(writer, summary)
-    except RunFailed as error:
-        if summary is None:
-            raise
-        return _spoilt(summary, error)
-    return summary
+    """Step with or without a file."""
+    if out is None:
+        return Execution(prepared, None, watcher).run()
+    with _writer(prepared, out) as writer:
+        return _noted(writer, Execution(prepared, writer, watcher).run())
 
 
 def _writer(prepared: Prepared, out: Path) -> FrameWriter:
@@ -67,13 +60,18 @@ def _writer(prepared: Prepared, out: Path) -> FrameWriter:
 
     model = prepared.model
     tracers = model.scene.tracers or ()
-    return FrameWriter(out, model.mesh, prepared.attributes(), model.bottom, tracers)
+    samples = most_samples(prepared.plan, prepared.stepper.steps)
+    return FrameWriter(out, model.mesh, prepared.attributes(), model.bottom, tracers, samples)
 
 
-def _note(writer: FrameWriter, summary: Summary) -> None:
-    """Write into the file how the run ended, if the disk still takes anything."""
-    with suppress(RunFailed):
-        writer.set_attributes({k: v for k, v in summary.as_dict().items() if v is not None})
+def _noted(writer: FrameWriter, summary: Summary) -> Summary:
+    """Write into the file how the run ended; where that cannot be done, the run has failed."""
+    try:
+        if writer.frames:
+            writer.finish({k: v for k, v in summary.as_dict().items() if v is not None})
+    except RunFailed as error:
+        return _spoilt(summary, error)
+    return summary
 
 
 def _spoilt(summary: Summary, error: SweError) -> Summary:

@@ -1,163 +1,106 @@
-"""Checkpoints in an output file: two slots written in turn, so that one is always whole.
+"""Checkpoints: what a run needs to go on, in a file of its own beside that of its frames.
 
-Group "restart" / "layout<k>" / "slot0" and "slot1"; a new layout begins where the arrays of the
-stepper change in name, type or size.  In a slot every array is a variable of fixed size, rewritten
-in place, and so are the header's numbers: a kill in the middle spoils that slot's check sum and
-nothing else, and the reader falls back on the other.
+The file is a NumPy archive (.npz: a zip archive, with check sums) of the stepper's arrays and a
+header in JSON.  Each checkpoint replaces the one before by being renamed into its place, so that
+there is always a whole one.  The run's `run_id` says to which file of frames it belongs.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 import os
-from collections.abc import Iterator, Mapping
+import zipfile
+import zlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.output.runfile import attributes, reading
+from swe_sphere.output.disk import part_of, put_in_place
+from swe_sphere.output.runfile import reading
 
-__all__ = ["Checkpoint", "Slots", "read_checkpoint"]
+__all__ = ["Checkpoint", "checkpoint_path", "read_checkpoint", "write_checkpoint"]
 
-Memory = Mapping[str, NDArray[np.generic]]
-
-NATIVE = ("<f8", "<f4", "<i8", "<i4")
-HEADER = {"sequence": "i8", "steps": "i8", "time": "f8", "checksum": "u8"}
+HEADER = "header"
+ARRAYS = "arrays"
+"""Says in the header which arrays there are, as the check sums are those of each alone."""
+ARRAY = "array:"
+"""What their names begin with in the file."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The memory of a stepper, where it stood, and the attributes of the file it came from."""
+    """The memory of a stepper, where it stood, and the attributes of the run it belongs to."""
 
     memory: dict[str, NDArray[np.generic]]
     time: float
     """[s] since the start."""
     steps: int
     stepper: str
-    attributes: dict[str, object]
+    attributes: dict[str, Any]
+    """Those of the file of frames, among them its run_id."""
 
 
-class Slots:
-    """Writes checkpoints into the two slots of an open file in turn."""
-
-    def __init__(self, dataset: netCDF4.Dataset) -> None:
-        self._dataset = dataset
-        self._signature: object = None
-        self._slots: list[netCDF4.Group] = []
-        self._layouts = 0
-        self._sequence = 0
-
-    def room(self, memory: Memory, stepper: str) -> int:
-        """Bytes that the next checkpoint may add to the file: none where the slots fit it."""
-        if self._signature == _signature(memory, stepper):
-            return 0
-        return 2 * sum(array.nbytes for array in memory.values()) + 4096 * 2 * (len(memory) + 4)
-
-    def write(self, memory: Memory, time: float, steps: int, stepper: str) -> None:
-        """Overwrite the older slot (both are made at the first checkpoint of a layout)."""
-        if self._signature != _signature(memory, stepper):
-            self._add_layout(memory, stepper)
-        self._sequence += 1
-        slot = self._slots[self._sequence % 2]
-        for name, array in memory.items():
-            slot["memory"][name][:] = _storable(array)
-        numbers = {"sequence": self._sequence, "steps": steps, "time": time}
-        for name, number in numbers.items():
-            slot[name][...] = number
-        slot["checksum"][...] = _checksum(numbers, stepper, memory)
-
-    def _add_layout(self, memory: Memory, stepper: str) -> None:
-        parent = self._dataset.createGroup(f"restart/layout{self._layouts}")
-        parent.stepper = stepper
-        self._layouts += 1
-        self._slots = [_add_slot(parent.createGroup(f"slot{k}"), memory) for k in range(2)]
-        self._signature = _signature(memory, stepper)
+def checkpoint_path(path: Path) -> Path:
+    """Where the checkpoint lies that belongs to a file of frames."""
+    return path.with_name(f"{path.name}.restart")
 
 
-def _signature(memory: Memory, stepper: str) -> object:
-    """What two checkpoints have in common that fit the same slots."""
-    return stepper, [(name, a.dtype.str, a.shape) for name, a in memory.items()]
-
-
-def _add_slot(slot: netCDF4.Group, memory: Memory) -> netCDF4.Group:
-    for name, kind in HEADER.items():
-        slot.createVariable(name, kind)[...] = 0
-    group = slot.createGroup("memory")
-    for name, array in memory.items():
-        stored = _storable(array)
-        group.createDimension(name, stored.size)
-        variable = group.createVariable(name, stored.dtype, (name,), contiguous=True)
-        variable.setncatts({"array_type": array.dtype.str, "array_shape": json.dumps(array.shape)})
-        variable[:] = stored  # takes the room on disk now
-    return slot
-
-
-def _storable(array: NDArray[np.generic]) -> NDArray[Any]:
-    """The array's numbers in a row of a type that netCDF has; one byte where there are none."""
-    flat = np.ascontiguousarray(array).reshape(-1)
-    if flat.size == 0:
-        return np.zeros(1, dtype=np.uint8)
-    return flat if flat.dtype.str in NATIVE else flat.view(np.uint8)
-
-
-def _restored(variable: netCDF4.Variable[Any]) -> NDArray[np.generic]:
-    """The array that `_storable` was given."""
-    shape = json.loads(variable.array_shape)
-    kind = np.dtype(variable.array_type)
-    size = math.prod(shape) * kind.itemsize
-    return np.frombuffer(variable[:].tobytes()[:size], dtype=kind).reshape(shape).copy()
-
-
-def _checksum(numbers: Mapping[str, float], stepper: str, memory: Memory) -> int:
-    digest = hashlib.blake2b(digest_size=8)
-    digest.update(f"{stepper} {numbers['sequence']:d} {numbers['steps']:d}".encode())
-    digest.update(np.float64(numbers["time"]).tobytes())
-    for name, array in sorted(memory.items()):
-        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    return int.from_bytes(digest.digest(), "little")
+def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Replace the file at the path by this checkpoint, at once or, with an OSError, not at all."""
+    names = ("time", "steps", "stepper", "attributes")
+    values = {name: getattr(checkpoint, name) for name in names}
+    values[ARRAYS] = [*checkpoint.memory]
+    header = json.dumps(values, default=lambda numbers: numbers.tolist())
+    arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.memory.items()}
+    arrays[HEADER] = np.array(header)
+    part = part_of(path)
+    try:
+        with part.open("wb") as file:
+            np.savez(file, **arrays)
+            file.flush()
+            put_in_place(file.fileno(), path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """The latest whole checkpoint in a file.
+    """The checkpoint of a file of frames, or the one in a file of its own.
 
-    Raises ConfigError, in one line, if the file is missing, damaged or truncated, or holds no
-    whole checkpoint.
+    Raises ConfigError, in one line, if a file is missing or damaged, or if the checkpoint beside
+    the file of frames is that of another run.
     """
+    path = Path(path)
+    if path.is_file() and zipfile.is_zipfile(path):
+        return _read(path)
     with reading(path) as dataset:
-        slots = [*_slots(dataset)]
-        whole = [found for slot in slots if (found := _read_slot(*slot)) is not None]
-        configuration = attributes(dataset)
-    if not slots:
-        raise ConfigError(f"{path} holds no checkpoint: run with checkpoints to restart from it")
-    if not whole:
-        raise ConfigError(f"the checkpoint in {path} is damaged: start again, or from another file")
-    _, (memory, time, steps, stepper) = max(whole, key=lambda found: found[0])
-    return Checkpoint(memory, time, steps, stepper, configuration)
+        run_id = dataset.getncattr("run_id")
+    beside = checkpoint_path(path)
+    if not beside.exists():
+        raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")
+    checkpoint = _read(beside)
+    if checkpoint.attributes.get("run_id") != run_id:
+        raise ConfigError(
+            f"{beside} is the checkpoint of another run than {path}: restart from another file,"
+            f" or go on with that other run (restart={beside})"
+        )
+    return checkpoint
 
 
-def _slots(dataset: netCDF4.Dataset) -> Iterator[tuple[str, netCDF4.Group]]:
-    """Every slot with the name of its stepper."""
-    restart = dataset.groups.get("restart")
-    for layout in restart.groups.values() if restart else ():
-        yield from ((layout.stepper, slot) for slot in layout.groups.values())
-
-
-def _read_slot(
-    stepper: str, slot: netCDF4.Group
-) -> tuple[int, tuple[dict[str, NDArray[np.generic]], float, int, str]] | None:
-    """Sequence number and contents of a slot; None if it was not written or not to the end."""
+def _read(path: Path) -> Checkpoint:
     try:
-        numbers = {name: slot[name][...].item() for name in HEADER}
-        memory = {name: _restored(array) for name, array in slot["memory"].variables.items()}
-    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError):
-        return None
-    if numbers["checksum"] != _checksum(numbers, stepper, memory):
-        return None
-    return numbers["sequence"], (memory, numbers["time"], numbers["steps"], stepper)
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        values = json.loads(arrays.pop(HEADER).item())
+        memory = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
+        return Checkpoint(memory, **values)
+    except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, SyntaxError,
+            NotImplementedError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        raise ConfigError(
+            f"the checkpoint {path} is damaged, cut short, or not a file of this kind: start"
+            " again, or from another file"
+        ) from error

@@ -1,60 +1,92 @@
-"""Writing to disks that fill up: ask for the room first, and say what is wrong in one line.
+"""Files that appear whole or not at all, on disks that fill up: what is wrong, in one line.
 
-HDF5 leaves a file in an unknown state when a write fails in the middle.  So the room for all it is
-about to write is taken from the file system beforehand, behind the end of its data in the same
-file; a full disk, a quota or a limit on file sizes shows there, before HDF5 has touched anything.
+A new file is made beside the place where it is wanted, under a name of its own, and takes that
+place by being renamed, which happens at once or not at all.
 """
 
 from __future__ import annotations
 
 import errno
+import io
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError, SweError
 
-__all__ = ["Room", "allocate", "clear_errors", "in_use"]
+__all__ = ["allocate", "claim", "clear_errors", "part_of", "put_in_place"]
 
-REFUSED = "the disk refused it (full, over quota, or gone)"
 UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
-class Room:
-    """Room on disk for what is written to an open HDF5 file until the next `settle`."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file = os.open(path, os.O_RDWR)
-        self._wanted = 0
-
-    def reserve(self, size: int) -> None:
-        """Take room for size more bytes; OSError if there is not as much."""
-        self._wanted += size
-        allocate(self._file, self._path, _hdf5_end(self._file), self._wanted)
-
-    def settle(self) -> None:
-        """The file has been flushed: what was reserved is used or not needed."""
-        self._wanted = 0
-
-    def trim(self) -> None:
-        """After the HDF5 file was closed in order: give back what was not needed."""
-        os.ftruncate(self._file, _hdf5_end(self._file))
-
-    def close(self) -> None:
-        """Forget the file."""
-        os.close(self._file)
+def part_of(path: Path) -> Path:
+    """Where the file for a path is made."""
+    return path.with_name(path.name + ".part")
 
 
-def allocate(file: int, path: Path, start: int, size: int) -> None:
-    """Make sure that bytes start ... start + size of an open file can be written (OSError if not).
+def claim(path: Path) -> io.FileIO:
+    """The file at `part_of(path)`, new or left behind, locked for as long as it is open.
+
+    The lock is that of the file and stays with it when it is renamed.
+
+    Raises:
+        ConfigError: another program writes the file, or what is there is no file.
+        OSError: it cannot be made.
+    """
+    if path.exists():
+        if not path.is_file():
+            raise ConfigError(f"cannot write {path}: what is there is no file")
+        with io.FileIO(path) as file:
+            _lock(file, path)
+    part = part_of(path)
+    file = io.FileIO(os.open(part, os.O_RDWR | os.O_CREAT, 0o666), "r+")
+    try:
+        _lock(file, path)
+        if not os.path.samestat(part.stat(), os.fstat(file.fileno())):
+            raise ConfigError(_taken(path))
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _lock(file: io.FileIO, path: Path) -> None:
+    """ConfigError if another program holds the lock; nothing where there are no locks."""
+    try:
+        import fcntl  # not on every system
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ConfigError(_taken(path)) from None
+    except (ImportError, OSError):
+        return
+
+
+def _taken(path: Path) -> str:
+    return f"cannot write {path}: another program writes it"
+
+
+def put_in_place(file: int, path: Path) -> None:
+    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
+    os.fsync(file)
+    part_of(path).replace(path)
+    with suppress(OSError):  # not every system can
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def allocate(file: int, path: Path, size: int) -> None:
+    """Make sure that an open file can become so many bytes long (OSError if not).
 
     Where the file system cannot allocate ahead, its free space is all there is to ask for.
     """
     try:
-        os.posix_fallocate(file, start, size)
+        os.posix_fallocate(file, 0, size)
     except AttributeError:  # not on this system (macOS)
         _check_free(path, size)
     except OSError as error:
@@ -68,44 +100,11 @@ def _check_free(path: Path, size: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _hdf5_end(file: int) -> int:
-    """End of the data of an HDF5 file as its superblock has it, the file's size in doubt.
-
-    HDF5 File Format Specification 3.0, section II.A: byte 40 in versions 0 and 1, 28 in 2 and 3.
-    """
-    os.lseek(file, 0, os.SEEK_SET)
-    head = os.read(file, 48)
-    size = os.fstat(file).st_size
-    if len(head) < 48 or head[:8] != b"\x89HDF\r\n\x1a\n" or head[8] > 3:
-        return size
-    offset = 40 if head[8] < 2 else 28
-    end = int.from_bytes(head[offset : offset + 8], "little")
-    return end if end < 2**63 else size
-
-
-def in_use(file: int, *, for_writing: bool) -> bool:
-    """Whether HDF5 has the file of a descriptor open elsewhere so that it cannot be read (written).
-
-    HDF5 itself looks at the lock only after it has cut the file to nothing.
-    """
-    try:
-        import fcntl  # not on every system
-
-        fcntl.flock(file, (fcntl.LOCK_EX if for_writing else fcntl.LOCK_SH) | fcntl.LOCK_NB)
-        fcntl.flock(file, fcntl.LOCK_UN)
-    except BlockingIOError:
-        return True
-    except (ImportError, OSError):
-        return False
-    return False
-
-
 @contextmanager
 def clear_errors(what: str, kind: type[SweError] = ConfigError, after: str = "") -> Iterator[None]:
-    """Turn what the operating system or HDF5 raises inside into one line: what, why, after."""
+    """Turn what the operating system or netCDF raises inside into one line: what, why, after."""
     try:
         yield
     except (OSError, RuntimeError) as error:
         text = getattr(error, "strerror", None) or str(error)
-        why = REFUSED if "HDF error" in text else text
-        raise kind(f"{what}: {why}{after}") from error
+        raise kind(f"{what}: {text}{after}") from error

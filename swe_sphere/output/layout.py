@@ -1,5 +1,7 @@
 """What stands in an output file before the first frame: dimensions, mesh, variables, attributes.
 
+All is defined before anything is written, as a classic file is rearranged by every definition.
+
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
 nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.
 """
@@ -12,13 +14,13 @@ from typing import Any
 
 import netCDF4
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.mesh import Mesh
 
 __all__ = [
-    "FRAME_FIELDS", "LAYOUT_BYTES", "MESH_ATTRIBUTES", "SERIES_CHUNK", "TRACER",
-    "add_diagnostic", "add_layout", "attribute", "frame_fields",
+    "FRAME_FIELDS", "LAYOUT_BYTES", "MESH_ATTRIBUTES", "SERIES", "SUMMARY", "SUMMARY_BYTES",
+    "TRACER", "add_layout", "attribute", "frame_fields",
 ]  # fmt: skip
 
 FRAME_FIELDS = {
@@ -72,8 +74,13 @@ DIAGNOSTICS = {
 MESH_ATTRIBUTES = ("ne", "np", "radius", "stretch", "centre", "spin")
 """Global attributes [m, rad] from which `build_mesh` makes the mesh of the file again."""
 
-SERIES_CHUNK = 512
-"""Numbers of a series that take their room in the file together."""
+SERIES = "diagnostic_time"
+"""The dimension of the series of diagnostics, and the variable with its times."""
+
+SUMMARY = "summary"
+"""The global attribute that tells how the run ended, in JSON."""
+SUMMARY_BYTES = 32 * 1024
+"""Room for it."""
 
 LAYOUT_BYTES = 56
 """Bytes per node that `add_layout` writes: lat, lon, area, b and the corners of one face."""
@@ -93,93 +100,97 @@ def add_layout(
     mesh: Mesh,
     bottom: ArrayLike | None,
     fields: Mapping[str, Mapping[str, str]],
+    diagnostics: Iterable[str],
+    samples: int,
 ) -> None:
-    """Define everything but diagnostics and checkpoints, and write what does not change.
+    """Define everything, and write what does not change.
 
-    fields: those of every frame with their attributes.
+    fields: those of every frame with their attributes.  diagnostics: names of the series, each
+    with room for so many samples; none: there is no dimension for them either.
+
+    Raises ValueError if a series is called like something else in the file.
     """
-    for name, size in {"time": None, "diagnostic_time": None, "node": mesh.size}.items():
-        dataset.createDimension(name, size)
+    quads = mesh.quads()
     dataset.setncatts({
         "Conventions": "CF-1.11 UGRID-1.0",
         "source": "swe_sphere: spectral elements on the cubed sphere",
+        SUMMARY: " " * SUMMARY_BYTES,
     })  # fmt: skip
     dataset.setncatts({name: attribute(getattr(mesh, name)) for name in MESH_ATTRIBUTES})
+    sizes = {"time": None, "node": mesh.size, "face": len(quads), "corner": 4}
+    for name, size in sizes.items():
+        dataset.createDimension(name, size)
     _add_topology(dataset, mesh)
-    _add_times(dataset)
-    _add_nodal(dataset, mesh, np.zeros(mesh.size) if bottom is None else bottom)
-    _add_frames(dataset, mesh, fields)
+    for name, attributes in (COORDINATES | STATIC_FIELDS).items():
+        nodal = attributes | ({} if name in COORDINATES else ON_NODES)
+        dataset.createVariable(name, "f8", ("node",)).setncatts(nodal)
+    _add_frames(dataset, fields)
+    _add_series(dataset, [*diagnostics], samples)
+    _fill(dataset, mesh, quads, np.zeros(mesh.size) if bottom is None else bottom)
 
 
 def _add_topology(dataset: netCDF4.Dataset, mesh: Mesh) -> None:
-    quads = mesh.quads()
-    dataset.createDimension("face", len(quads))
-    dataset.createDimension("corner", 4)
     dataset.createVariable("mesh", "i4").setncatts({
         "cf_role": "mesh_topology",
         "long_name": "Gauss-Lobatto-Legendre points of the elements and the quads between them",
-        "topology_dimension": 2,
+        "topology_dimension": np.int32(2),
         "node_coordinates": "lon lat",
         "face_node_connectivity": "face_nodes",
         "face_dimension": "face",
     })  # fmt: skip
-    faces = dataset.createVariable("face_nodes", "i4", ("face", "corner"))
-    faces.setncatts({
+    dataset.createVariable("face_nodes", "i4", ("face", "corner")).setncatts({
         "cf_role": "face_node_connectivity",
         "long_name": "corner nodes of each quad, anticlockwise",
         "start_index": np.int32(0),
     })  # fmt: skip
-    faces[:] = quads
     sphere = {"grid_mapping_name": "latitude_longitude", "earth_radius": mesh.radius}
     dataset.createVariable("sphere", "i4").setncatts(sphere)
 
 
-def _add_times(dataset: netCDF4.Dataset) -> None:
-    for name, text in {"time": "time", "diagnostic_time": "time of the diagnostics"}.items():
-        variable = dataset.createVariable(name, "f8", (name,), chunksizes=(SERIES_CHUNK,))
-        variable.setncatts({"standard_name": "time", "long_name": text, **TIME})
-    dataset["time"].axis = "T"
-
-
-def _add_nodal(dataset: netCDF4.Dataset, mesh: Mesh, bottom: ArrayLike) -> None:
-    values = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon), "area": mesh.area}
-    for name, attributes in (COORDINATES | STATIC_FIELDS).items():
-        variable = dataset.createVariable(name, "f8", ("node",))
-        variable.setncatts(attributes | ({} if name in COORDINATES else ON_NODES))
-        variable[:] = bottom if name == "b" else values[name]
-
-
-def _add_frames(
-    dataset: netCDF4.Dataset, mesh: Mesh, fields: Mapping[str, Mapping[str, str]]
-) -> None:
+def _add_frames(dataset: netCDF4.Dataset, fields: Mapping[str, Mapping[str, str]]) -> None:
+    _add_time(dataset, "time", "time").axis = "T"
     for name, attributes in fields.items():
-        variable = dataset.createVariable(
-            name, "f8", ("time", "node"), chunksizes=(1, mesh.size), fill_value=np.nan
-        )
+        variable = dataset.createVariable(name, "f8", ("time", "node"), fill_value=np.nan)
         variable.setncatts({**attributes, **ON_NODES, "cell_measures": "area: area"})
 
 
-def add_diagnostic(dataset: netCDF4.Dataset, name: str) -> netCDF4.Variable[np.float64]:
-    """A new series of numbers along `diagnostic_time`, missing so far.
-
-    Raises ValueError if the name is one of the file's own.
-    """
-    if name in dataset.variables:
-        raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
-    variable = dataset.createVariable(
-        name, "f8", ("diagnostic_time",), chunksizes=(SERIES_CHUNK,), fill_value=np.nan
-    )
-    text, units = DIAGNOSTICS.get(name, (name.replace("_", " "), "1"))
-    variable.setncatts({"long_name": text, "units": units})
+def _add_time(dataset: netCDF4.Dataset, name: str, text: str) -> netCDF4.Variable[np.float64]:
+    variable = dataset.createVariable(name, "f8", (name,))
+    variable.setncatts({"standard_name": "time", "long_name": text, **TIME})
     return variable
 
 
+def _add_series(dataset: netCDF4.Dataset, names: Sequence[str], samples: int) -> None:
+    if not names:
+        return
+    dataset.createDimension(SERIES, samples)
+    _add_time(dataset, SERIES, "time of the diagnostics")
+    for name in names:
+        if name in dataset.variables:
+            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
+        text, units = DIAGNOSTICS.get(name, (name.replace("_", " "), "1"))
+        variable = dataset.createVariable(name, "f8", (SERIES,), fill_value=np.nan)
+        variable.setncatts({"long_name": text, "units": units})
+
+
+def _fill(
+    dataset: netCDF4.Dataset, mesh: Mesh, quads: NDArray[np.integer[Any]], bottom: ArrayLike
+) -> None:
+    dataset["mesh"][...] = dataset["sphere"][...] = 0  # their attributes are what counts
+    dataset["face_nodes"][:] = quads
+    dataset["lat"][:], dataset["lon"][:] = np.degrees(mesh.lat), np.degrees(mesh.lon)
+    dataset["area"][:], dataset["b"][:] = mesh.area, bottom
+
+
 def attribute(value: object) -> Any:
-    """A value as netCDF can hold it: numbers, texts and rows of numbers; the rest as JSON."""
-    if isinstance(value, (str, float, int, np.number)) and not isinstance(value, bool):
+    """A value as the file can hold it: numbers, texts and rows of numbers; the rest as JSON."""
+    if isinstance(value, (str, float, np.floating)):
         return value
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        number = int(value)
+        return np.int32(number) if abs(number) < 2**31 else float(number)
     if isinstance(value, Sequence) and value and all(type(x) in (int, float) for x in value):
-        return np.asarray(value)
+        return np.asarray(value, dtype=np.float64)
     if isinstance(value, Mapping):
         value = dict(value)
     return json.dumps(value, default=str)

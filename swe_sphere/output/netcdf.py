@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
+import uuid
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,37 +16,40 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
-from swe_sphere.output.checkpoint import Slots, read_checkpoint
-from swe_sphere.output.disk import Room, allocate, clear_errors, in_use
+from swe_sphere.output.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
+from swe_sphere.output.classic import FORMAT
+from swe_sphere.output.disk import allocate, claim, clear_errors, part_of, put_in_place
+from swe_sphere.output.growing import GrowingFile
 from swe_sphere.output.layout import (
     LAYOUT_BYTES,
-    SERIES_CHUNK,
-    add_diagnostic,
+    SERIES,
+    SUMMARY,
+    SUMMARY_BYTES,
     add_layout,
     attribute,
     frame_fields,
 )
 
-__all__ = ["FrameWriter", "read_checkpoint"]
+__all__ = ["FrameWriter"]
 
-MARGIN = 256 * 1024
-"""Room [bytes] for the indices and headers that a flush may add."""
-CHUNK = 8 * 1024
-"""Room [bytes] for the next chunk of one series of numbers."""
+SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
 
 
 class FrameWriter:
-    """Writes frames, series of diagnostics and checkpoints to one file, flushed frame by frame.
+    """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
-    path: the file, replaced if it is there.  attributes: the resolved configuration, written as
-    global attributes (nested tables as JSON); the parameters of the mesh are added.  bottom
-    (N,) [m]: height of the orography, zero where None.  tracers: their names.
+    path: the file, which takes the place of one that is there with its first frame, and is whole
+    from then on at every moment.  attributes: the resolved configuration, written as global
+    attributes (nested tables as JSON); the parameters of the mesh and a run_id are added.  bottom
+    (N,) [m]: height of the orography, zero where None.  tracers: their names.  samples: how many
+    times diagnostics are given, at the most.
 
-    Raises ConfigError if the file cannot be made or there is no room for a first frame.  Every
-    method raises RunFailed if the disk is full or refuses; what was written before stays readable.
+    Raises ConfigError if the file cannot be made, if another run writes it or if there is no room
+    for a first frame.  Every method raises RunFailed if the disk is full or refuses, or if another
+    program has removed or changed the file; what was written before stays readable.
     """
 
     def __init__(
@@ -53,38 +59,29 @@ class FrameWriter:
         attributes: Mapping[str, object],
         bottom: ArrayLike | None = None,
         tracers: Iterable[str] = (),
+        samples: int = SAMPLES,
     ) -> None:
-        self._fields = frame_fields(tracers)
         self.path = Path(path)
-        self.frames = 0
-        """Frames written so far."""
-        self._records = 0
-        self._frame_bytes = (len(self._fields) + 1) * 8 * mesh.size
-        self._static_bytes = LAYOUT_BYTES * mesh.size + MARGIN
-        self._series: dict[str, netCDF4.Variable[np.float64]] = {}
+        self._place = self.path.resolve() if self.path.is_symlink() else self.path
+        self._mesh, self._bottom, self._samples = mesh, bottom, samples
+        self._fields = frame_fields(tracers)
+        values = {**attributes, "run_id": uuid.uuid4().hex}
+        self._attributes = {name: attribute(value) for name, value in values.items()}
+        self._growing: GrowingFile | None = None
+        self._series: tuple[str, ...] = ()
         with clear_errors(f"cannot write {self.path}"):
-            self._dataset = self._create()
-            self._room = Room(self.path)
-            self._put_attributes(attributes)
-            add_layout(self._dataset, mesh, bottom, self._fields)
-            self._dataset.sync()
-        self._slots = Slots(self._dataset)
+            self._file = claim(self._place)
+            try:
+                size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
+                allocate(self._file.fileno(), self._place, size)
+            except OSError:
+                self.close()
+                raise
 
-    def _create(self) -> netCDF4.Dataset:
-        """The new file; opened by hand first, as netCDF calls every failure "permission denied"."""
-        existed = self.path.exists()
-        file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            if in_use(file, for_writing=True):
-                raise ConfigError(f"cannot write {self.path}: another program has it open")
-            allocate(file, self.path, 0, self._static_bytes + self._frame_bytes)
-        except OSError:
-            if not existed:
-                self.path.unlink()
-            raise
-        finally:
-            os.close(file)
-        return netCDF4.Dataset(self.path, "w", format="NETCDF4")
+    @property
+    def frames(self) -> int:
+        """Frames written so far."""
+        return 0 if self._growing is None else self._growing.records
 
     def write(
         self,
@@ -92,57 +89,59 @@ class FrameWriter:
         fields: Mapping[str, ArrayLike],
         diagnostics: Mapping[str, float | None] | None = None,
     ) -> None:
-        """Add a frame at time [s since the start] and flush the file.
+        """Add a frame at time [s since the start] and put it on the disk.
 
         fields: h [m], u, v [m s-1], vorticity, divergence [s-1] and q_NAME of each tracer, all of
         them (N,); others are ignored.
-        diagnostics: as for `record`, at the same time.
+        diagnostics: as for `record`, at the same time; those of the first frame are all there are.
         """
-        with self._writing(self._frame_bytes + MARGIN + self._series_room(diagnostics or {})):
-            for name in self._fields:
-                self._dataset[name][self.frames] = fields[name]
-            self._dataset["time"][self.frames] = time
+        values = {"time": [time]} | {name: fields[name] for name in self._fields}
+        with self._writing():
+            growing = self._growing or self._make(diagnostics or {})
+            growing.add_record(values)
             if diagnostics:
-                self._record(time, diagnostics)
-            self._flush()
-            self.frames += 1
+                growing.add_sample(self._sample(time, diagnostics))
+            if self._growing is None:
+                put_in_place(self._file.fileno(), self._place)
+                self._growing = growing
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
-        """Add numbers at time [s] to the series along `diagnostic_time`; flushed with the frames.
+        """Add numbers at time [s] to the series along `diagnostic_time`, after a first frame.
 
-        A name that is new starts a series (missing before); None and absent names are missing.
+        None and absent names are missing.  Raises ValueError for a name that the first frame did
+        not have, and if there is no room for more.
         """
-        with self._writing(self._series_room(diagnostics)):
-            self._record(time, diagnostics)
+        with self._writing():
+            self._begun.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(
         self, memory: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
     ) -> None:
-        """Store what a bitwise exact restart needs, beside the checkpoint before, and flush.
+        """Put what a bitwise exact restart needs in the place of the checkpoint before.
 
         memory: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
         """
         arrays = {name: np.asarray(array) for name, array in memory.items()}
-        with self._writing(self._slots.room(arrays, stepper) + MARGIN):
-            self._slots.write(arrays, time, steps, stepper)
-            self._flush()
+        checkpoint = Checkpoint(arrays, time, steps, stepper, self._attributes)
+        with self._writing():
+            write_checkpoint(checkpoint_path(self.path), checkpoint)
 
-    def set_attributes(self, attributes: Mapping[str, object]) -> None:
-        """Add or replace global attributes (counters, how the run ended) and flush."""
-        with self._writing(MARGIN):
-            self._put_attributes(attributes)
-            self._flush()
+    def finish(self, summary: Mapping[str, object]) -> None:
+        """Tell how the run ended: a JSON object in the attribute `summary`.
+
+        What does not fit into the room for it is left out, from the end of the summary.
+        """
+        kept = dict(summary)
+        while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
+            kept.popitem()
+        with self._writing():
+            self._begun.set_text(SUMMARY, text)
 
     def close(self) -> None:
         """Close the file; may be called again, and after a failure."""
-        if not self._dataset.isopen():
-            return
-        try:
-            with clear_errors(f"cannot finish {self.path}", RunFailed, MENDING):
-                self._dataset.close()
-                self._room.trim()
-        finally:
-            self._room.close()
+        if self._growing is None and not self._file.closed:
+            part_of(self._place).unlink(missing_ok=True)
+        self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -150,33 +149,37 @@ class FrameWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
-        with suppress(*([RunFailed] if error else [])):  # the first failure is the one to report
-            self.close()
+        self.close()
+
+    @property
+    def _begun(self) -> GrowingFile:
+        if self._growing is None:
+            raise ValueError("a file begins with a frame")
+        return self._growing
+
+    def _make(self, diagnostics: Iterable[str]) -> GrowingFile:
+        """Everything but frames and samples, by the netCDF library, in the file claimed."""
+        self._series = tuple(diagnostics)
+        with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
+            dataset.set_fill_off()
+            dataset.setncatts(self._attributes)
+            add_layout(dataset, self._mesh, self._bottom, self._fields, self._series, self._samples)
+        growing = GrowingFile(self._file, SERIES)
+        growing.set_text(SUMMARY, json.dumps({"completed": False}))
+        return growing
+
+    def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
+        """A number for every series; ValueError if there is one without a series."""
+        if unknown := diagnostics.keys() - set(self._series):
+            raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
+        found = {name: diagnostics.get(name) for name in self._series}
+        numbers = {name: math.nan if value is None else value for name, value in found.items()}
+        return {SERIES: time, **numbers}
 
     @contextmanager
-    def _writing(self, room: int) -> Iterator[None]:
-        """Take room for so many bytes; RunFailed for what the disk says then or in the block."""
+    def _writing(self) -> Iterator[None]:
+        """RunFailed for what the disk says in the block, or others did to the file before."""
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
-            self._room.reserve(room)
+            if self._growing is not None:
+                self._growing.check(self.path)
             yield
-
-    def _flush(self) -> None:
-        self._dataset.sync()
-        self._room.settle()
-
-    def _series_room(self, diagnostics: Mapping[str, object]) -> int:
-        """Bytes the next record may add: nothing, but for the first of a chunk or of a series."""
-        new = self._records % SERIES_CHUNK == 0 or not diagnostics.keys() <= self._series.keys()
-        return CHUNK * (len(diagnostics) + 1) if new else 0
-
-    def _record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
-        self._dataset["diagnostic_time"][self._records] = time
-        for name, value in diagnostics.items():
-            if name not in self._series:
-                self._series[name] = add_diagnostic(self._dataset, name)
-            if value is not None:
-                self._series[name][self._records] = value
-        self._records += 1
-
-    def _put_attributes(self, attributes: Mapping[str, object]) -> None:
-        self._dataset.setncatts({name: attribute(value) for name, value in attributes.items()})

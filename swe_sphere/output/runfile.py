@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh
-from swe_sphere.output.disk import in_use
+from swe_sphere.output.classic import check_length
 from swe_sphere.output.fields import derive, evaluate
-from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES, TRACER
+from swe_sphere.output.layout import FRAME_FIELDS, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER
 from swe_sphere.planet import DAY
 
 __all__ = ["RunFile", "attributes", "reading"]
@@ -46,9 +47,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
 
 def _cause(path: str | os.PathLike[str], error: Exception) -> str:
     try:
-        with Path(path).open("rb") as file:
-            if in_use(file.fileno(), for_writing=False):
-                return "a run is writing it (HDF5_USE_FILE_LOCKING=FALSE reads it all the same)"
+        Path(path).open("rb").close()
     except OSError as refusal:
         return str(refusal.strerror)
     why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
@@ -59,6 +58,14 @@ def attributes(dataset: netCDF4.Dataset) -> dict[str, Any]:
     """The global attributes as plain numbers, texts and lists of numbers."""
     values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+
+
+def _summary(text: str) -> dict[str, Any]:
+    """How the run ended; nothing of one that was killed while it said so."""
+    try:
+        return dict(json.loads(text))
+    except ValueError:
+        return {}
 
 
 def _tracers(dataset: netCDF4.Dataset) -> list[str]:
@@ -79,11 +86,12 @@ class RunFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         with reading(path) as dataset:
-            self.attributes = attributes(dataset)
-            self._mesh_arguments = {name: self.attributes[name] for name in MESH_ATTRIBUTES}
-            times = dataset["time"][:]
-            # a frame that was not finished has no time, as the time is written last
-            self.times: Array = times[times < netCDF4.default_fillvals["f8"]]
+            check_length(self.path)
+            found = attributes(dataset)
+            self.attributes = found | _summary(found[SUMMARY])
+            """The global attributes, and by its names what the summary says."""
+            self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
+            self.times: Array = dataset["time"][:]
             self.bottom: Array = dataset["b"][:]
 
     @cached_property
@@ -147,9 +155,9 @@ class RunFile:
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
         with reading(self.path) as dataset:
-            names = [
-                name
+            found = {
+                name: variable[:]
                 for name, variable in dataset.variables.items()
-                if variable.dimensions == ("diagnostic_time",) and name != "diagnostic_time"
-            ]
-            return dataset["diagnostic_time"][:], {name: dataset[name][:] for name in names}
+                if variable.dimensions == (SERIES,)
+            }
+        return found.pop(SERIES, np.zeros(0)), found

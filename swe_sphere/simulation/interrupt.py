@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a run between two steps, so that its file is closed in good order."""
+"""Ctrl-C, SIGTERM and a lost terminal end a run between two steps, its file in good order."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from typing import Any, Self
 __all__ = ["Interrupted", "Interruption"]
 
 
+def _heard() -> list[signal.Signals]:
+    """The signals that end a run in good order, as far as the system has them."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hangup := getattr(signal, "SIGHUP", None):
+        numbers += [hangup] if signal.getsignal(hangup) != signal.SIG_IGN else []
+    return numbers
+
+
 class Interrupted(Exception):
     """The user asked the run to stop; the message says how."""
 
@@ -17,10 +25,9 @@ class Interrupted(Exception):
 class Interruption:
     """Within the block the first signal only raises a flag; the second acts at once as ever.
 
-    Outside the main thread, where Python delivers no signals, it does nothing.
+    Outside the main thread, where Python delivers no signals, it does nothing; nor does it about
+    SIGHUP where that is ignored, as nohup has it.
     """
-
-    SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
     def __init__(self) -> None:
         self._received: str | None = None
@@ -28,7 +35,7 @@ class Interruption:
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._note) for number in self.SIGNALS}
+            self._before = {number: signal.signal(number, self._note) for number in _heard()}
         return self
 
     def __exit__(

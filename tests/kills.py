@@ -1,0 +1,143 @@
+"""Writes a short run again and again, killed at every call that changes its files in turn.
+
+Started by test_kills.py with the library made of kills.c preloaded; prints what it found as JSON.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import signal
+import sys
+from collections import Counter
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import xarray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.output.checkpoint import read_checkpoint
+from swe_sphere.output.netcdf import FrameWriter
+from swe_sphere.output.runfile import RunFile
+
+MESH = build_mesh(2, 3)
+NAMES = ("h", "u", "v", "vorticity", "divergence")
+FRAMES = 3
+COUNTED = (
+    "positions", "no_file_yet", "unreadable", "frames_lost", "checkpoints_lost", "runs_to_the_end"
+)  # fmt: skip
+
+
+def frame(k: int) -> dict[str, np.ndarray]:
+    """Fields that tell which frame they are of, and whether all of it is there."""
+    return {n: np.random.default_rng([k, i]).normal(size=MESH.size) for i, n in enumerate(NAMES)}
+
+
+def memory(k: int) -> dict[str, np.ndarray]:
+    """Arrays of a stepper that stood at that frame."""
+    return {"state": np.random.default_rng([k, 99]).normal(size=3 * MESH.size), "n": np.array(k)}
+
+
+def numbers(k: float) -> dict[str, float]:
+    """Diagnostics at that frame."""
+    return {"mass": 1.0 + k, "energy": 2.0 + k}
+
+
+def write(path: Path, progress: int) -> None:
+    """A run of three frames with samples between them; a letter for all that is finished."""
+    with FrameWriter(path, MESH, {"scene": "x"}, samples=9) as writer:
+        for k in range(FRAMES):
+            writer.write(60.0 * k, frame(k), numbers(k))
+            os.write(progress, b"f")
+            writer.checkpoint(memory(k), 60.0 * k, k, "rk4")
+            os.write(progress, b"c")
+            writer.record(60.0 * k + 30.0, numbers(k + 0.5))
+        writer.finish({"completed": True, "steps": FRAMES})
+        os.write(progress, b"e")
+
+
+def killed(path: Path, call: int, half: bool) -> tuple[str, bool]:
+    """What a process had finished when it was killed at that call, and whether it was."""
+    shim = ctypes.CDLL(None)
+    reading, progress = os.pipe()
+    child = os.fork()
+    if child == 0:
+        shim.kill_at(os.fsencode(path.parent), ctypes.c_long(call), int(half))
+        write(path, progress)
+        os._exit(0)
+    os.close(progress)
+    with os.fdopen(reading) as pipe:
+        done = pipe.read()
+    status = os.waitpid(child, 0)[1]
+    return done, os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL
+
+
+def check_frames(path: Path, finished: int) -> None:
+    """Every frame and sample that is there is whole, and those that were finished are there."""
+    with xarray.open_dataset(path) as data, netCDF4.Dataset(path) as file:
+        data.load()
+        there = data.sizes["time"]
+        assert finished <= there <= finished + 1
+        for name in NAMES:
+            expected = np.reshape([frame(k)[name] for k in range(there)], (there, MESH.size))
+            np.testing.assert_array_equal(data[name], expected)
+            np.testing.assert_array_equal(file[name][:], expected)
+        times = [60.0 * k for k in range(there)]
+        assert RunFile(path).times.tolist() == file["time"][:].tolist() == times
+        taken = [0.5 * k for k in range(data.sizes["diagnostic_time"])]
+        assert data["mass"].values.tolist() == [1.0 + k for k in taken]
+        assert file["diagnostic_time"][:].tolist() == [60.0 * k for k in taken]
+
+
+def check_checkpoint(path: Path, finished: int) -> None:
+    """What was put down last, or was just about to be, comes back to the last bit."""
+    found = read_checkpoint(path)
+    assert finished <= found.steps + 1 <= finished + 1
+    for name, array in memory(found.steps).items():
+        assert found.memory[name].tobytes() == array.tobytes()
+
+
+def examine(path: Path, done: str, found: Counter[str]) -> None:
+    """Count what a kill has left."""
+    frames, checkpoints = done.count("f"), done.count("c")
+    found["no_file_yet"] += not path.exists()
+    try:
+        if path.exists() or frames:
+            check_frames(path, frames)
+    except AssertionError as error:
+        found["frames_lost"] += 1
+        sys.stderr.write(f"{done}: {error}\n")
+    except Exception as error:
+        found["unreadable"] += 1
+        sys.stderr.write(f"{done}: {error!r}\n")
+    try:
+        if checkpoints:
+            check_checkpoint(path, checkpoints)
+    except (ConfigError, AssertionError) as error:
+        found["checkpoints_lost"] += 1
+        sys.stderr.write(f"{done}: {error}\n")
+
+
+def main(folder: Path) -> None:
+    found: Counter[str] = Counter()
+    for half in (False, True):
+        call, alive = 0, False
+        while not alive:
+            call += 1
+            place = folder / f"{call}{half}"
+            place.mkdir()
+            done, was_killed = killed(place / "run.nc", call, half)
+            alive = not was_killed
+            examine(place / "run.nc", done, found)
+            found["positions"] += was_killed
+            shutil.rmtree(place)
+        found["runs_to_the_end"] += done == "fc" * FRAMES + "e"
+    print(json.dumps({name: found[name] for name in COUNTED}))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
