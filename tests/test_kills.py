@@ -3,12 +3,23 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+import netCDF4
+import numpy as np
 import pytest
+import xarray
+
+from swe_sphere.experiment import run
+from swe_sphere.output.checkpoint import read_checkpoint
+from swe_sphere.output.runfile import RunFile
+from swe_sphere.planet import DAY
+from swe_sphere.simulation import make_config
 
 HERE = Path(__file__).parent
 
@@ -48,3 +59,45 @@ def test_a_kill_at_any_call_leaves_whole_files(shim, quick_folder):
     assert found["runs_to_the_end"] == 2
     assert 0 < found["no_file_yet"] < found["positions"]
     assert found["unreadable"] == found["frames_lost"] == found["checkpoints_lost"] == 0
+
+
+DT = 1200.0
+ENDLESS = (
+    "run", "williamson6", "--ne=2", "--np=4", f"--dt={DT}", f"--every={DT / 3600.0}",
+    "--days=20000", "--quiet",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.37])
+def test_a_killed_run_goes_on_bit_for_bit(tmp_path, delay):
+    file, rest, whole = (tmp_path / f"{name}.nc" for name in ("killed", "rest", "whole"))
+    program = Path(sys.executable).with_name("swe-sphere")
+    with subprocess.Popen([program, *ENDLESS, f"--out={file}"]) as process:
+        _wait_for_frames(file, 5)
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+    with xarray.open_dataset(file) as data, netCDF4.Dataset(file) as raw:
+        frames = data.load().sizes["time"]
+        assert np.isfinite(raw["h"][:]).all() and len(raw["h"]) == frames >= 5
+    steps = read_checkpoint(file).steps
+    assert steps in (frames - 2, frames - 1)
+    days = (steps + 3) * DT / DAY
+    run(make_config({"scene": "williamson6", "restart": file, "out": rest, "days": days}))
+    asked = {"ne": 2, "np": 4, "dt": DT, "every": DT / 3600.0, "days": days}
+    run(make_config({"scene": "williamson6", **asked, "out": whole}))
+    assert RunFile(rest).times[-1] == RunFile(whole).times[-1]
+    for name, values in RunFile(whole).frame().items():
+        assert RunFile(rest).frame()[name].tobytes() == values.tobytes()
+    first = RunFile(file).frame(0.0)["vorticity"]
+    assert first.tobytes() == RunFile(whole).frame(0.0)["vorticity"].tobytes()
+
+
+def _wait_for_frames(file, count):
+    """Until a run has written so many; its file can be read all the while."""
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        if file.exists() and RunFile(file).times.size >= count:
+            return
+        time.sleep(0.01)
+    raise AssertionError(f"no {count} frames in a minute")

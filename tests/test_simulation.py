@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
 from swe_sphere.experiment.prepare import prepare
+from swe_sphere.output.checkpoint import checkpoint_path
 from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation import (
@@ -227,19 +228,22 @@ def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper, settings):
         ({"dt": 100.0}, "goes on with the step of its file"),
         ({"days": 0.25}, "already"),
         ({"out": "part.nc"}, "write to another file"),
+        ({"restart": "part.nc.restart", "out": "part.nc"}, "write to another file"),
+        ({"restart": "moved.nc"}, "moved.nc has no checkpoint: there is no file moved.nc.restart"),
     ],
 )
 def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word):
     monkeypatch.chdir(tmp_path)
     small("williamson6", days=0.25, dt=3600.0, out="part.nc")
     before = (tmp_path / "part.nc").read_bytes()
+    (tmp_path / "moved.nc").write_bytes(before)
     config = {"scene": "williamson6", "restart": "part.nc", "days": 1.0, **values}
     with pytest.raises(ConfigError, match=word):
         run(make_config(config))
     assert (tmp_path / "part.nc").read_bytes() == before
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     """The signal comes after the first tick; what is left is a whole state, and goes on."""
 
@@ -256,8 +260,50 @@ def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     assert summary.reason.startswith("interrupted by ")
     assert 0 < summary["steps"] < 96
     assert RunFile(file).times[-1] == summary["steps"] * 1800.0
-    restarted = run(make_config({"scene": "williamson6", "restart": file}))
+    for restart in (file, checkpoint_path(file)):
+        restarted = run(make_config({"scene": "williamson6", "restart": restart}))
     assert restarted["energy_drift"] == small("williamson6", days=2.0, dt=1800.0)["energy_drift"]
+
+
+def test_a_run_goes_on_where_hangups_are_ignored():
+    """As nohup asks for."""
+
+    class HangUp(Watcher):
+        def tick(self, step):
+            os.kill(os.getpid(), signal.SIGHUP)
+
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert run(make_config({"scene": "williamson6", **SMALL}), HangUp()).completed
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+class Harm(Watcher):
+    """Does something to the file of a run, at its first step or after its last."""
+
+    def __init__(self, harm, moment):
+        self.harm, self.moment = harm, moment
+
+    def tick(self, step):
+        if self.moment == "tick":
+            self.harm()
+
+    def end(self):
+        if self.moment == "end":
+            self.harm()
+
+
+@pytest.mark.parametrize("moment", ["tick", "end"])
+@pytest.mark.parametrize("harm", ["deleted", "cut short"])
+def test_a_run_whose_file_is_deleted_or_cut_has_failed(tmp_path, harm, moment):
+    file = tmp_path / "gone.nc"
+    does = {"deleted": file.unlink, "cut short": lambda: os.truncate(file, 1000)}[harm]
+    values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "every": 24.0}
+    summary = run(make_config({**values, "out": file}), Harm(does, moment))
+    assert (summary.completed, summary.exit_status) == (False, 1)
+    assert f"{file} was {harm}" in summary.reason and "\n" not in summary.reason
+    assert summary["steps"] == {"tick": 1, "end": 96}[moment]
 
 
 def test_a_run_interrupted_at_a_frame_writes_it_once(tmp_path, monkeypatch):

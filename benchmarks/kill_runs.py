@@ -1,0 +1,148 @@
+"""Runs killed at random moments: what their files hold, and whether they go on bit for bit.
+
+    python benchmarks/kill_runs.py [--kills 300] [--seed 1] [--folder FOLDER]
+
+Kills `swe-sphere run` (SIGKILL) after a random time while it writes its file, opens what is left
+with netCDF4 and xarray, compares every frame with that of a run that was left alone, and restarts
+a run from it, whose last frame must be that of the other to the last bit.  The runs are forked
+from a process that has loaded all it needs, which saves seconds for each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import xarray
+from rich.console import Console
+from rich.table import Table
+
+from swe_sphere.cli.main import main as program
+from swe_sphere.errors import ConfigError
+from swe_sphere.experiment import run
+from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.output.runfile import RunFile
+from swe_sphere.simulation import make_config
+
+SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
+"""Frames after every step: most of the time goes into writing."""
+COUNTED = (
+    "kills", "no file yet", "files unreadable", "no checkpoint after the first frame",
+    "checkpoints lost", "checkpoint one frame behind", "checkpoint further behind", "restarts",
+    "restarts bit for bit",
+)  # fmt: skip
+FIELDS = ("h", "u", "v", "vorticity", "divergence")
+
+
+def write(out: Path) -> None:
+    """The program with the options of the scene; leaves the process as the program does."""
+    options = [f"--{name}={value}" for name, value in SCENE.items() if name != "scene"]
+    program(["run", str(SCENE["scene"]), *options, f"--out={out}", "--quiet"])
+
+
+def killed(out: Path, delay: float) -> bool:
+    """Whether a run was still going on that long [s] after it began."""
+    child = os.fork()
+    if child == 0:
+        try:
+            write(out)
+        finally:
+            os._exit(0)
+    time.sleep(delay)
+    os.kill(child, signal.SIGKILL)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+def whole_run(out: Path) -> tuple[xarray.Dataset, float]:
+    """What a run writes that is left alone, and how long it takes [s] when all is loaded."""
+    for _ in range(2):
+        start = time.perf_counter()
+        with suppress(SystemExit):
+            write(out)
+        span = time.perf_counter() - start
+    return xarray.load_dataset(out), span
+
+
+def frames(out: Path, whole: xarray.Dataset) -> int:
+    """How many frames there are; all of them, and all samples, as in the whole run."""
+    with xarray.open_dataset(out) as data, netCDF4.Dataset(out) as file:
+        data.load()
+        there = data.sizes["time"]
+        for name in FIELDS:
+            expected = whole[name].values[:there]
+            if not np.array_equal(data[name].values, expected):
+                raise ValueError(f"frames of {name} differ")
+            if not np.array_equal(file[name][:], expected):
+                raise ValueError(f"frames of {name} differ")
+        taken = data.sizes["diagnostic_time"]
+        if not np.array_equal(data["energy"].values, whole["energy"].values[:taken]):
+            raise ValueError("samples differ")
+    return there
+
+
+def goes_on(out: Path, whole: xarray.Dataset) -> bool:
+    """Whether a run restarted from the file ends as the whole one does, to the last bit."""
+    rest = out.with_name("rest.nc")
+    run(make_config({"scene": SCENE["scene"], "restart": out, "out": rest}))
+    last = RunFile(rest).frame()
+    return all(last[name].tobytes() == whole[name].values[-1].tobytes() for name in FIELDS)
+
+
+def examine(out: Path, whole: xarray.Dataset, found: Counter[str]) -> None:
+    """Count what a kill has left."""
+    if not out.exists():
+        found["no file yet"] += 1
+        return
+    try:
+        there = frames(out, whole)
+    except Exception as error:
+        found["files unreadable"] += 1
+        sys.stderr.write(f"{error!r}\n")
+        return
+    try:
+        behind = there - 1 - read_checkpoint(out).steps
+    except ConfigError:  # killed between the first frame and the first checkpoint
+        found["no checkpoint after the first frame" if there == 1 else "checkpoints lost"] += 1
+        return
+    found["checkpoint one frame behind"] += behind == 1
+    found["checkpoint further behind"] += behind not in (0, 1)
+    if there < whole.sizes["time"]:
+        found["restarts"] += 1
+        found["restarts bit for bit"] += goes_on(out, whole)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--folder", type=Path, help="where the files are written for a while")
+    asked = parser.parse_args()
+    chance, found = random.Random(asked.seed), Counter[str]()
+    with tempfile.TemporaryDirectory(dir=asked.folder) as name:
+        folder = Path(name)
+        whole, span = whole_run(folder / "whole.nc")
+        out = folder / "run.nc"
+        while found["kills"] < asked.kills:
+            for path in (out, checkpoint_path(out)):
+                path.unlink(missing_ok=True)
+            found["kills"] += killed(out, chance.uniform(0.0, span))
+            examine(out, whole, found)
+    table = Table(show_header=False, title="runs killed at random moments")
+    for what in COUNTED:
+        table.add_row(what, str(found[what]))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
