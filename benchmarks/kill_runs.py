@@ -37,7 +37,7 @@ from swe_sphere.simulation import make_config
 SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
 """Frames after every step: most of the time goes into writing."""
 COUNTED = (
-    "kills", "no file yet", "files unreadable", "no checkpoint after the first frame",
+    "kills", "frames written", "files unreadable", "no checkpoint after the first frame",
     "checkpoints lost", "checkpoint one frame behind", "checkpoint further behind", "restarts",
     "restarts bit for bit",
 )  # fmt: skip
@@ -50,27 +50,35 @@ def write(out: Path) -> None:
     program(["run", str(SCENE["scene"]), *options, f"--out={out}", "--quiet"])
 
 
-def killed(out: Path, delay: float) -> bool:
-    """Whether a run was still going on that long [s] after it began."""
+def begun(out: Path) -> int:
+    """A process that runs the program; its file has appeared."""
     child = os.fork()
     if child == 0:
         try:
             write(out)
         finally:
             os._exit(0)
+    while not out.exists():
+        time.sleep(1e-4)
+    return child
+
+
+def killed(out: Path, delay: float) -> bool:
+    """Whether a run was still going on that long [s] after its file had appeared."""
+    child = begun(out)
     time.sleep(delay)
     os.kill(child, signal.SIGKILL)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
 def whole_run(out: Path) -> tuple[xarray.Dataset, float]:
-    """What a run writes that is left alone, and how long it takes [s] when all is loaded."""
-    for _ in range(2):
-        start = time.perf_counter()
-        with suppress(SystemExit):
-            write(out)
-        span = time.perf_counter() - start
-    return xarray.load_dataset(out), span
+    """What a run writes that is left alone, and how long it takes to write it [s]."""
+    with suppress(SystemExit):
+        write(out)
+    out.unlink()
+    child, start = begun(out), time.perf_counter()
+    os.waitpid(child, 0)
+    return xarray.load_dataset(out), time.perf_counter() - start
 
 
 def frames(out: Path, whole: xarray.Dataset) -> int:
@@ -100,15 +108,13 @@ def goes_on(out: Path, whole: xarray.Dataset) -> bool:
 
 def examine(out: Path, whole: xarray.Dataset, found: Counter[str]) -> None:
     """Count what a kill has left."""
-    if not out.exists():
-        found["no file yet"] += 1
-        return
     try:
         there = frames(out, whole)
     except Exception as error:
         found["files unreadable"] += 1
         sys.stderr.write(f"{error!r}\n")
         return
+    found["frames written"] += there
     try:
         behind = there - 1 - read_checkpoint(out).steps
     except ConfigError:  # killed between the first frame and the first checkpoint
@@ -136,8 +142,9 @@ def main() -> None:
         while found["kills"] < asked.kills:
             for path in (out, checkpoint_path(out)):
                 path.unlink(missing_ok=True)
-            found["kills"] += killed(out, chance.uniform(0.0, span))
-            examine(out, whole, found)
+            if killed(out, chance.uniform(0.0, span)):
+                found["kills"] += 1
+                examine(out, whole, found)
     table = Table(show_header=False, title="runs killed at random moments")
     for what in COUNTED:
         table.add_row(what, str(found[what]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError, RunFailed, TimedOut
@@ -42,7 +43,7 @@ class Execution:
         stepper = prepared.config.stepper
         self._recorder = Recorder(self._sampler, plan, writer, stepper, self._counts)
         self._loop = Loop(
-            model, prepared.stepper, plan, self._health, [self._recorder], watcher.tick,
+            model, prepared.stepper, plan, self._health, [self._recorder], self._tick,
             prepared.config.time_limit,
         )  # fmt: skip
         self._reason: str | None = None
@@ -66,9 +67,15 @@ class Execution:
             self._stop(f"interrupted by {error} at day {moment.time / DAY:.4g}", INTERRUPTED)
             self._keep(moment)
         finally:
-            self._watcher.end()
+            with suppress(OSError):
+                self._watcher.end()
         numbers = self._numbers()
         return Summary(numbers, self._exit_status == 0, self._reason, self._exit_status)
+
+    def _tick(self, step: int) -> None:
+        """Tell the watcher; that its terminal is gone is no reason to end the run."""
+        with suppress(OSError):
+            self._watcher.tick(step)
 
     def _step_length(self) -> float:
         """The present step [s], which follows its error in an adaptive run."""

@@ -1,6 +1,7 @@
 """What stands in an output file before the first frame: dimensions, mesh, variables, attributes.
 
-All is defined before anything is written, as a classic file is rearranged by every definition.
+All is defined before anything is written, and what is large last: every definition makes the netCDF
+library move all variables of fixed size that stand in the file already.
 
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
 nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.
@@ -55,6 +56,7 @@ COORDINATES = {
     "lat": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
     "lon": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
 }
+TOPOLOGY = ("mesh", "face_nodes", "sphere")
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 TIME = {"units": "seconds since 2000-01-01 00:00:00", "calendar": "proleptic_gregorian"}
 
@@ -120,12 +122,12 @@ def add_layout(
     sizes = {"time": None, "node": mesh.size, "face": len(quads), "corner": 4}
     for name, size in sizes.items():
         dataset.createDimension(name, size)
+    _add_frames(dataset, fields)
+    _add_series(dataset, [*diagnostics], samples)
     _add_topology(dataset, mesh)
     for name, attributes in (COORDINATES | STATIC_FIELDS).items():
         nodal = attributes | ({} if name in COORDINATES else ON_NODES)
         dataset.createVariable(name, "f8", ("node",)).setncatts(nodal)
-    _add_frames(dataset, fields)
-    _add_series(dataset, [*diagnostics], samples)
     _fill(dataset, mesh, quads, np.zeros(mesh.size) if bottom is None else bottom)
 
 
@@ -166,7 +168,7 @@ def _add_series(dataset: netCDF4.Dataset, names: Sequence[str], samples: int) ->
     dataset.createDimension(SERIES, samples)
     _add_time(dataset, SERIES, "time of the diagnostics")
     for name in names:
-        if name in dataset.variables:
+        if name in {*dataset.variables, *COORDINATES, *STATIC_FIELDS, *TOPOLOGY}:
             raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
         text, units = DIAGNOSTICS.get(name, (name.replace("_", " "), "1"))
         variable = dataset.createVariable(name, "f8", (SERIES,), fill_value=np.nan)
