@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.experiment.restart import adopt, carried_counts, check_identity, check_step
+from swe_sphere.experiment.restart import (
+    adopt,
+    carried_counts,
+    check_identity,
+    check_step,
+    code_warnings,
+)
 from swe_sphere.experiment.sampler import ReferenceErrors
 from swe_sphere.mesh import Mesh
 from swe_sphere.model.scene import Scene
@@ -27,6 +33,7 @@ from swe_sphere.simulation import (
     stepper_options,
     time_plan,
 )
+from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     import warp as wp
@@ -63,6 +70,8 @@ class Prepared:
     before: dict[str, int]
     """Counters of the model before the run, which do not belong to it."""
     reference: ReferenceErrors | None
+    warnings: tuple[str, ...] = ()
+    """What the user should know before the run."""
 
     def attributes(self) -> dict[str, object]:
         """The resolved configuration, for the file."""
@@ -72,6 +81,7 @@ class Prepared:
             "references": scene.reference,
             **identity(config, scene, self.model.mesh),
             "identity": identity(config, scene, self.model.mesh),
+            "code": code_fingerprint(),
             "stepper": config.stepper,
             "configuration": config.model_dump(mode="json"),
             "scheme": self.stepper.name,
@@ -109,7 +119,10 @@ def prepare(config: RunConfig) -> Prepared:
     if checkpoint is not None:
         check_identity(config, checkpoint, identity(config, scene, mesh))
     reference = _reference(config, scene, days)
-    return _built(config, days, scene, mesh, checkpoint, reference)
+    prepared = _built(config, days, scene, mesh, checkpoint, reference)
+    if checkpoint is None:
+        return prepared
+    return replace(prepared, warnings=code_warnings(config, checkpoint))
 
 
 def _built(

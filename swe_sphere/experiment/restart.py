@@ -9,11 +9,12 @@ import numpy as np
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation import RunConfig, make_config
+from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     from swe_sphere.output.checkpoint import Checkpoint
 
-__all__ = ["adopt", "carried_counts", "check_identity", "check_step"]
+__all__ = ["adopt", "carried_counts", "check_identity", "check_step", "code_warnings"]
 
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
@@ -39,12 +40,35 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
 def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
     """ConfigError naming the first thing in which the run in the file differs from this one."""
     theirs = _stored(config, checkpoint, "identity")
-    for name, ours in json.loads(json.dumps(identity)).items():
+    plain = json.loads(json.dumps(identity))
+    _check_sources(config, theirs.get("sources"), plain.pop("sources"))
+    for name, ours in plain.items():
         if theirs.get(name) != ours:
             raise ConfigError(
                 f"{config.restart} is of another run: {name} is {theirs.get(name)!r} there and"
                 f" {ours!r} here"
             )
+
+
+def _check_sources(config: RunConfig, theirs: object, ours: dict[str, str]) -> None:
+    """ConfigError naming the first file of the scene that is not known to be what it was."""
+    before = theirs if isinstance(theirs, dict) else {}
+    for name, contents in ours.items():
+        if before.get(name) != contents:
+            raise ConfigError(
+                f"{name} is not what it was when {config.restart} was begun: it has been edited;"
+                " run the scene from its start, without restart"
+            )
+
+
+def code_warnings(config: RunConfig, checkpoint: Checkpoint) -> tuple[str, ...]:
+    """What to warn of where the file was written by other code of this program."""
+    if checkpoint.attributes.get("code") == code_fingerprint():
+        return ()
+    return (
+        f"{config.restart} was written by other code of swe_sphere: the run goes on from it, but"
+        " is not bit for bit the one that either code would have made alone",
+    )
 
 
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:

@@ -35,6 +35,8 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
     started = time.perf_counter()
     watcher = watcher or Watcher()
     prepared = prepare(config)
+    for text in prepared.warnings:
+        watcher.warn(text)
     _warn_of_step(prepared, watcher)
     with ExitStack() as stack:
         out = config.out

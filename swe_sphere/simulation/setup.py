@@ -12,6 +12,7 @@ from swe_sphere.model.settings import apply_settings
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory import check_memory
 from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
+from swe_sphere.simulation.sources import scene_sources
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
 
@@ -73,6 +74,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
+        "sources": scene_sources(config.scene, scene),
     }
 
 

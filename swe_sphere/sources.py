@@ -1,0 +1,65 @@
+"""Which code the numbers come from: a short hash of it, so that other code's are told apart."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+__all__ = ["code_fingerprint", "file_fingerprint", "fingerprint"]
+
+NUMBERS = (
+    "kernels", "testcases", "mesh", "operators", "model", "linear", "newton", "steppers",
+    "simulation", "output", "experiment", "sweep",
+)  # fmt: skip
+"""Packages that make the numbers: all below the reports and the command line, which only show them.
+
+Any change of theirs counts, one of a comment too: which changes matter cannot be told from outside,
+and runs made once too often cost less than numbers that are taken for those of other code.
+"""
+LIBRARIES = ("warp-lang", "numpy", "scipy")
+"""What else the numbers go through."""
+
+
+def fingerprint(values: object) -> str:
+    """A short name for plain values: equal for equal ones, in any process."""
+    return _short(json.dumps(values, sort_keys=True, default=str).encode())
+
+
+def file_fingerprint(path: Path) -> str:
+    """A short name for the contents of a file; OSError if it cannot be read."""
+    return _short(path.read_bytes())
+
+
+@cache
+def code_fingerprint(*more: str) -> str:
+    """A short name for the code that makes the numbers, as this process found it.
+
+    It is made of the contents of all modules in `NUMBERS` and directly in swe_sphere, and of the
+    versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
+    """
+    root = find_spec("swe_sphere")
+    assert root is not None
+    digest = hashlib.sha256(repr([version(name) for name in LIBRARIES]).encode())
+    folders = [("", folder) for folder in root.submodule_search_locations or ()]
+    folders += [(name, folder) for name in (*NUMBERS, *more) for folder in _folders(name)]
+    for name, folder in folders:
+        for path in sorted(Path(folder).glob("**/*.py" if name else "*.py")):
+            contents = path.read_bytes()
+            place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
+            digest.update(place.encode() + contents)
+    return digest.hexdigest()[:16]
+
+
+def _folders(name: str) -> Iterator[str]:
+    """Where a package of swe_sphere lies, which need not be inside of it."""
+    spec = find_spec(f"swe_sphere.{name}")
+    yield from (spec and spec.submodule_search_locations) or ()
+
+
+def _short(contents: bytes) -> str:
+    return hashlib.sha256(contents).hexdigest()[:16]

@@ -1,0 +1,124 @@
+"""What numbers are made of: fingerprints of code and files, and restarts that look at them."""
+
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+import pytest
+
+from swe_sphere import sources
+from swe_sphere.errors import ConfigError
+from swe_sphere.experiment import Watcher, run
+from swe_sphere.simulation import make_config
+from swe_sphere.simulation.sources import scene_sources
+from swe_sphere.testcases import get_scene
+
+# --- fingerprints of sources
+
+
+def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch):
+    """Of those that make numbers; and it is the same as long as these are."""
+    folders = {"": tmp_path / "swe_sphere"}
+    folders |= {name: tmp_path / name for name in (*sources.NUMBERS, "report")}
+    for folder in folders.values():
+        folder.mkdir()
+        (folder / "a.py").write_text("x = 1\n")
+
+    def find(name):
+        found = ModuleSpec(name, None, origin="")
+        folder = folders[name.removeprefix("swe_sphere").removeprefix(".")]
+        found.submodule_search_locations = [str(folder)]
+        return found
+
+    monkeypatch.setattr(sources, "find_spec", find)
+    compute = sources.code_fingerprint.__wrapped__
+    first = compute()
+    assert compute() == first != compute("report")
+    (folders["report"] / "a.py").write_text("x = 2\n")
+    assert compute() == first
+    found = {first}
+    for name, folder in folders.items():
+        if name != "report":
+            (folder / "a.py").write_text(f"x = {len(found)} + 1\n")
+            found.add(compute())
+    assert len(found) == 2 + len(sources.NUMBERS)
+
+
+def test_the_code_of_the_package_is_found():
+    """Kernels and scenes too, which lie beside it."""
+    for name in sources.NUMBERS:
+        assert [path for folder in sources._folders(name) for path in Path(folder).glob("*.py")]
+
+
+def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "low").mkdir()
+    (tmp_path / "top.toml").write_text('base = "low/middle.toml"')
+    (tmp_path / "low" / "middle.toml").write_text('base = "flow.py"')
+    (tmp_path / "low" / "flow.py").write_text(
+        "from dataclasses import replace\n"
+        "from swe_sphere.testcases import get_scene\n"
+        "def scene():\n"
+        "    return replace(get_scene('lauter'), parameters={'file': 'winds.nc', 'word': 'calm'})\n"
+    )
+    (tmp_path / "winds.nc").write_bytes(b"winds")
+    scene = get_scene("top.toml")
+    before = scene_sources("top.toml", scene)
+    assert [*before] == ["the scene's file", "low/middle.toml", "low/flow.py", "winds.nc"]
+    for name, file in zip(before, ("top.toml", *[*before][1:]), strict=True):
+        text = Path(file).read_bytes()
+        Path(file).write_bytes(text + b" ")
+        now = scene_sources("top.toml", scene)
+        assert [other for other in before if now[other] != before[other]] == [name]
+        Path(file).write_bytes(text)
+    assert scene_sources("lauter", get_scene("lauter")) == {}
+
+
+# --- restarts
+
+SMALL = {"ne": 2, "np": 4, "dt": 3600.0}
+
+
+@pytest.fixture
+def part(tmp_path, monkeypatch):
+    """A folder with the first half of a run of flow.toml, which builds on base.toml."""
+    monkeypatch.chdir(tmp_path)
+    Path("flow.toml").write_text('base = "base.toml"\n')
+    Path("base.toml").write_text('base = "williamson6"\ndays = 1\n')
+    run(make_config({"scene": "flow.toml", "days": 0.25, "out": "part.nc", **SMALL}))
+    return make_config({"scene": "flow.toml", "days": 0.5, "restart": "part.nc"})
+
+
+class Warnings(Watcher):
+    def __init__(self):
+        self.told = []
+
+    def warn(self, text):
+        self.told.append(text)
+
+
+@pytest.mark.parametrize(
+    ("file", "name"), [("flow.toml", "the scene's file"), ("base.toml", "base.toml")]
+)
+def test_a_restart_of_an_edited_scene_is_refused(part, file, name):
+    """Also where the edit cannot be seen in the names, parameters and effects of the scene."""
+    assert run(part)["days"] == 0.5
+    Path(file).write_text(Path(file).read_text() + "# now all is different\n")
+    with pytest.raises(ConfigError, match=f"^{name} is not what it was when part.nc was begun"):
+        run(part)
+
+
+def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
+    Path("new").mkdir()
+    for file in ("flow.toml", "base.toml"):
+        Path(file).rename(Path("new") / file)
+    moved = part.model_copy(update={"scene": "new/flow.toml"})
+    assert run(moved)["days"] == 0.5
+
+
+def test_a_restart_with_other_code_is_told(part, monkeypatch):
+    same, other = Warnings(), Warnings()
+    run(part, same)
+    monkeypatch.setattr("swe_sphere.experiment.restart.code_fingerprint", lambda: "other")
+    assert run(part, other)["days"] == 0.5
+    assert same.told == []
+    assert len(other.told) == 1 and "part.nc was written by other code" in other.told[0]
