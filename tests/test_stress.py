@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS, leapfrog
 from swe_sphere.stress import GROUPS, Bound, Result, Store, Trial, choose, judge, try_out
@@ -216,10 +216,39 @@ def test_places_that_do_not_do(tmp_path, name: str, word: str) -> None:
         Store(tmp_path / name, quick=False)
 
 
-def test_a_file_of_something_else_is_not_overwritten(tmp_path) -> None:
-    (tmp_path / "page.json").write_text('{"rows": []}')
+@pytest.mark.parametrize(
+    "text",
+    ['{"rows": []}', "[]", '{"quick": false, "results": []}', '{"quick": false',
+     '{"quick": false, "results": {"a": 1}}', '{"quick": false, "results": {"a": {"reason": ""}}}'],
+)  # fmt: skip
+def test_a_file_of_something_else_is_not_overwritten(tmp_path, text) -> None:
+    (tmp_path / "page.json").write_text(text)
     with pytest.raises(ConfigError, match="no results of trials"):
         Store(tmp_path / "page.md", quick=False)
+    assert (tmp_path / "page.json").read_text() == text
+
+
+def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) -> None:
+    store = Store(tmp_path / "page.md", quick=False)
+    store.add(Result("island-rk4", "rk4", "refused", "no water", {}, (), "def"))
+
+    def refuse(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as full:
+        full.setattr("os.write", refuse)
+        with pytest.raises(RunFailed, match=r"cannot write .*page\.json: No space left on device"):
+            store.add(Result("steady-pi/4-rk4", "rk4", "passed", "", {}, (), "abc"))
+    again = Store(tmp_path / "page.md", quick=False)
+    assert again.has("island-rk4", "def") and not again.has("steady-pi/4-rk4", "abc")
+
+
+def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
+    trial = find("beyond-limit-rk4")
+    before = trial.fingerprint
+    assert trial.fingerprint == before
+    monkeypatch.setattr("swe_sphere.stress.trial.code_fingerprint", lambda *_: "other")
+    assert trial.fingerprint != before
 
 
 # --- all of the quick form

@@ -33,7 +33,8 @@ def stress(
         typer.Option(metavar="FILE.md", help="Write the page, and FILE.json, after each trial."),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Leave out trials whose result FILE.json has.")
+        bool,
+        typer.Option("--resume", help="Leave out trials whose result FILE.json has, of this code."),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:

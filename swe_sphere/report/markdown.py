@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from swe_sphere.durable import write_whole
 from swe_sphere.output.disk import clear_errors
 from swe_sphere.report.figures import Diagram
 from swe_sphere.report.page import Pictures, environment
@@ -42,13 +43,13 @@ def write_markdown(
     sections = read_sections(datasets, levels)
     with clear_errors(f"cannot write the page to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-        text = environment(html=False).get_template("page.md.j2").render(
-            title=title, introduction=introduction, sections=sections, notes=notes or {},
-            shown=lambda part: _shown(part, figures), picture=Pictures(folder, png=False).file,
-            columns=columns, cell=cell,
-        )  # fmt: skip
-        page = folder / "README.md"
-        page.write_text(text, encoding="utf-8")
+    text = environment(html=False).get_template("page.md.j2").render(
+        title=title, introduction=introduction, sections=sections, notes=notes or {},
+        shown=lambda part: _shown(part, figures), picture=Pictures(folder, png=False).file,
+        columns=columns, cell=cell,
+    )  # fmt: skip
+    page = folder / "README.md"
+    write_whole(page, text)
     return page
 
 

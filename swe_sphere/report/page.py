@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from swe_sphere.durable import write_whole
 from swe_sphere.output.disk import clear_errors
 from swe_sphere.report import words
 from swe_sphere.report.figures import Diagram, render
@@ -41,21 +43,21 @@ def write_report(
     levels: error levels to answer for; none given, round ones that the errors span.
     notes: text for the section of that name, after its answer.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
-    folder cannot be written.
+    folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
     out = Path(out)
     sections = read_sections(datasets, levels)
     with clear_errors(f"cannot write the report to {out}"):
         out.mkdir(parents=True, exist_ok=True)
-        pictures = Pictures(out, png=True)
-        text = environment(html=True).get_template("report.html.j2").render(
-            title=title or _title(datasets), sections=sections, notes=notes or {},
-            picture=pictures.inline, columns=columns, cell=cell,
-        )  # fmt: skip
-        rows = csv_text([(section.title, section.rows) for section in sections])
-        (out / "table.csv").write_text(rows, encoding="utf-8")
-        page = out / "index.html"
-        page.write_text(text, encoding="utf-8")
+    pictures = Pictures(out, png=True)
+    text = environment(html=True).get_template("report.html.j2").render(
+        title=title or _title(datasets), sections=sections, notes=notes or {},
+        picture=pictures.inline, columns=columns, cell=cell,
+    )  # fmt: skip
+    rows = csv_text([(section.title, section.rows) for section in sections])
+    write_whole(out / "table.csv", rows)
+    page = out / "index.html"
+    write_whole(page, text)
     return page
 
 
@@ -90,9 +92,11 @@ class Pictures:
         stem = f"{section.name}-{part.name}-{diagram.name}"
         figure = render(diagram, section.name)
         svg = save_svg(figure, stem)
-        (self._folder / f"{stem}.svg").write_text(svg, encoding="utf-8")
+        write_whole(self._folder / f"{stem}.svg", svg)
         if self._png:
-            figure.savefig(self._folder / f"{stem}.png", dpi=DOTS_PER_INCH)
+            png = BytesIO()
+            figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
+            write_whole(self._folder / f"{stem}.png", png.getvalue())
         return f"{stem}.svg", svg
 
 

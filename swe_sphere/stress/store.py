@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict
+
+from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.stress.page import page
 from swe_sphere.stress.result import Result
 
 __all__ = ["Store"]
+
+
+class _Stored(BaseModel):
+    """What there must be of a result."""
+
+    model_config = ConfigDict(strict=True)
+
+    stepper: str
+    outcome: str
+    reason: str
+    numbers: dict[str, float | None]
+    fingerprint: str
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    quick: bool
+    results: dict[str, _Stored]
 
 
 class Store:
@@ -35,34 +56,29 @@ class Store:
         return self._results.get(name, {}).get("fingerprint") == fingerprint
 
     def add(self, result: Result) -> None:
-        """Keep the result, and write both files."""
+        """Keep the result, and write both files; RunFailed if the disk refuses."""
         self._results[result.name] = result.as_dict()
         whole = {"quick": self._quick, "results": self._results}
-        _replace(self._numbers, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
+        write_whole(self._numbers, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
         self.write_page()
 
     def write_page(self) -> None:
-        """Write the page of all results."""
-        _replace(self._page, page(self._results, self._quick))
+        """Write the page of all results; RunFailed if the disk refuses."""
+        write_whole(self._page, page(self._results, self._quick))
 
     def _read(self) -> dict[str, Mapping[str, Any]]:
         if not self._numbers.exists():
             return {}
         try:
             whole = json.loads(self._numbers.read_text(encoding="utf-8"))
-            quick, results = whole["quick"], dict(whole["results"])
-        except (OSError, ValueError, KeyError, TypeError):
+            _File.model_validate(whole)
+        except OSError as error:
+            raise ConfigError(f"out: cannot read {self._numbers}: {error.strerror}") from None
+        except (ValueError, RecursionError):
             raise ConfigError(
                 f"out: {self._numbers} holds no results of trials: take another name"
             ) from None
-        if quick != self._quick:
-            form = "quick" if quick else "full"
+        if whole["quick"] != self._quick:
+            form = "quick" if whole["quick"] else "full"
             raise ConfigError(f"out: {self._numbers} is of the {form} form: take another name")
-        return results
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write the whole file or leave the old one."""
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(text, encoding="utf-8")
-    os.replace(beside, path)  # noqa: PTH105
+        return dict(whole["results"])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from swe_sphere.model.scene import Scene
+from swe_sphere.sources import code_fingerprint, fingerprint
 
 __all__ = ["Bound", "Group", "Trial", "each", "remedied"]
 
@@ -85,10 +85,10 @@ class Trial:
 
     @property
     def fingerprint(self) -> str:
-        """The same for two trials that ask for the same."""
+        """The same for two trials that ask for the same of the same code."""
         asked = (self.run, self.bounds, self.expect, self.method, self.part, self.courant,
                  self.advective, self.steps, self.probes, self.seeds)  # fmt: skip
-        return hashlib.sha256(repr(asked).encode()).hexdigest()[:16]
+        return fingerprint([repr(asked), code_fingerprint("stress")])
 
 
 @dataclass(frozen=True)
