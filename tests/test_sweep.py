@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.sweep import SweepWatcher, sweep
@@ -24,11 +25,6 @@ from swe_sphere.sweep.judge import SlowFlow
 from swe_sphere.sweep.plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
-TIMES = {
-    "wall", "cpu", "wall_seconds", "cpu_seconds", "wall_spread", "compile_seconds", "total_seconds",
-    "setup_seconds", "peak_memory", "rhs_seconds",
-}  # fmt: skip
-"""What differs between two runs of the same settings."""
 
 
 def rows(dataset, **wanted):
@@ -42,12 +38,6 @@ def rows(dataset, **wanted):
 def last(dataset, kind, field="h", norm="l2"):
     """Errors at the end."""
     return dataset["error"].sel(kind=kind, field=field, norm=norm).isel(report_day=-1).values
-
-
-def assert_same_rows(one, other):
-    """Equal but for what depends on the machine."""
-    keep = [name for name in one.data_vars if name not in TIMES]
-    xr.testing.assert_identical(one[keep].drop_attrs(), other[keep].drop_attrs())
 
 
 @pytest.fixture(scope="module")

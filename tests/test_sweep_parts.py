@@ -1,12 +1,15 @@
 """Parts of a sweep that run nothing: plan, ladder, searches, schedule, journal, recipes."""
 
+import errno
 import json
 import math
+import os
 
 import numpy as np
 import pytest
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.durable import write_whole
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
 from swe_sphere.sweep.case import Schedule, free_steps
 from swe_sphere.sweep.journal import Journal, read_journal
@@ -166,33 +169,91 @@ def test_trials_keep_their_step():
 
 # --- journal
 
+BENCH = {"ne": 2, "np": 4, "stretch": 1.0, "precision": "float64", "device": "cpu"}
+
+
+def calibration(seconds, **more):
+    return {"record": "calibration", "sources": {}, "bench": BENCH, "seconds": seconds, **more}
+
 
 def test_a_journal_keeps_what_it_is_given(tmp_path):
     journal = Journal(tmp_path / "a.jsonl")
-    journal.append({"record": "run", "x": np.float64(1.5), "nan": math.nan, "of": (1, {"k": 2})})
+    journal.append(calibration(np.float64(1.5), nan=math.nan, of=(1, {"k": 2})))
     assert read_journal(tmp_path / "a.jsonl") == journal.records
-    assert journal.records == [{"record": "run", "x": 1.5, "nan": None, "of": [1, {"k": 2}]}]
+    assert journal.records == [calibration(1.5, nan=None, of=[1, {"k": 2}])]
 
 
 @pytest.mark.parametrize("cut", [1, 5, 14])
 def test_a_last_line_that_was_cut_short_is_dropped(tmp_path, cut):
     path = tmp_path / "a.jsonl"
-    Journal(path).append({"record": "run", "n": 1})
+    Journal(path).append(calibration(1))
     whole = path.read_bytes()
-    Journal(path).append({"record": "run", "n": 2})
+    Journal(path).append(calibration(2))
     path.write_bytes(path.read_bytes()[:-cut])
     journal = Journal(path)
-    assert [record["n"] for record in journal.records] == [1]
+    assert [record["seconds"] for record in journal.records] == [1]
     assert path.read_bytes() == whole
-    journal.append({"record": "run", "n": 3})
-    assert [record["n"] for record in read_journal(path)] == [1, 3]
+    journal.append(calibration(3))
+    assert [record["seconds"] for record in read_journal(path)] == [1, 3]
 
 
 def test_a_line_damaged_elsewhere_is_named(tmp_path):
     path = tmp_path / "a.jsonl"
-    path.write_text(json.dumps({"record": "run"}) + "\n{oops\n" + json.dumps({}) + "\n")
+    path.write_text(f"{json.dumps(calibration(1))}\n{{oops\n{json.dumps(calibration(1))}\n")
     with pytest.raises(ConfigError, match=r"line 2 of .*a\.jsonl is damaged"):
         Journal(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("3", "its record must be sweep, run or calibration"),
+        ("{}", "its record must be sweep, run or calibration"),
+        ('{"record": "runs"}', "its record must be sweep, run or calibration"),
+        ('{"record": "run", "key": "a", "repeat": 0, "errors": [], "sources": {}}', "row: "),
+        (json.dumps(calibration("1")), "seconds: must be a valid number"),
+        (json.dumps(calibration(0)), "seconds: must be greater than 0"),
+        (json.dumps(calibration(1) | {"bench": {}}), "bench.ne: "),
+        (json.dumps(calibration(1) | {"sources": ["a"]}), "sources: "),
+    ],
+)
+def test_json_that_is_no_record_is_named(tmp_path, line, complaint):
+    path = tmp_path / "a.jsonl"
+    path.write_text(f"{json.dumps(calibration(1))}\n{line}\n")
+    with pytest.raises(ConfigError, match=r"line 2 of .*a\.jsonl is no record") as error:
+        read_journal(path)
+    assert complaint in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_record_that_the_disk_refuses_leaves_no_half_line(tmp_path, monkeypatch):
+    journal = Journal(tmp_path / "a.jsonl")
+    journal.append(calibration(1))
+    whole = journal.path.read_bytes()
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(RunFailed, match=r"cannot write .*No space left on device; mend that"):
+        journal.append(calibration(2))
+    assert (journal.path.read_bytes(), len(journal.records)) == (whole, 1)
+
+
+def refuse(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+# --- whole files
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    write_whole(path, "old")
+    write_whole(path, b"new")
+    assert path.read_bytes() == b"new"
+    for name in ("write", "fsync", "replace"):
+        with monkeypatch.context() as patched:
+            patched.setattr(os, name, refuse)
+            with pytest.raises(RunFailed, match=r"cannot write .*a\.txt: No space left"):
+                write_whole(path, "newer")
+        assert path.read_bytes() == b"new"
+    assert [*tmp_path.iterdir()] == [path]
 
 
 # --- recipes

@@ -58,22 +58,26 @@ def run_plan(plan: SweepPlan, folder: Path, watcher: SweepWatcher | None = None)
     """Carry out a plan in a folder and write its dataset there; finished runs are not repeated.
 
     Raises:
-        ConfigError: the plan cannot be carried out, or not in that folder.
+        ConfigError: the plan cannot be carried out, or not in that folder; or another sweep is at
+            work there.
         RunFailed: the disk does not take the results.
         Interrupted: the user asked to stop; the dataset of what is finished has been written.
     """
     from swe_sphere.sweep.campaign import Campaign
     from swe_sphere.sweep.dataset import write_dataset
+    from swe_sphere.sweep.journal import RECORDS
+    from swe_sphere.sweep.lock import alone
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"out: {folder} cannot be made: {error.strerror}") from None
-    campaign = Campaign(plan, folder, watcher or SweepWatcher())
-    try:
-        campaign.run()
-    except Interrupted:
-        if campaign.has_runs:
-            write_dataset(folder)
-        raise
-    return write_dataset(folder)
+    with alone(folder / RECORDS):
+        campaign = Campaign(plan, folder, watcher or SweepWatcher())
+        try:
+            campaign.run()
+        except Interrupted:
+            if campaign.has_runs:
+                write_dataset(folder)
+            raise
+        return write_dataset(folder)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere import __version__
 from swe_sphere.mesh import Mesh
 from swe_sphere.model.scene import Scene
 from swe_sphere.output.diagnostics import integrals
@@ -26,12 +22,13 @@ from swe_sphere.simulation import (
     stepper_options,
 )
 from swe_sphere.simulation.warp_start import start_warp
+from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     from swe_sphere.model.model import Model
     from swe_sphere.steppers import Stepper
 
-__all__ = ["FIELDS", "Bench", "Fields", "Limits", "fingerprint"]
+__all__ = ["FIELDS", "Bench", "Fields", "Limits"]
 
 Fields = dict[str, NDArray[np.float64]]
 
@@ -40,12 +37,6 @@ FIELDS = ("u", "v", "h", "vorticity")
 
 BATCH = 0.01
 """Time of one batch of right-hand sides [s]."""
-
-
-def fingerprint(values: object) -> str:
-    """A short name for settings: equal for equal ones, in any process."""
-    text = json.dumps(values, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -78,11 +69,11 @@ class Bench:
 
     @cached_property
     def token(self) -> dict[str, object]:
-        """All that makes the runs on this bench differ from those on others."""
+        """All that makes the runs on this bench differ from others: settings, files and code."""
         device, launch = self.config.device, self.config.launch
         same = identity(self.config, self.scene, self.mesh) | {"device": device, "launch": launch}
         same.pop("stepper")
-        return same | {"version": __version__, "source": _source(self.config.scene)}
+        return same | {"code": code_fingerprint()}
 
     def model(self) -> Model:
         """A model of its own for each run: nothing of one run is left to the next."""
@@ -160,9 +151,3 @@ def _synchronize(device: str) -> None:
     import warp as wp
 
     wp.synchronize_device(device)
-
-
-def _source(scene: str) -> str | None:
-    """The contents of a scene of the user's own, as a fingerprint."""
-    path = Path(scene)
-    return fingerprint(path.read_text()) if path.suffix in (".py", ".toml") else None

@@ -7,10 +7,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from swe_sphere.model.scene import Scene
 from swe_sphere.simulation import Interruption
 from swe_sphere.sweep.benches import Benches
 from swe_sphere.sweep.case import Case, Schedule
 from swe_sphere.sweep.contenders import Contender, contenders
+from swe_sphere.sweep.freshness import fresh, stale_note, sweep_sources
 from swe_sphere.sweep.header import write_header
 from swe_sphere.sweep.journal import RECORDS, Journal
 from swe_sphere.sweep.jury import Jury
@@ -49,10 +51,12 @@ class Campaign:
         truth = choose_truth(
             scene, self._schedule.report_days, plan.reference, plan.finer, self._benches.largest_ne
         )
-        self._journal = Journal(folder / RECORDS)
-        write_header(self._journal, plan, scene)
+        self._sources = sweep_sources(plan.scene, scene, truth)
+        self._journal = self._begun(folder, scene)
         self._interruption = Interruption()
-        self._runner = Runner(self._journal, self._interruption, watcher, plan.time_limit)
+        self._runner = Runner(
+            self._journal, self._sources, self._interruption, watcher, plan.time_limit
+        )
         self._jury = Jury(
             plan,
             self._benches,
@@ -60,10 +64,20 @@ class Campaign:
             Standards(self._runner, folder / STANDARDS, self._schedule, truth.name),
         )
 
+    def _begun(self, folder: Path, scene: Scene) -> Journal:
+        """The journal with the plan noted in it; the user is told what of it counts no more."""
+        journal = Journal(folder / RECORDS)
+        stale = stale_note(journal.records, self._sources)
+        write_header(journal, self._plan, scene, self._sources)
+        if stale:
+            self._watcher.note(f"{folder}: {stale}")
+        return journal
+
     @property
     def has_runs(self) -> bool:
-        """Whether the journal holds any run."""
-        return any(record["record"] == "run" for record in self._journal.records)
+        """Whether the journal holds any run of these sources."""
+        records = fresh(self._journal.records, self._sources)
+        return any(record["record"] == "run" for record in records)
 
     def run(self) -> None:
         """Make all runs that are still missing.

@@ -10,7 +10,8 @@ from functools import cached_property, reduce
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation import RunConfig, TimePlan, time_plan
-from swe_sphere.sweep.bench import Bench, fingerprint
+from swe_sphere.sources import fingerprint
+from swe_sphere.sweep.bench import Bench
 
 __all__ = ["Case", "Schedule", "free_steps"]
 

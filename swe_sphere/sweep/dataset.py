@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.sweep.execute import COUNTS
-from swe_sphere.sweep.journal import RECORDS, Record, read_journal
+from swe_sphere.durable import write_whole
+from swe_sphere.errors import ConfigError
+from swe_sphere.sweep.form import UNITS, WORDS, Record
+from swe_sphere.sweep.freshness import fresh
+from swe_sphere.sweep.journal import RECORDS, read_journal
 from swe_sphere.sweep.judge import ERRORS, KINDS, NORMS
 
 if TYPE_CHECKING:
@@ -22,21 +24,6 @@ __all__ = ["DATASET", "build_dataset", "read_dataset", "write_dataset"]
 
 DATASET = "sweep.nc"
 
-WORDS = (
-    "scene", "stepper", "preconditioner", "precision", "device", "settings", "role", "status",
-    "reason",
-)  # fmt: skip
-UNITS = {
-    **dict.fromkeys(("ne", "np", "stretch", "steps", *COUNTS), "1"),
-    **dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift"), "1"),
-    **dict.fromkeys(("dt", "gravity_limit", "advective_limit"), "s"),
-    **dict.fromkeys(
-        ("wall_seconds", "cpu_seconds", "compile_seconds", "setup_seconds", "total_seconds"), "s"
-    ),
-    **dict.fromkeys(("days", "days_planned"), "d"),
-    "peak_memory": "byte",
-}
-"""Numbers of a row and their units."""
 BENCH = ("ne", "np", "stretch", "precision", "device")
 """What the time of a right-hand side goes with."""
 
@@ -44,10 +31,13 @@ BENCH = ("ne", "np", "stretch", "precision", "device")
 def build_dataset(records: list[Record]) -> xr.Dataset:
     """The dataset of a journal; rows in the order in which they were first run.
 
+    Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
     dims: run, kind, field, norm, report_day [days], repeat.  Raises ConfigError if there is no run.
     """
     import xarray as xr
 
+    header = _header(records)
+    records = fresh(records, header["sources"])
     runs = _by_key(records)
     if not runs:
         raise ConfigError("there are no runs in this sweep yet")
@@ -62,7 +52,7 @@ def build_dataset(records: list[Record]) -> xr.Dataset:
     data["error"] = (("run", "kind", "field", "norm", "report_day"), errors, {"units": "1"})
     coordinates = {"kind": list(KINDS), "field": list(ERRORS), "norm": list(NORMS),
                    "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
-    return xr.Dataset(data, coordinates, _attributes(records, rows))
+    return xr.Dataset(data, coordinates, _attributes(header, records))
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
@@ -72,14 +62,12 @@ def write_dataset(folder: Path) -> xr.Dataset:
         ConfigError: there is no journal with a run in the folder, or it is damaged.
         RunFailed: the disk does not take the file.
     """
-    dataset = build_dataset(read_journal(folder / RECORDS))
-    target = folder / DATASET
-    part = target.with_suffix(".part")
+    records = read_journal(folder / RECORDS)
     try:
-        dataset.to_netcdf(part, engine="netcdf4")
-        part.replace(target)
-    except OSError as error:
-        raise RunFailed(f"cannot write {target}: {error.strerror}") from None
+        dataset = build_dataset(records)
+    except ConfigError as error:
+        raise ConfigError(f"{folder}: {error}") from None
+    write_whole(folder / DATASET, _as_bytes(dataset))
     return dataset
 
 
@@ -93,6 +81,29 @@ def read_dataset(path: Path) -> xr.Dataset:
         raise ConfigError(f"there is no file {path}") from None
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error}") from None
+
+
+def _as_bytes(dataset: xr.Dataset) -> bytes:
+    """The netCDF file of a dataset, made in memory: HDF5 does not survive a disk that fills up."""
+    from netCDF4 import Dataset
+    from xarray.backends import NetCDF4DataStore
+
+    file = Dataset(DATASET, "w", memory=0)
+    dataset.dump_to_store(NetCDF4DataStore(file))  # type: ignore[no-untyped-call]
+    return bytes(file.close())
+
+
+def _header(records: list[Record]) -> Record:
+    """What was asked for last."""
+    headers = [record for record in records if record["record"] == "sweep"]
+    if headers:
+        return headers[-1]
+    if not records:
+        raise ConfigError("there are no runs in this sweep yet")
+    raise ConfigError(
+        f"{RECORDS} does not say what was asked for: give the command of the sweep again, without"
+        " report-only"
+    )
 
 
 def _by_key(records: list[Record]) -> dict[str, list[Record]]:
@@ -181,8 +192,7 @@ def _errors(runs: list[list[Record]]) -> tuple[list[float], NDArray[np.float64]]
     return days, table
 
 
-def _attributes(records: list[Record], rows: list[Record]) -> dict[str, Any]:
-    header = [record for record in records if record["record"] == "sweep"][-1]
+def _attributes(header: Record, records: list[Record]) -> dict[str, Any]:
     dt, check = _converged(records)
     return {
         "title": f"time steps and cost: {header['title']}",
@@ -190,6 +200,7 @@ def _attributes(records: list[Record], rows: list[Record]) -> dict[str, Any]:
         "plan": json.dumps(header["plan"]),
         "machine": header["machine"],
         "cores": header["cores"],
+        "sources": json.dumps(header["sources"]),
         "versions": json.dumps(header["versions"]),
         "created": header["created"],
         "noise": _noise(records),
@@ -210,7 +221,8 @@ def _converged(records: list[Record]) -> tuple[float, float]:
             continue
         row, errors = record["row"], record["errors"]
         ends = [e for e in errors if e["kind"] == "time" and e["day"] == row["days_planned"]]
-        for entry in ends:
-            here = (row["dt"], entry["h"]["l2"])
+        known = [l2 for entry in ends if (l2 := entry.get("h", {}).get("l2")) is not None]
+        for l2 in known:
+            here = (row["dt"], l2)
             finest[_bench(row)] = min(finest.get(_bench(row), here), here)
     return max(finest.values(), key=lambda pair: pair[1], default=(float("nan"), float("nan")))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.durable import write_whole
 from swe_sphere.sweep.bench import FIELDS, Fields
 
 __all__ = ["load_fields", "save_fields"]
@@ -21,20 +21,15 @@ def save_fields(path: Path, fields: Mapping[float, Fields], label: str) -> None:
     """
     import netCDF4
 
-    part = path.with_suffix(".part")
-    try:
-        path.parent.mkdir(exist_ok=True)
-        with netCDF4.Dataset(part, "w") as file:
-            file.title = label
-            file.createDimension("report_day", len(fields))
-            file.createDimension("node", next(iter(fields.values()))["h"].size)
-            file.createVariable("report_day", "f8", ("report_day",))[:] = list(fields)
-            for name in FIELDS:
-                values = np.stack([moment[name] for moment in fields.values()])
-                file.createVariable(name, "f8", ("report_day", "node"))[:] = values
-        part.replace(path)
-    except OSError as error:
-        raise RunFailed(f"cannot write {path}: {error.strerror}") from None
+    file = netCDF4.Dataset(path.name, "w", memory=0)
+    file.title = label
+    file.createDimension("report_day", len(fields))
+    file.createDimension("node", next(iter(fields.values()))["h"].size)
+    file.createVariable("report_day", "f8", ("report_day",))[:] = list(fields)
+    for name in FIELDS:
+        values = np.stack([moment[name] for moment in fields.values()])
+        file.createVariable(name, "f8", ("report_day", "node"))[:] = values
+    write_whole(path, bytes(file.close()))
 
 
 def load_fields(path: Path) -> dict[float, Fields] | None:
@@ -45,6 +40,6 @@ def load_fields(path: Path) -> dict[float, Fields] | None:
         with netCDF4.Dataset(path) as file:
             days = file["report_day"][:].data.tolist()
             arrays = {name: file[name][:].data for name in FIELDS}
-    except (OSError, LookupError):
+        return {day: {name: arrays[name][i] for name in FIELDS} for i, day in enumerate(days)}
+    except (OSError, RuntimeError, LookupError):
         return None
-    return {day: {name: arrays[name][i] for name in FIELDS} for i, day in enumerate(days)}

@@ -1,10 +1,11 @@
-"""The first lines of a journal: what was asked for, and of which machine the times are."""
+"""The first lines of a journal: what was asked for, of which code and files, on which machine."""
 
 from __future__ import annotations
 
 import os
 import platform
 import sys
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -17,8 +18,10 @@ from swe_sphere.sweep.plan import SweepPlan
 __all__ = ["write_header"]
 
 
-def write_header(journal: Journal, plan: SweepPlan, scene: Scene) -> None:
-    """Note the plan in the journal, unless it is the one noted last.
+def write_header(
+    journal: Journal, plan: SweepPlan, scene: Scene, sources: Mapping[str, str]
+) -> None:
+    """Note the plan and its sources in the journal, unless they are those noted last.
 
     Raises:
         ConfigError: the journal is of another scene.
@@ -32,11 +35,11 @@ def write_header(journal: Journal, plan: SweepPlan, scene: Scene) -> None:
                 f"{journal.path.parent} holds a sweep of {last['scene']}, not of {scene.name}:"
                 " choose another folder"
             )
-        if last["plan"] == given and last["machine"] == machine:
+        if (last["plan"], last["machine"], last["sources"]) == (given, machine, sources):
             return
     journal.append({
         "record": "sweep", "scene": scene.name, "title": scene.title, "plan": given,
-        "machine": machine, "cores": os.cpu_count(), "versions": versions(),
+        "sources": sources, "machine": machine, "cores": os.cpu_count(), "versions": versions(),
         "created": datetime.now(UTC).isoformat(timespec="seconds"), "command": _command(),
     })  # fmt: skip
 

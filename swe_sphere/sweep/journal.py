@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.durable import append_line
+from swe_sphere.errors import ConfigError
+from swe_sphere.sweep.form import Record, complaint
 
 __all__ = ["RECORDS", "Journal", "read_journal"]
 
 RECORDS = "records.jsonl"
-
-Record = dict[str, Any]
 
 
 class Journal:
@@ -37,14 +37,7 @@ class Journal:
             RunFailed: the disk does not take it.
         """
         plain = _plain(record)
-        line = json.dumps(plain, allow_nan=False) + "\n"
-        try:
-            with self.path.open("ab") as file:
-                file.write(line.encode())
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise RunFailed(f"cannot write {self.path}: {error.strerror}") from None
+        append_line(self.path, json.dumps(plain, allow_nan=False).encode())
         self.records.append(plain)
 
 
@@ -52,7 +45,7 @@ def read_journal(path: Path) -> list[Record]:
     """All whole records of a journal, in order; none where there is no file.
 
     Raises:
-        ConfigError: a line other than the last is damaged, or the file cannot be read.
+        ConfigError: a line other than the last is damaged or no record, or the file cannot be read.
     """
     try:
         lines = path.read_bytes().split(b"\n")
@@ -67,13 +60,17 @@ def read_journal(path: Path) -> list[Record]:
 def _parsed(path: Path, number: int, line: bytes) -> Record:
     try:
         record = json.loads(line)
-    except ValueError:
-        record = None
-    if not isinstance(record, dict):
+    except (ValueError, RecursionError):
         raise ConfigError(
             f"line {number} of {path} is damaged: delete that line, and its run is made again"
+        ) from None
+    wrong = complaint(record)
+    if wrong:
+        raise ConfigError(
+            f"line {number} of {path} is no record of a sweep by this version ({wrong}): delete"
+            " that line, and its run is made again, or choose another folder"
         )
-    return record
+    return dict(record)
 
 
 def _drop_cut_line(path: Path) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from swe_sphere.simulation import Interruption
 from swe_sphere.sweep.case import Case
 from swe_sphere.sweep.execute import Outcome, execute, warm_up
+from swe_sphere.sweep.freshness import fresh
 from swe_sphere.sweep.journal import Journal
 from swe_sphere.sweep.record import Verdict, calibration_record, run_record
 from swe_sphere.sweep.watcher import SweepWatcher
@@ -23,18 +24,23 @@ EVERY = 2.0
 
 
 class Runner:
-    """Runs cases; every one ends as a record in the journal before the next begins."""
+    """Runs cases; every one ends as a record in the journal before the next begins.
+
+    sources: of what the runs are made; what the journal has of others is not known here.
+    """
 
     def __init__(
         self,
         journal: Journal,
+        sources: Mapping[str, str],
         interruption: Interruption,
         watcher: SweepWatcher,
         time_limit: float | None,
     ) -> None:
         self._journal, self._interruption = journal, interruption
         self._watcher, self._time_limit = watcher, time_limit
-        runs = [record for record in journal.records if record["record"] == "run"]
+        self._sources = {"sources": dict(sources)}
+        runs = [r for r in fresh(journal.records, sources) if r["record"] == "run"]
         self._known = {(run["key"], run["repeat"]): run for run in runs}
         self._warm: dict[tuple[object, ...], float] = {}
         self._calibrated: dict[int, float] = {}
@@ -80,7 +86,7 @@ class Runner:
     def keep(self, case: Case, outcome: Outcome, verdict: Verdict, repeat: int) -> dict[str, Any]:
         """Write a run into the journal."""
         record = run_record(case, repeat, outcome, verdict) | {"time_limit": self._time_limit}
-        self._journal.append(record)
+        self._journal.append(record | self._sources)
         kept = self._journal.records[-1]
         self._known[case.key, repeat] = kept
         return kept
@@ -98,5 +104,5 @@ class Runner:
         """Time right-hand sides now and then on every mesh."""
         now, bench = time.perf_counter(), case.bench
         if case.refusal is None and now - self._calibrated.get(id(bench), -EVERY) >= EVERY:
-            self._journal.append(calibration_record(case, bench.time_rhs()))
+            self._journal.append(calibration_record(case, bench.time_rhs()) | self._sources)
             self._calibrated[id(bench)] = now

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.model.scene import Scene
 from swe_sphere.planet import DAY
 from swe_sphere.simulation import make_config, make_scene
-from swe_sphere.sweep.bench import fingerprint
+from swe_sphere.sources import file_fingerprint
 
 __all__ = ["SHEDDING", "TotalTruth", "choose_truth"]
 
@@ -43,12 +44,19 @@ class TotalTruth:
     finer: int = 0
     """ne of the finer run."""
 
+    @cached_property
+    def sources(self) -> dict[str, str]:
+        """Fingerprints of the files, by what they are."""
+        return {
+            f"the reference of day {day:g}": file_fingerprint(path)
+            for day, path in self.files.items()
+        }
+
     @property
     def name(self) -> str:
         """The truth in words, the contents of files included as a fingerprint."""
         if self.kind == "reference":
-            what = {day: fingerprint(path.read_bytes().hex()) for day, path in self.files.items()}
-            return f"reference {what}"
+            return str(self.sources)
         return f"finer run, ne {self.finer}" if self.kind == "finer" else self.kind
 
 

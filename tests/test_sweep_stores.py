@@ -1,0 +1,309 @@
+"""What a sweep keeps: nothing stale, one writer at a time, whole after any kill or full disk."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from functools import reduce
+from operator import getitem
+from pathlib import Path
+
+import pytest
+from sweeps import assert_same_rows
+
+from swe_sphere.cli.main import main
+from swe_sphere.sweep import SweepWatcher, sweep
+from swe_sphere.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.sweep.journal import RECORDS, read_journal
+from swe_sphere.sweep.lock import alone
+
+TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
+FLAGS = ("--steppers", "rk4", "--dt", "3600", "--ne", "2", "--np", "4", "--days", "0.25",
+         "--repeats", "1", "--out", "d")  # fmt: skip
+
+
+class Notes(SweepWatcher):
+    def __init__(self):
+        self.told = []
+
+    def note(self, text):
+        self.told.append(text)
+
+
+def finished(folder):
+    """Key and repeat of the runs in the journal, in order."""
+    records = read_journal(folder / RECORDS)
+    return [(r["key"], r["repeat"]) for r in records if r["record"] == "run"]
+
+
+@pytest.fixture
+def swe(capfd, tmp_path, monkeypatch):
+    """Runs the program in this process, in a folder of its own: status and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(["sweep", *arguments])
+        return end.value.code, capfd.readouterr().err
+
+    return call
+
+
+# --- nothing stale
+
+
+@pytest.fixture
+def hills(tmp_path, monkeypatch):
+    """A scene in TOML that builds on another file."""
+    monkeypatch.chdir(tmp_path)
+    Path("hills.toml").write_text('base = "base.toml"\n')
+    Path("base.toml").write_text('base = "williamson2"\n[parameters]\nalpha = 0.1\n')
+    return tmp_path / "d"
+
+
+def test_runs_of_a_scene_whose_base_has_changed_are_made_again(hills):
+    options = TINY | {"out": hills}
+    sweep("hills.toml", "rk4", **options)
+    old = finished(hills)
+    Path("base.toml").write_text('base = "williamson2"\n[parameters]\nalpha = 0.7\n')
+    notes = Notes()
+    now = sweep("hills.toml", "rk4", watcher=notes, **options)
+    assert notes.told == [
+        f"{hills}: 3 of 3 runs there are left out, and made again where they are asked for:"
+        " base.toml changed since"
+    ]
+    assert len(finished(hills)) == 6 and set(old).isdisjoint(finished(hills)[3:])
+    assert_same_rows(now, sweep("hills.toml", "rk4", watcher=notes, **options))
+    assert len(notes.told) == 1 and len(finished(hills)) == 6
+    assert_same_rows(now, sweep("hills.toml", "rk4", **TINY))
+    assert_same_rows(write_dataset(hills), now)
+
+
+def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch):
+    options = TINY | {"out": tmp_path}
+    first = sweep("lauter", "rk4", **options)
+    fields = {*(tmp_path / "converged").iterdir()}
+    names = ("swe_sphere.sweep.bench.code_fingerprint",
+             "swe_sphere.sweep.freshness.code_fingerprint")  # fmt: skip
+    with monkeypatch.context() as other:
+        for name in names:
+            other.setattr(name, lambda: "other")
+        notes = Notes()
+        second = sweep("lauter", ["rk4", "kg5"], watcher=notes, **options)
+        assert "3 of 3 runs there are left out" in notes.told[0]
+        assert "the code of swe_sphere changed since" in notes.told[0]
+        assert second.sizes["run"] == 4 and len(finished(tmp_path)) == 7
+        assert fields.isdisjoint({*(tmp_path / "converged").iterdir()} - fields)
+        sources = json.loads(second.attrs["sources"])
+        assert sources == {"the code of swe_sphere": "other"}
+    third = sweep("lauter", "rk4", **options)  # the code is again what it was first
+    assert len(finished(tmp_path)) == 7
+    assert_same_rows(third, first)
+
+
+def test_another_reference_does_not_share_a_dataset_with_the_first(tmp_path):
+    from importlib import resources
+
+    data = Path(str(resources.files("swe_sphere"))) / "data"
+    options = TINY | {"days": 4.0, "out": tmp_path / "d"}
+    for day in (4, 6):  # that they are of another scene does not matter here
+        file = tmp_path / f"{day}.nc"
+        file.write_bytes((data / "galewsky_day4.nc").read_bytes() + bytes(day))
+        found = sweep("lauter", "rk4", reference=file, **options)
+        assert (found["role"].values == "grid").sum() == 1
+    assert len(finished(tmp_path / "d")) == 6
+
+
+# --- one at a time
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from swe_sphere.sweep.lock import alone
+with alone(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_second_sweep_in_a_folder_is_refused_until_the_first_one_dies(swe, tmp_path):
+    (tmp_path / "d").mkdir()
+    journal = tmp_path / "d" / RECORDS
+    command = (sys.executable, "-c", HOLD, journal)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=tmp_path) as first:
+        assert first.stdout.readline() == b"held\n"
+        status, err = swe("lauter", *FLAGS, "--quiet")
+        assert status == 2 and err.count("\n") == 1 and "another sweep is at work in d" in err
+        assert journal.read_bytes() == b""
+        first.kill()
+    with alone(journal):
+        pass
+
+
+def test_a_report_can_be_made_while_the_sweep_goes_on(tmp_path):
+    class Reports(SweepWatcher):
+        rows = ()
+
+        def done(self, case, record):
+            self.rows = (*self.rows, write_dataset(tmp_path).sizes["run"])
+
+    watcher = Reports()
+    sweep("lauter", "rk4", out=tmp_path, watcher=watcher, **TINY)
+    assert watcher.rows == (3,)
+
+
+# --- kills and full disks
+
+
+class Disk:
+    """Sees every write in two halves; tells what lies in a folder after each, or fills up."""
+
+    def __init__(self, folder, monkeypatch):
+        self._folder, self.states, self.calls, self.full_at = folder, [], 0, None
+        self._write, self._replace = os.write, os.replace
+        monkeypatch.setattr(os, "write", self.write)
+        monkeypatch.setattr(os, "replace", self.replace)
+
+    def write(self, file, data):
+        half = len(data) // 2
+        for piece in (data[:half], data[half:]):
+            self._count()
+            self._write(file, piece)
+            self._look()
+        return len(data)
+
+    def replace(self, source, target):
+        self._count()
+        self._replace(source, target)
+        self._look()
+
+    def _count(self):
+        self.calls += 1
+        if self.calls == self.full_at:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _look(self):
+        files = (path for path in self._folder.rglob("*") if path.is_file())
+        self.states.append({path.relative_to(self._folder): path.read_bytes() for path in files})
+
+
+def test_a_kill_at_any_write_leaves_what_the_sweep_goes_on_from(tmp_path, monkeypatch):
+    """All that lay in the folder at any moment, half-written pieces included."""
+    with monkeypatch.context() as patched:
+        disk = Disk(tmp_path / "d", patched)
+        whole = sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
+    assert len(disk.states) >= 3 * 3 + 5 * 2  # three whole files, five lines of the journal
+    for number, state in enumerate(disk.states):
+        folder = tmp_path / str(number)
+        for path, contents in state.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(contents)
+        before = finished(folder)
+        if (folder / "sweep.nc").exists():
+            assert_same_rows(read_dataset(folder / "sweep.nc"), whole)
+        assert_same_rows(sweep("lauter", "rk4", out=folder, **TINY), whole)
+        after = finished(folder)
+        assert after[: len(before)] == before and len(set(after)) == len(after) == 3
+
+
+def assert_refused(status, err):
+    assert status == 1 and err.count("\n") == 1
+    assert "No space left on device" in err and "what is finished is kept" in err
+
+
+def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_path, monkeypatch):
+    """Full a write later each time, until the disk has room for all."""
+    monkeypatch.setattr("swe_sphere.report.write_report", lambda *_: Path("index.html"))
+    ends = []
+    while not ends or ends[-1] != (0, ""):
+        with monkeypatch.context() as patched:
+            Disk(tmp_path / "d", patched).full_at = len(ends) + 1
+            ends.append(swe("lauter", *FLAGS, "--quiet"))
+        assert len(finished(tmp_path / "d")) == len(set(finished(tmp_path / "d")))
+    assert 5 < len(ends) < 30
+    for end in ends[:-1]:
+        assert_refused(*end)
+    assert_same_rows(read_dataset(tmp_path / "d" / "sweep.nc"), sweep("lauter", "rk4", **TINY))
+
+
+@pytest.mark.parametrize("file", ["sweep.nc", "index.html"])
+def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
+    swe, tmp_path, monkeypatch, file
+):
+    sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
+    path = tmp_path / "d" / file
+    path.write_bytes(b"the old one")
+    replace = os.replace
+
+    def full(source, target):
+        if Path(target).name == file:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", full)
+    assert_refused(*swe("--report-only", "--out", "d", "--quiet"))
+    assert path.read_bytes() == b"the old one"
+    assert not [*path.parent.rglob("*.part")]
+
+
+# --- journals that are not as they should be
+
+
+def test_a_report_needs_a_journal_that_says_what_was_asked_for(swe, tmp_path, monkeypatch):
+    monkeypatch.setattr("swe_sphere.report.write_report", lambda *_: Path("index.html"))
+    sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
+    journal = tmp_path / "d" / RECORDS
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines[1:]))
+    status, err = swe("--report-only", "--out", "d")
+    assert status == 2 and err.count("\n") == 1
+    assert "d: records.jsonl does not say what was asked for: give the command" in err
+    assert swe("lauter", *FLAGS, "--quiet") == (0, "")  # the runs are known by what they are of
+    assert len(finished(tmp_path / "d")) == 3
+
+
+@pytest.mark.parametrize("contents", [b"", b'{"record": "sweep"'])
+def test_a_journal_without_a_line_has_no_runs(swe, tmp_path, contents):
+    (tmp_path / "d").mkdir()
+    (tmp_path / "d" / RECORDS).write_bytes(contents)
+    status, err = swe("--report-only", "--out", "d")
+    assert (status, err) == (2, "swe-sphere: d: there are no runs in this sweep yet\n")
+
+
+MISSING = object()
+WRONG = [
+    ("sweep", "plan", 3), ("sweep", "sources", None), ("sweep", "versions", ["1"]),
+    ("sweep", "command", MISSING), ("run", "key", 5), ("run", "row", []), ("run", "repeat", "0"),
+    ("run", "errors", MISSING), ("run", "row.dt", "long"), ("run", "row.wall_seconds", [1]),
+    ("run", "row.status", MISSING), ("run", "errors.0.day", None), ("run", "errors.0.kind", "all"),
+    ("run", "errors.0.h", None), ("run", "errors.0.h.l2", "small"), ("calibration", "bench", "a"),
+    ("calibration", "sources", MISSING),
+]  # fmt: skip
+
+
+def test_records_of_the_wrong_form_are_one_line_each(swe, tmp_path):
+    sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
+    journal = tmp_path / "d" / RECORDS
+    whole = journal.read_text().splitlines()
+    kinds = [json.loads(line)["record"] for line in whole]
+    for kind, path, value in WRONG:
+        number = kinds.index(kind)
+        spoilt = json.dumps(with_value(json.loads(whole[number]), path, value))
+        journal.write_text("\n".join([*whole[:number], spoilt, *whole[number + 1 :]]) + "\n")
+        for command in (("--report-only", "--out", "d"), ("lauter", *FLAGS)):
+            status, err = swe(*command)
+            assert status == 2 and err.count("\n") == 1, path
+            assert f"line {number + 1} of d/{RECORDS} is no record" in err and path in err
+
+
+def with_value(record, path, value):
+    """The record with a value at a path put in or taken out."""
+    *steps, name = (int(step) if step.isdigit() else step for step in path.split("."))
+    item = reduce(getitem, steps, record)
+    if value is MISSING:
+        del item[name]
+    else:
+        item[name] = value
+    return record
