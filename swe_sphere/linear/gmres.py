@@ -67,6 +67,7 @@ class FlexibleGMRES:
         rtol: float = 1e-6,
         atol: float = 0.0,
         max_iterations: int = 200,
+        floor: float = 0.0,
     ) -> LinearResult:
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
@@ -74,8 +75,8 @@ class FlexibleGMRES:
         may vary.  Both see vectors of this solver: they must not write to the first nor keep
         either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
         tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
-        size, and the result then says `roundoff`.  After anything not finite, x is as it was at the
-        last restart.
+        size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
+        after the first.  After anything not finite, x is as it was at the last restart.
         """
         scale = self.space.norm(rhs)
         p = LinearSolve(
@@ -86,7 +87,7 @@ class FlexibleGMRES:
             p.history.append(0.0)
             return p.end(Status.CONVERGED, "the right-hand side is zero")
         p.history.append(self._residual(p, fresh=True) if math.isfinite(scale) else scale)
-        p.terms = max(scale, p.history[0])
+        p.terms, p.floor = max(scale, p.history[0]), floor
         return self._iterate(p)
 
     def _iterate(self, p: LinearSolve) -> LinearResult:
@@ -95,6 +96,7 @@ class FlexibleGMRES:
             return p.end(Status.NOT_A_NUMBER, "the right-hand side or the guess is not finite")
         if p.history[0] <= p.target:
             return p.end(Status.CONVERGED, "the guess is good enough")
+        p.target = max(p.target, p.floor)
         while True:
             start = p.history[-1]
             end = self._cycle(p)

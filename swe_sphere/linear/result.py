@@ -56,7 +56,8 @@ class LinearSolve:
     """One solve of operator(x) = rhs under way.
 
     scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
-    allowed; terms: size of the terms that the residual is the difference of.
+    allowed; terms: size of the terms that the residual is the difference of; floor: residual norm
+    that ends the solve after the first iteration.
     """
 
     operator: Operator
@@ -68,6 +69,7 @@ class LinearSolve:
     limit: int
     iterations: int = 0
     terms: float = 0.0
+    floor: float = 0.0
     history: list[float] = field(default_factory=list)
 
     def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:

@@ -22,8 +22,8 @@ __all__ = ["NewtonHistory", "NewtonKrylov", "NewtonResult", "Problem"]
 
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
 ROUNDOFFS = 1e3
-# What a solve at least makes of the residual of its guess, unless that is round-off: guesses that
-# are taken as they are, step after step, would be an explicit scheme.
+# What a solve at least makes of the residual of its guess: guesses that are taken as they are, step
+# after step, would be an explicit scheme.
 LEAST_GAIN = 0.5
 
 
@@ -96,6 +96,7 @@ class _Progress:
     problem: Problem
     x: wp.array
     target: float = 0.0
+    floor: float = 0.0
     residuals: list[float] = field(default_factory=list)
     forcing: list[float] = field(default_factory=list)
     krylov: list[int] = field(default_factory=list)
@@ -142,10 +143,13 @@ class NewtonKrylov:
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
 
-    def solve(self, problem: Problem, x: wp.array, scale: float | None = None) -> NewtonResult:
+    def solve(
+        self, problem: Problem, x: wp.array, scale: float | None = None, floor: float = 0.0
+    ) -> NewtonResult:
         """Solve from the guess x (n,), which is replaced by the best point found.
 
-        scale: what rtol is relative to instead of |F(x_0)|, so that a better guess saves work.  A
+        scale: what rtol is relative to instead of |F(x_0)|, so that a better guess saves work; one
+        correction is made all the same.  floor: a residual that is worth no second one.  A
         tolerance beyond the arithmetic, 0 included, is met when the corrections are of round-off
         size: the result then says `roundoff`.  Points where F is not finite are stepped back from.
         """
@@ -153,12 +157,13 @@ class NewtonKrylov:
         problem.residual(x, self._residual)
         p.evaluations = 1
         p.residuals.append(self.space.norm(self._residual))
-        wanted = self.rtol * (p.residuals[0] if scale is None else scale)
-        p.target = max(min(wanted, LEAST_GAIN * p.residuals[0]), self.atol)
+        first = p.residuals[0]
+        p.target = max(self.rtol * (first if scale is None else scale), self.atol)
         if not math.isfinite(p.residuals[0]):
             return p.end(Status.NOT_A_NUMBER, "the residual of the guess is not finite")
-        if p.residuals[0] <= p.target:
+        if first == 0.0 or (scale is None and first <= p.target):
             return p.end(Status.CONVERGED, "the guess is good enough")
+        p.target, p.floor = min(max(p.target, floor), LEAST_GAIN * first), floor
         while len(p.krylov) < self.max_iterations:
             result = self._iterate(p)
             if result is not None:
@@ -228,7 +233,7 @@ class NewtonKrylov:
             self._residual, self._trial_residual = self._trial_residual, self._residual
             p.residuals.append(search.norm)
             p.lengths[-1] = search.length
-            if search.norm <= p.target:
+            if search.norm <= max(p.target, p.floor):
                 return p.end(Status.CONVERGED, "converged")
         if tiny and search.norm > 0.5 * (1.0 + eta) * norm:
             return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)

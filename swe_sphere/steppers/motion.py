@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..linear import VectorSpace
 from ..model.model import Model
 
-SHARE = 0.5
+SHARE = 0.7
 """Part of the least truncation error of a step that the solver may add to it."""
 PROBE = 1e-2
 """Part of a time step after which the slope is looked at again to know its rate of change."""
@@ -22,7 +22,7 @@ class Motion:
     rate |x'| [m s-1 s-1 in the energy norm]; frequencies |x''|/|x'| and |x'''|/|x''| [s-1], of
     which the second is never less than the first for a sum of oscillations (Cauchy-Schwarz:
     |x''|^2 <= |x'| |x'''|, and so on for all derivatives).  A scheme of order p therefore leaves
-    a truncation error of at least C f_1 f_2^(p-1) dt^p |x'| dt a step: `tolerance` follows that.
+    a truncation error of at least C f_1 f_2^(p-1) dt^p |x'| dt a step.
     """
 
     def __init__(self, space: VectorSpace) -> None:
@@ -63,9 +63,9 @@ class Motion:
         self._slope, self._bend, self._work, self._dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
-        """Least truncation error of a step of dt [s] by a scheme with that error constant C.
+        """What a solver may leave of a step of dt [s] by a scheme with that error constant C.
 
-        Relative to the change over the step.
+        It is `SHARE` of the least truncation error, relative to the change over the step.
         """
         first, second = (min(1.0, f * dt) for f in self.frequencies)
         return SHARE * constant * first * float(second ** (order - 1))

@@ -105,15 +105,15 @@ class RosenbrockW(ImplicitStepper):
         u = self._solutions[i]
         self.space.copy(self._guesses[i], u)
         self.space.scale(dt, u)
-        goal = max(self.tolerance * tau * self.motion.rate, self._worthless())
         result = self._newton.gmres.solve(
             self.problem.jacobian,
             self._rhs,
             u,
             self.problem.precondition,
             rtol=0.0,
-            atol=goal,
+            atol=self.tolerance * tau * self.motion.rate,
             max_iterations=self._newton.max_krylov,
+            floor=self._worthless(),
         )
         self.counters["krylov_iterations"] += result.iterations
         self._restore_mass(self._rhs, u)
