@@ -1,0 +1,120 @@
+"""Error in time at every step size, beside that of exact solves; writes docs/step_sizes.md.
+
+    python benchmarks/step_sizes.py                     all steppers, all scenes: about two hours
+    python benchmarks/step_sizes.py --steppers bdf2,ark2 --scenes lauter
+
+Runs that were made before are kept in docs/step_sizes.json; delete it to make all again.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import warp as wp
+from rich.console import Console
+
+from swe_sphere.machine import machine
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.output.norms import errors
+from swe_sphere.planet import HOUR
+from swe_sphere.steppers import STEPPERS, get_stepper
+from swe_sphere.testcases import get_scene
+
+DOCS = Path(__file__).parents[1] / "docs"
+STORE = DOCS / "step_sizes.json"
+SCENES = {"lauter": "l2_h", "williamson6": "l2_h", "matsuno": "l2_v"}
+"""And the error that is shown: matsuno's depths are waves of a billionth of the mean depth."""
+STEPS = (3600.0, 1800.0, 900.0, 450.0, 240.0, 120.0, 60.0)
+NE, NP, HOURS = 4, 6, 12.0
+REFERENCE = 30.0
+EXACT = 1e-10
+EXPLICIT = ("rk4", "ssprk3", "kg5", "leapfrog")
+
+HEAD = f"""# Steps of any size
+
+Made by `python benchmarks/step_sizes.py`.  After {HOURS:g} h on ne{NE} np{NP}, float64: the
+relative difference to rk4 with Δt = {REFERENCE:g} s on the same mesh, which is the error in time,
+with default tolerances; in brackets how many times it is that of exact solves (tolerance
+{EXACT:g}), and Krylov iterations a step.  The rule that says how exactly the equations are solved
+is in [How to choose a stepper](steppers.md).  Where exact solves themselves come to the round-off
+of the state (differences below about 1e-13, or 1e-7 in matsuno, whose waves are that small beside
+the state), a ratio says nothing.  Longer steps do not resolve the gravity waves with which
+williamson6 starts: exact solves do not show the order of the schemes there either.
+"""
+
+
+def main(
+    steppers: Annotated[str, typer.Option(help="Names with commas between; all by default.")] = "",
+    scenes: Annotated[str, typer.Option(help="Names with commas between.")] = ",".join(SCENES),
+) -> None:
+    """Make the runs that are missing, print and write the tables."""
+    wp.config.log_level = wp.LOG_WARNING
+    implicit = [name for name in STEPPERS if name not in EXPLICIT]
+    known: dict[str, Any] = json.loads(STORE.read_text()) if STORE.exists() else {}
+    for scene in scenes.split(","):
+        reference = None
+        for stepper in steppers.split(",") if steppers else implicit:
+            for dt in STEPS:
+                key = f"{scene} {stepper} {dt:g}"
+                if key in known:
+                    continue
+                if reference is None:
+                    reference = run(scene, "rk4", REFERENCE)[0]
+                known[key] = compare(scene, stepper, dt, reference)
+                STORE.write_text(json.dumps(known, indent=1) + "\n")
+                Console().print(key, cell(known[key]))
+    page = [HEAD, *(table(scene, known) for scene in SCENES), f"{machine()}.", ""]
+    (DOCS / "step_sizes.md").write_text("\n".join(page))
+
+
+def run(scene: str, stepper: str, dt: float, **options: Any) -> tuple[dict[str, np.ndarray], float]:
+    """The fields at the end, and Krylov iterations a step."""
+    model = Model(build_mesh(NE, NP), get_scene(scene))
+    made = get_stepper(stepper)(model, dt, **options)
+    made.start(model.initial_state())
+    for _ in range(round(HOURS * HOUR / dt)):
+        made.step()
+    return model.fields(made.state), made.counters.get("krylov_iterations", 0) / made.steps
+
+
+def compare(
+    scene: str, stepper: str, dt: float, reference: dict[str, np.ndarray]
+) -> dict[str, float]:
+    """Errors with the default tolerance and with exact solves, and iterations with the former."""
+    mesh, measure = build_mesh(NE, NP), SCENES[scene]
+    usual, krylov = run(scene, stepper, dt)
+    exact, _ = run(scene, stepper, dt, tolerance=EXACT)
+    return {
+        "error": errors(mesh, usual, reference)[measure],
+        "exact": errors(mesh, exact, reference)[measure],
+        "krylov": krylov,
+    }
+
+
+def table(scene: str, known: dict[str, dict[str, float]]) -> str:
+    """A table of a scene, a row a stepper."""
+    lines = [f"## {scene}, {SCENES[scene].replace('_', '(')})", ""]
+    lines.append("| stepper | " + " | ".join(f"{dt:g} s" for dt in STEPS) + " |")
+    lines.append("|---" * (len(STEPS) + 1) + "|")
+    for stepper in STEPPERS:
+        found = [known.get(f"{scene} {stepper} {dt:g}") for dt in STEPS]
+        if any(found):
+            lines.append(f"| `{stepper}` | " + " | ".join(cell(one) for one in found) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def cell(found: dict[str, float] | None) -> str:
+    """Error, its ratio to that of exact solves, iterations."""
+    if found is None:
+        return ""
+    ratio = found["error"] / found["exact"]
+    return f"{found['error']:.1e} ({ratio:.2f}; {found['krylov']:.1f})"
+
+
+if __name__ == "__main__":
+    typer.run(main)
