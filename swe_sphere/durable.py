@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swe_sphere.errors import RunFailed
 
-__all__ = ["append_line", "write_whole"]
+__all__ = ["append_line", "sync_folder", "take_lock", "write_whole"]
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
@@ -28,7 +28,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
 
 
 def append_line(path: Path, line: bytes) -> None:
@@ -46,6 +46,22 @@ def append_line(path: Path, line: bytes) -> None:
             raise
 
 
+def take_lock(file: int) -> bool:
+    """Lock an open file until it is closed or the process ends; False if another one has it.
+
+    Where the system or the file system has no locks, nothing is held.
+    """
+    try:
+        import fcntl  # not on every system
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):
+        return True
+    return True
+
+
 def _put(file: int, contents: bytes) -> None:
     """Write all, through to the disk."""
     left = memoryview(contents)
@@ -54,7 +70,7 @@ def _put(file: int, contents: bytes) -> None:
     os.fsync(file)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Make a new name in a folder last, where the system can."""
     with suppress(OSError):
         file = os.open(folder, os.O_RDONLY)

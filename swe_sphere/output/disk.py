@@ -11,9 +11,10 @@ import io
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
+from swe_sphere.durable import sync_folder, take_lock
 from swe_sphere.errors import ConfigError, SweError
 
 __all__ = ["allocate", "claim", "clear_errors", "part_of", "put_in_place"]
@@ -54,14 +55,8 @@ def claim(path: Path) -> io.FileIO:
 
 def _lock(file: io.FileIO, path: Path) -> None:
     """ConfigError if another program holds the lock; nothing where there are no locks."""
-    try:
-        import fcntl  # not on every system
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise ConfigError(_taken(path)) from None
-    except (ImportError, OSError):
-        return
+    if not take_lock(file.fileno()):
+        raise ConfigError(_taken(path))
 
 
 def _taken(path: Path) -> str:
@@ -72,12 +67,7 @@ def put_in_place(file: int, path: Path) -> None:
     """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
     os.fsync(file)
     part_of(path).replace(path)
-    with suppress(OSError):  # not every system can
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    sync_folder(path.parent)
 
 
 def allocate(file: int, path: Path, size: int) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from swe_sphere.durable import take_lock
 from swe_sphere.errors import ConfigError
 
 __all__ = ["alone"]
@@ -25,22 +26,10 @@ def alone(journal: Path) -> Iterator[None]:
     except OSError as error:
         raise ConfigError(f"out: cannot write {journal}: {error.strerror}") from None
     with file:
-        if not _locked(file.fileno()):
+        if not take_lock(file.fileno()):
             raise ConfigError(
                 f"out: another sweep is at work in {journal.parent}: wait for its end, or choose"
                 " another folder"
             )
         yield
 
-
-def _locked(file: int) -> bool:
-    """Lock an open file until it is closed; False if another one has locked it."""
-    try:
-        import fcntl  # not on every system
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except (ImportError, OSError):
-        return True
-    return True
