@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import make_scene, random_state, relative
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
@@ -365,3 +366,18 @@ def test_solution_does_not_depend_on_the_preconditioner(
         for kind in ("helmholtz", preconditioner)
     ]
     assert relative(*(stepper.state.numpy() for stepper in pair), 3) < 1e-7
+
+
+@pytest.mark.parametrize("name", ["tr-bdf2", "semi-implicit"])
+def test_threads_of_other_work_are_left_alone(small_mountain, name: str) -> None:
+    """Also those of a stepper that is still there."""
+
+    def threads() -> list[int]:
+        return [library["num_threads"] for library in threadpool_info()]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        stepper = STEPPERS[name](small_mountain, 600.0)
+        stepper.start(small_mountain.initial_state())
+        stepper.step()
+        assert threads() == before

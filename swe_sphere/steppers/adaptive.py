@@ -13,6 +13,7 @@ from ..errors import ConfigError, RunFailed
 from .base import Stepper
 from .control import LEAST, PIController
 from .measure import make_measure
+from .threads import one_thread
 
 CAUTION = 0.1
 """The first step, as a part of what the time scale of the start allows."""
@@ -100,6 +101,11 @@ class AdaptiveStepper(Stepper):
         self._before = self.controller.tolerance
         self._next = min(self.dt, self._first or self._first_guess())
         self._cuts.clear()
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        with one_thread():
+            super().step()
 
     def costs(self) -> dict[str, float]:
         """What the steps so far have taken."""

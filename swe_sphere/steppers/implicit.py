@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ..errors import RunFailed
 from ..linear import FlexibleGMRES, LinearResult, VectorSpace
@@ -17,6 +16,7 @@ from .base import Stepper
 from .energy_norm import energy_weights
 from .motion import Motion
 from .options import SolverOptions
+from .threads import one_thread
 
 SMALLEST_PART = 64
 """A step that cannot be solved is halved, and halved again, down to this part of it."""
@@ -82,8 +82,6 @@ class ImplicitStepper(Stepper):
         preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt)
-        # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
-        self._blas = threadpool_limits(limits=1, user_api="blas")
         chosen = self.default_tolerance if tolerance is None else tolerance
         self.options = SolverOptions(chosen, preconditioner)
         self.tolerance = chosen
@@ -134,6 +132,11 @@ class ImplicitStepper(Stepper):
             "setups": made.setups,
             "setup_seconds": made.setup_seconds,
         }
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        with one_thread():
+            super().step()
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs, a set-up in use included."""

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ..errors import RunFailed
 from ..linear import VectorSpace
@@ -18,6 +17,7 @@ from .energy_norm import energy_weights
 from .motion import Motion
 from .options import SolverOptions
 from .stability import Complex, largest_step
+from .threads import one_thread
 
 TOLERANCE = 1e-3
 MUCH_FASTER = 1e4
@@ -53,8 +53,6 @@ class SplitStepper(Stepper):
         solver: GravityWaveSolver | None = None,
     ) -> None:
         super().__init__(model, dt)
-        # numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower
-        self._blas = threadpool_limits(limits=1, user_api="blas")
         self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis))
         self.waves = self.solver.waves
         self.options = SolverOptions(tolerance)
@@ -81,6 +79,11 @@ class SplitStepper(Stepper):
         """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
         self.motion.start(self.model, self.state, t, self.dt)
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        with one_thread():
+            super().step()
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs."""

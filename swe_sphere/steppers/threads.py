@@ -1,0 +1,20 @@
+"""One thread for the libraries' linear algebra while a step is taken."""
+
+from contextlib import AbstractContextManager
+from functools import cache
+
+from threadpoolctl import ThreadpoolController
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Within the block BLAS keeps to one thread; afterwards it has as many as before.
+
+    numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower.
+    """
+    limited: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    return limited
