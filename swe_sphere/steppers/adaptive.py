@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -143,11 +143,11 @@ class AdaptiveStepper(Stepper):
 
     def _try(self, t: float, dt: float) -> bool:
         """Attempt a step, keep it if it is good, and set the length of the next one."""
-        trouble = self._attempt(t, dt)
-        if trouble is not None:
-            self._cut(t, dt, trouble, LEAST)
+        fault = self._attempt(t, dt)
+        if fault is not None:
+            self._cut(t, dt, fault, LEAST)
             return False
-        error = self._measure(self._scheme._new, dt)
+        error = self._measure(dt)
         if not self.controller.accepts(error):
             why = f"{self._measure.unit} {error:.3g} above {self.controller.tolerance:.3g}"
             self._cut(t, dt, why, self.controller.ratio(error, self._before))
@@ -157,7 +157,7 @@ class AdaptiveStepper(Stepper):
 
     def _keep(self, dt: float, error: float) -> None:
         """Accept; after a step that was short to fit the outer one, what came before holds."""
-        self._scheme._accept(dt, self._scheme._new)
+        self._scheme.accept(dt)
         self.counters["accepted_steps"] += 1
         proposed = dt * self.controller.ratio(error, self._before)
         if dt >= self._next * (1.0 - 1e-9):
@@ -178,17 +178,13 @@ class AdaptiveStepper(Stepper):
     def _attempt(self, t: float, dt: float) -> str | None:
         """Put the state after dt into the scheme's new state; what went wrong, if anything did."""
         self._set_solver(dt)
-        failure = self._scheme.attempt(t, dt, self._scheme._new)
-        return failure.message if failure else self._scheme._trouble()
+        return self._scheme.attempt(t, dt)
 
     def _set_solver(self, dt: float) -> None:
         """Have the equations solved as exactly as a step of dt [s] needs it."""
         change = self._measure.per_change(dt)
         needed = SOLVER * self.controller.tolerance / change if change > 0.0 else math.inf
-        tolerance = min(self._loosest, needed)
-        for scheme in (self._scheme, getattr(self._scheme, "_starter", None)):
-            if scheme is not None:
-                scheme.options = replace(scheme.options, tolerance=tolerance)
+        self._scheme.tighten(min(self._loosest, needed))
 
     def _first_guess(self) -> float:
         """A step [s] from the time the state takes to change by itself; the outer one at rest."""

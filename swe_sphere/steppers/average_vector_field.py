@@ -84,6 +84,7 @@ class AverageVectorField(ImplicitStepper):
     def _mass_gain(self, tau: float, t: float) -> float:
         return super()._mass_gain(2.0 * tau, t)
 
-    def _accept(self, dt: float, new: wp.array) -> None:
-        self._slope(new, self.state, dt, self._past)
-        super()._accept(dt, new)
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and keep the slope for the guess of the next step."""
+        self._slope(self.new, self.state, dt, self._past)
+        super().accept(dt)

@@ -27,8 +27,12 @@ class BDF2(ImplicitStepper):
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._previous_dt = 0.0
         self._starter = TRBDF2(model, self.dt, self.options.tolerance, "none")
-        # with the preconditioner, whose costs are counted, and one Krylov basis for both
-        self._starter.problem, self._starter._newton = self.problem, self._newton
+        self._starter.share_solver(self)
+
+    def tighten(self, tolerance: float) -> None:
+        """Take this tolerance from now on."""
+        super().tighten(tolerance)
+        self._starter.tighten(tolerance)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
@@ -59,15 +63,16 @@ class BDF2(ImplicitStepper):
         result = self._solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
         return None if result.converged else result
 
-    def _accept(self, dt: float, new: wp.array) -> None:
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and the present one that before it."""
         self.space.copy(self.state, self._previous)
         self._previous_dt = dt
-        super()._accept(dt, new)
+        super().accept(dt)
 
     def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
         starter = self._starter
         starter.start(self.state, t)
-        failure = starter.attempt(t, dt, out)
+        failure = starter.step_to(t, dt, out)
         for name, count in starter.counters.items():
             self.counters[name] += count
             starter.counters[name] = 0

@@ -172,11 +172,12 @@ class GaussLegendre(ImplicitStepper):
         self.space.combine(self.state, self._changes, (-_ROOT, _ROOT), out)
         return None
 
-    def _accept(self, dt: float, new: wp.array) -> None:
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and keep the slopes for the guess of the next step."""
         for i, row in enumerate(_INVERSE / dt):
             self.space.copy(self._changes[0], self._past[i])
             self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self._past[i])
-        super()._accept(dt, new)
+        super().accept(dt)
 
 
 _INVERSE = np.linalg.inv(np.array(A))

@@ -1,6 +1,7 @@
 """What all implicit steppers share: one nonlinear solver and what to do when it fails."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -73,6 +74,8 @@ class ImplicitStepper(Stepper):
     default_tolerance: ClassVar[float] = 1e-3
     """For steps that do not resolve the motion: where the error of the solver is well below that of
     the scheme (docs/steppers.md)."""
+    estimate_order: ClassVar[int | None] = None
+    """The power of dt that `error_estimate` goes with; None where the method has none."""
 
     def __init__(
         self,
@@ -98,7 +101,7 @@ class ImplicitStepper(Stepper):
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
-        self._new, self.motion = model.zeros(), Motion(self.space)
+        self.new, self.motion = model.zeros(), Motion(self.space)
         self._units = self._unit_masses()
         waves = model.scene.effect("pressure-gradient") is not None
         self._needs_depth = waves and not model.scene.linear
@@ -151,9 +154,9 @@ class ImplicitStepper(Stepper):
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore(memory)
 
-    def error_estimate(self) -> float | None:
-        """Norm [m s-1] of the error of the step last attempted; None where the method has none."""
-        return None
+    def error_estimate(self) -> float:
+        """Norm [m s-1] of the error of the step last attempted, if `estimate_order` is not None."""
+        raise NotImplementedError
 
     def _make_problem(self, preconditioner: str) -> Any:
         """What Newton solves, with its `space` and its `preconditioner`."""
@@ -164,8 +167,16 @@ class ImplicitStepper(Stepper):
     def error_constant(cls) -> float:
         """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
 
-    def attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
-        """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
+    def attempt(self, t: float, dt: float) -> str | None:
+        """Write the state one step dt [s] after `state`, at t [s], to `new`.
+
+        Returns what is wrong with it, in words; nothing else has changed before `accept`.
+        """
+        failure = self.step_to(t, dt, self.new)
+        return failure.message if failure else self._fault()
+
+    def step_to(self, t: float, dt: float, out: wp.array) -> Failure | None:
+        """Write the state one step dt [s] after `state`, at t [s], to `out`.
 
         Returns the result of the solve that failed, if one did; nothing has changed then.
         """
@@ -175,44 +186,48 @@ class ImplicitStepper(Stepper):
 
     @abstractmethod
     def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
-        """Write the state one step dt [s] after `self.state`, at t [s], to `out`.
+        """As `step_to`, with the tolerance set."""
 
-        Returns the result of the solve that failed, if one did; nothing must have changed then.
-        """
+    def accept(self, dt: float) -> None:
+        """Make `new`, a step of dt [s] on, the present state, and remember how fast it moved."""
+        self.motion.accept(self.state, self.new, dt)
+        self.space.copy(self.new, self.state)
 
-    def _accept(self, dt: float, new: wp.array) -> None:
-        """Make the new state the present one, and remember how fast it moved."""
-        self.motion.accept(self.state, new, dt)
-        self.space.copy(new, self.state)
+    def share_solver(self, other: "ImplicitStepper") -> None:
+        """Solve with the preconditioner and the Krylov basis of another stepper of the model."""
+        self.problem, self._newton = other.problem, other._newton
+
+    def tighten(self, tolerance: float) -> None:
+        """Take this tolerance from now on."""
+        self.options = replace(self.options, tolerance=tolerance)
 
     def _advance(self) -> None:
         """One step, in as many equal parts as the solver needs."""
         done, parts = 0, 1
         while done < parts:
             dt = self.dt / parts
-            failure = self.attempt(self.time + done * dt, dt, self._new)
-            trouble = failure.message if failure else self._trouble()
-            if trouble is None:
-                self._accept(dt, self._new)
+            fault = self.attempt(self.time + done * dt, dt)
+            if fault is None:
+                self.accept(dt)
                 done += 1
             else:
                 self.counters["rejected_steps"] += 1
                 done, parts = 2 * done, 2 * parts
-                self._give_up_below(parts, trouble)
+                self._give_up_below(parts, fault)
 
-    def _give_up_below(self, parts: int, trouble: str) -> None:
+    def _give_up_below(self, parts: int, fault: str) -> None:
         if parts > SMALLEST_PART:
             raise RunFailed(
                 f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
-                f"{parts // 2} parts: {trouble}; choose a smaller --dt"
+                f"{parts // 2} parts: {fault}; choose a smaller --dt"
             )
 
-    def _trouble(self) -> str | None:
+    def _fault(self) -> str | None:
         """What is wrong with the new state: gravity waves need a positive depth."""
         if not self._needs_depth:
             return None
         end = self.model.fluid_size
-        lowest = float(self._new.numpy()[end - self.model.mesh.size : end].min())
+        lowest = float(self.new.numpy()[end - self.model.mesh.size : end].min())
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
@@ -229,6 +244,19 @@ class ImplicitStepper(Stepper):
         result = self._newton.solve(self.problem, x, scale, self._worthless())
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
+        return result
+
+    def _solve_linear(self, rhs: wp.array, x: wp.array, **goal: float) -> LinearResult:
+        """Solve the linearised problem as it is set from the guess x, to what `goal` says."""
+        result = self._newton.gmres.solve(
+            self.problem.jacobian,
+            rhs,
+            x,
+            self.problem.precondition,
+            **({"rtol": 0.0} | goal),
+            max_iterations=self._newton.max_krylov,
+        )
+        self.counters["krylov_iterations"] += result.iterations
         return result
 
     def _prepare(self, tau: float) -> None:

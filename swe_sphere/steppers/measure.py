@@ -1,6 +1,5 @@
 """Measures of the error of a step: to the companion method, and by the total energy."""
 
-import math
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -9,79 +8,51 @@ import warp as wp
 from ..errors import ConfigError
 from ..model.scene import Scene
 from ..planet import DAY
+from . import STEPPERS
 from .base import Stepper
-from .dirk import TRBDF2
 from .implicit import ImplicitStepper
 
-__all__ = ["ESTIMATES", "MEASURES", "EnergyDrift", "LocalError", "Measure", "make_measure"]
+__all__ = ["MEASURES", "EnergyDrift", "LocalError", "Measure", "make_measure"]
 
-ESTIMATES = {"tr-bdf2": 3, "esdirk4": 4, "rosenbrock-w": 3}
-"""Steppers with an embedded error estimate, and the power of dt that it goes with."""
-ROUGH = 0.1
-"""Relative tolerance of what is solved for an estimate."""
 ROUNDOFFS = 10.0
 """Changes of the energy by fewer round-offs of it are no drift."""
 
 
 class Measure(Protocol):
-    """The error of a step last attempted by a scheme."""
+    """The error of the step last attempted by a scheme, which has not been accepted yet."""
 
     unit: ClassVar[str]
     """What its values are, in words."""
     order: int
     """The power of dt that they go with."""
 
-    def __call__(self, new: wp.array, dt: float) -> float:
-        """Error of the step of dt [s] to the state `new`, which has not been accepted yet."""
+    def __call__(self, dt: float) -> float:
+        """Error of the step of dt [s]."""
 
     def per_change(self, dt: float) -> float:
         """The value that an error as large as the present change over dt [s] would have."""
 
 
 class LocalError:
-    """Difference to the companion method in the energy norm over the norm of the state, a step.
+    """What the scheme estimates, in the energy norm over the norm of the state, a step.
 
     Winds and depth times sqrt(g/H) are measured alike [m s-1], so that the ratio means the same in
-    any units and on any planet.  That of TR-BDF2 grows without bound for waves far faster than the
-    step, which the scheme damps: e with (I - gamma dt J) e = difference takes its place (Hosea &
-    Shampine 1996, doi:10.1016/0168-9274(95)00115-8); the other companions are bounded.
+    any units and on any planet.
     """
 
     unit: ClassVar[str] = "relative error of a step"
 
     def __init__(self, scheme: ImplicitStepper) -> None:
-        if scheme.name not in ESTIMATES:
+        if scheme.estimate_order is None:
             raise ConfigError(
                 f"adaptive: stepper {scheme.name} has no error estimate; take one of "
-                f"{', '.join(ESTIMATES)}, or adaptive-by energy"
+                f"{_with_estimate()}, or adaptive-by energy"
             )
-        self._scheme, self.order = scheme, ESTIMATES[scheme.name]
-        self._smooth = scheme.space.zeros() if isinstance(scheme, TRBDF2) else None
+        self._scheme, self.order = scheme, scheme.estimate_order
 
-    def __call__(self, new: wp.array, dt: float) -> float:
+    def __call__(self, dt: float) -> float:
         """The estimate of the scheme for the step it attempted last."""
-        estimate = self._scheme.error_estimate()
-        assert estimate is not None
-        if self._smooth is not None:
-            estimate = min(estimate, self._smoothed(self._smooth, dt))
-        return estimate / self._scheme.space.norm(self._scheme.state)
-
-    def _smoothed(self, out: wp.array, dt: float) -> float:
-        """The norm of e, from the difference that the estimate left; infinite if not solved for."""
-        scheme, problem = self._scheme, self._scheme.problem
-        problem.tau = TRBDF2.a[-1][-1] * dt
-        problem.linearise(scheme.state)
-        scheme.space.clear(out)
-        result = scheme._newton.gmres.solve(
-            problem.jacobian,
-            scheme._rhs,  # type: ignore[attr-defined]
-            out,
-            problem.precondition,
-            rtol=ROUGH,
-            max_iterations=scheme._newton.max_krylov,
-        )
-        scheme.counters["krylov_iterations"] += result.iterations
-        return scheme.space.norm(out) if result.converged else math.inf
+        return self._scheme.error_estimate() / self._scheme.space.norm(self._scheme.state)
 
     def per_change(self, dt: float) -> float:
         """The relative change over dt [s]."""
@@ -104,9 +75,9 @@ class EnergyDrift:
         self._area, self._bottom = model.mesh.area, model.bottom
         self._gravity = model.scene.planet.gravity
 
-    def __call__(self, new: wp.array, dt: float) -> float:
+    def __call__(self, dt: float) -> float:
         """The drift over the step, 0 where it is round-off."""
-        before, after = self._energy(self._scheme.state), self._energy(new)
+        before, after = self._energy(self._scheme.state), self._energy(self._scheme.new)
         drift = abs(after - before) / before
         return drift * DAY / dt if drift > ROUNDOFFS * self._scheme.space.epsilon else 0.0
 
@@ -138,9 +109,14 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
     if not isinstance(scheme, ImplicitStepper):
         raise ConfigError(
             f"adaptive: stepper {scheme.name} only takes equal steps; take one of "
-            f"{', '.join(ESTIMATES)}"
+            f"{_with_estimate()}"
         )
     return scheme, MEASURES[by](scheme)
+
+
+def _with_estimate() -> str:
+    """Names of the steppers that estimate their error."""
+    return ", ".join(k for k, cls in STEPPERS.items() if getattr(cls, "estimate_order", None))
 
 
 def _relative_rate(scheme: ImplicitStepper) -> float:

@@ -24,6 +24,7 @@ class RosenbrockW(ImplicitStepper):
     """
 
     name, order = "rosenbrock-w", 3
+    estimate_order = 3
     gamma = 0.4358665215084590
     alpha = (
         (0.0, 0.0, 0.0, 0.0),
@@ -64,7 +65,7 @@ class RosenbrockW(ImplicitStepper):
             self.space.copy(slope, guess)
             self.space.scale(float(part), guess)
 
-    def error_estimate(self) -> float | None:
+    def error_estimate(self) -> float:
         """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
         self.space.clear(self._rhs)
         difference = self._b - self._b_embedded
@@ -105,17 +106,8 @@ class RosenbrockW(ImplicitStepper):
         u = self._solutions[i]
         self.space.copy(self._guesses[i], u)
         self.space.scale(dt, u)
-        result = self._newton.gmres.solve(
-            self.problem.jacobian,
-            self._rhs,
-            u,
-            self.problem.precondition,
-            rtol=0.0,
-            atol=self.tolerance * tau * self.motion.rate,
-            max_iterations=self._newton.max_krylov,
-            floor=self._worthless(),
-        )
-        self.counters["krylov_iterations"] += result.iterations
+        goal = self.tolerance * tau * self.motion.rate
+        result = self._solve_linear(self._rhs, u, atol=goal, floor=self._worthless())
         self._restore_mass(self._rhs, u)
         return result
 
@@ -128,8 +120,9 @@ class RosenbrockW(ImplicitStepper):
         self.model.tendency(self.state, t - step, self._point)
         self.space.axpby(-0.5 / step, self._point, 0.5 / step, self._drift)
 
-    def _accept(self, dt: float, new: wp.array) -> None:
-        super()._accept(dt, new)
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and keep the stages for the guesses of the next step."""
+        super().accept(dt)
         for solution, guess in zip(self._solutions, self._guesses, strict=True):
             self.space.copy(solution, guess)
             self.space.scale(1.0 / dt, guess)
