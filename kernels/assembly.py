@@ -9,6 +9,7 @@ compile a path for contiguous arrays, which is faster on a CPU.
 """
 
 import functools
+from typing import no_type_check
 
 import warp as wp
 
@@ -22,6 +23,7 @@ Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 def gather_sum(real: type) -> wp.Function:
     """Warp function (local, places, offset): sum of the contributors of one field."""
 
+    @no_type_check
     @wp.func
     def gather(local: wp.array(dtype=real), at: Contributors, offset: int):
         total = local[at[0] + offset]
@@ -45,6 +47,7 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
     vector = wp.array(dtype=real)
     gather = gather_sum(real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble_depth(
         places: wp.array(dtype=Contributors),
@@ -57,6 +60,7 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         node = wp.tid()
         out[node] = inverse_area[node] * gather(local, places[node], 0)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble_state(
         places: wp.array(dtype=Contributors),
@@ -73,6 +77,7 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         out[size + node] = scale * gather(local, at, stride)
         out[2 * size + node] = scale * gather(local, at, 2 * stride)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble_rotating(
         places: wp.array(dtype=Contributors),

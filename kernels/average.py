@@ -2,6 +2,7 @@
 
 import functools
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -20,15 +21,18 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
         members["bottom"] = vector
     constants = wp.struct(type("Constants", (), {"__annotations__": members}))
 
+    @no_type_check
     @wp.func
     def flux(h0: real, u0: real, h1: real, u1: real):
         sixth = real(1.0) / real(6.0)
         return sixth * (real(2.0) * (h0 * u0 + h1 * u1) + h0 * u1 + h1 * u0)
 
+    @no_type_check
     @wp.func
     def square(u0: real, u1: real):
         return (u0 * u0 + u0 * u1 + u1 * u1) / real(6.0)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def average(c: constants, first: vector, last: vector, mean: vector, base: vector):
         i = wp.tid()
@@ -53,6 +57,7 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
 def mean_kernel(real: type) -> wp.Kernel:
     """Kernel (first, last, mean), all (n,): mean = (first + last) / 2."""
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def mean(first: wp.array(dtype=real), last: wp.array(dtype=real), mean: wp.array(dtype=real)):
         i = wp.tid()

@@ -1,6 +1,7 @@
 """Vectors of one number type from vectors of another."""
 
 import functools
+from typing import no_type_check
 
 import warp as wp
 
@@ -9,6 +10,7 @@ import warp as wp
 def convert_kernel(source: type, target: type) -> wp.Kernel:
     """Kernel (x (n,) of `source`, out (n,) of `target`): out = x, rounded."""
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def convert(x: wp.array(dtype=source), out: wp.array(dtype=target)) -> None:
         i = wp.tid()

@@ -5,6 +5,7 @@ for `lanes` elements; the work arrays of a group stay in the first-level cache.
 """
 
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -38,6 +39,7 @@ def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     diffuse_wind = _diffusion_of_wind(types, ops, laws, line)
     diffuse_height = _diffusion_of_height(types, ops, laws, line)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def tendency(geo: geometry, x: types.vector, out: types.local):
         e = wp.tid()
@@ -57,6 +59,7 @@ def line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
     """Derivative of an element's field along each coordinate (d1, d2), and transposes (t1, t2)."""
     matrix, field = wp.array2d(dtype=real), wp.array2d(dtype=value)
 
+    @no_type_check
     @wp.func
     def d1(d: matrix, f: field, i: int, j: int):
         r = value()
@@ -64,6 +67,7 @@ def line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
             r += d[i, m] * f[m, j]
         return r
 
+    @no_type_check
     @wp.func
     def d2(d: matrix, f: field, i: int, j: int):
         r = value()
@@ -71,6 +75,7 @@ def line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
             r += d[j, m] * f[i, m]
         return r
 
+    @no_type_check
     @wp.func
     def t1(d: matrix, f: field, i: int, j: int):
         r = value()
@@ -78,6 +83,7 @@ def line_sums(np_: int, value: type, real: type) -> SimpleNamespace:
             r += d[m, i] * f[m, j]
         return r
 
+    @no_type_check
     @wp.func
     def t2(d: matrix, f: field, i: int, j: int):
         r = value()
@@ -95,6 +101,7 @@ def _transport(
     np_, value = t.np, t.value
     mul, load, wedge, d1, d2 = ops.mul, ops.load, ops.wedge, line.d1, line.d2
 
+    @no_type_check
     @wp.func
     def transport(geo: t.geometry, x: t.vector, e: int, out: t.local):
         f1 = wp.zeros(shape=(np_, np_), dtype=value)
@@ -129,6 +136,7 @@ def _shallow_water(
     advection, tangent, poisson = t.terms.advection, t.terms.tangent, t.terms.poisson
     mul, load, dot, wedge, d1, d2 = ops.mul, ops.load, ops.dot, ops.wedge, line.d1, line.d2
 
+    @no_type_check
     @wp.func
     def shallow_water(geo: t.geometry, x: t.vector, e: int, out: t.local):
         b = wp.zeros(shape=(np_, np_), dtype=value)
@@ -221,6 +229,7 @@ def _diffusion_of_wind(
     mul, load, dot, wedge = ops.mul, ops.load, ops.dot, ops.wedge
     d1, d2, t1, t2 = line.d1, line.d2, line.t1, line.t2
 
+    @no_type_check
     @wp.func
     def diffusion(geo: t.geometry, x: t.vector, e: int, out: t.local):
         c1 = wp.zeros(shape=(np_, np_), dtype=value)
@@ -276,6 +285,7 @@ def _diffusion_of_height(
     mul, load, wedge = ops.mul, ops.load, ops.wedge
     d1, d2, t1, t2 = line.d1, line.d2, line.t1, line.t2
 
+    @no_type_check
     @wp.func
     def diffusion(geo: t.geometry, x: t.vector, e: int, out: t.local):
         s = wp.zeros(shape=(np_, np_), dtype=value)

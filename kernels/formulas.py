@@ -10,6 +10,7 @@ gradient need only the adjugate of a, so that no division is needed (formulas: T
 """
 
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -20,6 +21,7 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
     """Loads and products for the number type `value`: a scalar (`lanes` 1) or a vector of lanes."""
     mul = wp.cw_mul if lanes > 1 else wp.mul
 
+    @no_type_check
     @wp.func
     def load(x: wp.array(dtype=real), offset: int, node: index):
         if wp.static(lanes == 1):
@@ -30,10 +32,12 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
                 r[lane] = x[offset + node[lane]]
             return r
 
+    @no_type_check
     @wp.func
     def dot(p: value, q: value, u: value, v: value):
         return mul(p, u) + mul(q, v)
 
+    @no_type_check
     @wp.func
     def wedge(p: value, q: value, u: value, v: value):
         return mul(p, v) - mul(q, u)
@@ -47,6 +51,7 @@ def physics(
     """Warp functions for the surface height, the Bernoulli function and the diffused fields."""
     load, dot = ops.load, ops.dot
 
+    @no_type_check
     @wp.func
     def surface(geo: geometry, node: index, h: value):
         if wp.static(terms.bottom and not terms.tangent):
@@ -54,6 +59,7 @@ def physics(
         else:
             return h
 
+    @no_type_check
     @wp.func
     def bernoulli(geo: geometry, u: value, v: value, height: value):
         r = value(real(0.0))
@@ -63,6 +69,7 @@ def physics(
             r += geo.gravity * height
         return r
 
+    @no_type_check
     @wp.func
     def bernoulli_tangent(geo: geometry, u: value, v: value, du: value, dv: value, dh: value):
         r = value(real(0.0))
@@ -72,6 +79,7 @@ def physics(
             r += geo.gravity * dh
         return r
 
+    @no_type_check
     @wp.func
     def diffused(geo: geometry, offset: int, node: index, x: value):
         r = value(real(0.0))

@@ -6,6 +6,7 @@ kernels fuse DSS with the pointwise algebra that follows it.
 
 import functools
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -40,6 +41,7 @@ def _element_gradient(t: SimpleNamespace, ops: SimpleNamespace, line: SimpleName
     np_, value = t.np, t.value
     load, wedge, d1, d2 = ops.load, ops.wedge, line.d1, line.d2
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def gradient(geo: t.geometry, s: t.vector, out: t.local):
         e = wp.tid()
@@ -65,6 +67,7 @@ def _element_divergence(
     np_, value = t.np, t.value
     load, wedge, d1, d2 = ops.load, ops.wedge, line.d1, line.d2
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def divergence(geo: t.geometry, wind: t.vector, out: t.local):
         e = wp.tid()
@@ -89,6 +92,7 @@ def _element_divergence(
 def _node_gradient(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Kernel:
     np_, real, wedge = t.np, t.real, ops.wedge
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def gradient(geo: t.geometry, s: t.vector, out: t.local):
         e, n = wp.tid()
@@ -109,6 +113,7 @@ def _node_gradient(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Kernel:
 def _node_divergence(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Kernel:
     np_, real, wedge = t.np, t.real, ops.wedge
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def divergence(geo: t.geometry, wind: t.vector, out: t.local):
         e, n = wp.tid()

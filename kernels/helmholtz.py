@@ -6,6 +6,7 @@ S = I - tau^2 g D H T G for the depth, with the discrete, DSS'd gradient G and d
 
 import functools
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -24,6 +25,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
     places = wp.array(dtype=Contributors)
     gather = gather_sum(real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def turned_flux(depth: vector, same: vector, cross: vector, size: int, r: state, flux: vector):
         node = wp.tid()
@@ -32,6 +34,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         flux[node] = depth[node] * (same[node] * u + cross[node] * v)
         flux[size + node] = depth[node] * (same[node] * v - cross[node] * u)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def eliminated(
         places_1: places,
@@ -46,6 +49,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         divergence = inverse_area[node] * gather(local, places_1[node], 0)
         b[node] = real(r[2 * size + node]) - tau * divergence
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def gradient_flux(
         places_2: places,
@@ -65,6 +69,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         flux[node] = same[node] * u + cross[node] * v
         flux[size + node] = same[node] * v - cross[node] * u
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def substituted(
         places_2: places,
@@ -87,6 +92,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         out[size + node] = given(same[node] * v - cross[node] * u)
         out[2 * size + node] = given(h[node])
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def chebyshev(
         places_1: places,
@@ -109,6 +115,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         d[node] = step
         x[node] = x[node] + beta * step
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def chebyshev_start(
         inverse_diagonal: vector, take: real, beta: real, r: vector, d: vector, x: vector
@@ -118,6 +125,7 @@ def elimination_kernels(real: type, given: type) -> SimpleNamespace:
         d[node] = step
         x[node] = beta * step
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def schur(
         places_1: places,

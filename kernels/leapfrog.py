@@ -1,6 +1,7 @@
 """The leapfrog step and its filter in one pass over the state."""
 
 import functools
+from typing import no_type_check
 
 import warp as wp
 
@@ -15,6 +16,7 @@ def leapfrog_kernel(real: type) -> wp.Kernel:
     eqs. 7-9).
     """
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def leapfrog(
         previous: wp.array(dtype=real),

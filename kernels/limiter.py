@@ -10,6 +10,7 @@ repeats bit by bit; a tracer within its bounds is left as it is, to the last bit
 
 import functools
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -35,17 +36,20 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
     mul, load, wedge = ops.mul, ops.load, ops.wedge
     div = wp.cw_div if t.lanes > 1 else wp.div
 
+    @no_type_check
     @wp.func
     def mass(geo: geometry, e: int, n: int):
         w = geo.weight[n // np_, n % np_]
         area = wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], geo.basis[e, n, 2], geo.basis[e, n, 3])
         return w * area
 
+    @no_type_check
     @wp.func
     def part(wanted: value, room: value):
         some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
         return wp.min(some, value(real(1.0)))
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def limit(
         geo: geometry,
@@ -104,6 +108,7 @@ def sphere_limiter(real: type) -> SimpleNamespace:
     """
     vector = wp.array(dtype=real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def sums(
         area: wp.array(dtype=wp.float64),
@@ -130,6 +135,7 @@ def sphere_limiter(real: type) -> SimpleNamespace:
             total += area[node] * rooms
         partial[k, block] = total
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
         k = wp.tid()
@@ -143,6 +149,7 @@ def sphere_limiter(real: type) -> SimpleNamespace:
         down = wp.max(-total[0], none) / wp.max(total[2], least)
         part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def limit(
         depth: int,

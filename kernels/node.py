@@ -6,6 +6,7 @@ a first kernel writes the fluxes of every node, the tendency kernel takes their 
 """
 
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -35,6 +36,7 @@ def node_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:
     dynamics = (_transport if terms.wind else _shallow_water)(t, ops, laws)
     diffusion = _weak_divergence(t, ops)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def tendency(geo: geometry, x: t.vector, out: t.local):
         e, n = wp.tid()
@@ -53,6 +55,7 @@ def _transport(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace) 
     """-div(h V) of depth alone, carried by the prescribed wind; linear, so its own tangent."""
     np_, real, wedge = t.np, t.real, ops.wedge
 
+    @no_type_check
     @wp.func
     def transport(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
         i = n // np_
@@ -85,6 +88,7 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
     advection, tangent, poisson = t.terms.advection, t.terms.tangent, t.terms.poisson
     dot, wedge = ops.dot, ops.wedge
 
+    @no_type_check
     @wp.func
     def bernoulli(geo: t.geometry, x: t.vector, node: int):
         u = x[node]
@@ -97,6 +101,7 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
         else:
             return laws.bernoulli(geo, u, v, laws.surface(geo, node, h))
 
+    @no_type_check
     @wp.func
     def momentum(geo: t.geometry, x: t.vector, node: int, component: int):
         a = component * geo.size + node
@@ -108,6 +113,7 @@ def _shallow_water(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespa
         else:
             return x[h] * x[a]
 
+    @no_type_check
     @wp.func
     def shallow_water(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
         i = n // np_
@@ -165,11 +171,13 @@ def _flux_kernel(t: SimpleNamespace, ops: SimpleNamespace, laws: SimpleNamespace
     np_, real, last = t.np, t.real, t.terms.unknowns - 1
     dot, wedge = ops.dot, ops.wedge
 
+    @no_type_check
     @wp.func
     def height(geo: t.geometry, x: t.vector, node: int):
         at = last * geo.size
         return laws.diffused(geo, at, node, laws.surface(geo, node, x[at + node]))
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def flux(geo: t.geometry, x: t.vector):
         e, n = wp.tid()
@@ -215,6 +223,7 @@ def _weak_divergence(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Function:
     np_, real, adds, last = t.np, t.real, t.terms.dynamics, t.terms.unknowns - 1
     wedge = ops.wedge
 
+    @no_type_check
     @wp.func
     def weak_divergence(geo: t.geometry, e: int, n: int, out: t.local):
         i = n // np_

@@ -1,6 +1,7 @@
 """Product with a sparse matrix of fixed row length."""
 
 import functools
+from typing import no_type_check
 
 import warp as wp
 
@@ -9,6 +10,7 @@ import warp as wp
 def patch_kernel(real: type) -> wp.Kernel:
     """Kernel (columns (N, m), rows (N, m) float32, b (N,), x): x_n = sum_k rows_nk b[column_nk]."""
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def patch(
         columns: wp.array2d(dtype=wp.int32),

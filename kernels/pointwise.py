@@ -7,6 +7,7 @@ A scene with forcing, drag or relaxation gets these kernels in the place of the 
 import functools
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -58,7 +59,8 @@ def pointwise_struct(point: Pointwise, real: type) -> type:
         "equilibrium": (point.relaxation and not point.tangent, vector),
     }
     members = {name: kind for name, (wanted, kind) in optional.items() if wanted}
-    return wp.struct(type("Pointwise", (), {"__annotations__": members}))
+    structure: type = wp.struct(type("Pointwise", (), {"__annotations__": members}))
+    return structure
 
 
 @functools.cache
@@ -73,6 +75,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     structure, gather = pointwise_struct(point, real), gather_sum(real)
     of_wind, of_depth = _wind_terms(structure, real, point), _depth_terms(structure, real, point)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble_pointwise(
         places: wp.array(dtype=Contributors),
@@ -95,6 +98,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
             out[i] = scale * gather(local, at, 0) + wind[0]
             out[j] = scale * gather(local, at, stride) + wind[1]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pointwise_alone(size: int, c: structure, x: vector, out: vector):
         i = wp.tid()
@@ -112,6 +116,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
 def _depth_terms(structure: type, real: type, point: Pointwise) -> wp.Function:
     """Rate of change of the depth x[k] at node i."""
 
+    @no_type_check
     @wp.func
     def of_depth(c: structure, i: int, k: int, x: wp.array(dtype=real)):
         r = real(0.0)
@@ -130,6 +135,7 @@ def _wind_terms(structure: type, real: type, point: Pointwise) -> wp.Function:
     """Rate of change of the wind (x[i], x[j]) at node i."""
     pair = wp.types.vector(2, real)
 
+    @no_type_check
     @wp.func
     def of_wind(c: structure, i: int, j: int, x: wp.array(dtype=real)):
         r = pair()

@@ -60,7 +60,8 @@ class Terms:
 
 def lanes_of(real: type) -> int:
     """Elements handled side by side in one SIMD register for the number type `real`."""
-    return LANE_BYTES // wp.types.type_size_in_bytes(real)
+    size: int = wp.types.type_size_in_bytes(real)
+    return LANE_BYTES // size
 
 
 def geometry_struct(
@@ -92,7 +93,8 @@ def geometry_struct(
         "fluxes": (terms.diffuses and fluxes, wp.array3d(dtype=value)),
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
-    return wp.struct(type("Geometry", (), {"__annotations__": members}))
+    geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
+    return geometry
 
 
 def kernel_types(np_: int, real: type, shape: str) -> SimpleNamespace:

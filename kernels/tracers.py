@@ -8,6 +8,7 @@ the first of them at the offset `first`; all tracers are taken in one launch.
 
 import functools
 from types import SimpleNamespace
+from typing import no_type_check
 
 import warp as wp
 
@@ -46,6 +47,7 @@ def _fluxes(
     """J times the contravariant components of m V, rounded as the kernels of the depth do it."""
     value, mul, wedge = t.value, ops.mul, ops.wedge
 
+    @no_type_check
     @wp.func
     def flux_1(m: value, u: value, v: value, a21: value, a22: value):
         if wp.static(prescribed):
@@ -53,6 +55,7 @@ def _fluxes(
         else:
             return wedge(mul(m, u), mul(m, v), a21, a22)
 
+    @no_type_check
     @wp.func
     def flux_2(m: value, u: value, v: value, a11: value, a12: value):
         if wp.static(prescribed):
@@ -72,6 +75,7 @@ def _element_transport(
 ) -> wp.Kernel:
     np_, value, load, d1, d2 = t.np, t.value, ops.load, line.d1, line.d2
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def transport(
         geo: t.geometry, wind: t.vector, x: t.vector, first: int, count: int, out: t.local
@@ -106,6 +110,7 @@ def _element_tangent(t: SimpleNamespace, ops: SimpleNamespace, line: SimpleNames
     np_, value = t.np, t.value
     mul, load, wedge, d1, d2 = ops.mul, ops.load, ops.wedge, line.d1, line.d2
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def tangent(geo: t.geometry, base: t.vector, x: t.vector, first: int, count: int, out: t.local):
         e = wp.tid()
@@ -134,6 +139,7 @@ def _element_tangent(t: SimpleNamespace, ops: SimpleNamespace, line: SimpleNames
 def _node_transport(t: SimpleNamespace, flux_1: wp.Function, flux_2: wp.Function) -> wp.Kernel:
     np_, real = t.np, t.real
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def transport(
         geo: t.geometry, wind: t.vector, x: t.vector, first: int, count: int, out: t.local
@@ -165,10 +171,12 @@ def _node_transport(t: SimpleNamespace, flux_1: wp.Function, flux_2: wp.Function
 def _node_tangent(t: SimpleNamespace, ops: SimpleNamespace) -> wp.Kernel:
     np_, real, wedge = t.np, t.real, ops.wedge
 
+    @no_type_check
     @wp.func
     def momentum(geo: t.geometry, base: t.vector, x: t.vector, at: int, wind: int, node: int):
         return base[at + node] * x[wind + node] + x[at + node] * base[wind + node]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def tangent(geo: t.geometry, base: t.vector, x: t.vector, first: int, count: int, out: t.local):
         e, n = wp.tid()
@@ -202,6 +210,7 @@ def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
     vector = wp.array(dtype=real)
     gather = gather_sum(real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble(
         places: wp.array(dtype=Contributors),
@@ -242,18 +251,21 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
     """
     vector = wp.array(dtype=real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def mixing_ratio(x: vector, depth: int, first: int, size: int, q: vector):
         k, node = wp.tid()
         at = k * size + node
         q[at] = x[first + at] / x[depth + node]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def follow(r: vector, x: vector, q: vector, depth: int, first: int, size: int):
         k, node = wp.tid()
         at = k * size + node
         x[first + at] = r[first + at] + q[at] * (x[depth + node] - r[depth + node])
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def correct(
         q: vector,
@@ -271,12 +283,14 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
         change = q[at] * (x[depth + node] - r[depth + node])
         x[first + at] = r[first + at] + change + factor * (flux[at] - q[at] * air[node])
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
         k, node = wp.tid()
         at = k * size + node
         out[at] = x[first + at] * (real(1.0) + bottom[node] / x[depth + node])
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def raised_tangent(
         base: vector, bottom: vector, depth: int, first: int, size: int, x: vector, out: vector
@@ -288,12 +302,14 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
         lost = base[first + at] * slope / h * x[depth + node]
         out[at] = x[first + at] * (real(1.0) + slope) - lost
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def scaled(y: vector, factor: real, first: int, size: int, x: vector):
         k, node = wp.tid()
         at = k * size + node
         x[first + at] = factor * y[at]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add(y: vector, first: int, size: int, x: vector):
         k, node = wp.tid()

@@ -1,6 +1,7 @@
 """Linear combinations of state vectors."""
 
 import functools
+from typing import no_type_check
 
 import warp as wp
 
@@ -16,16 +17,19 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
     """
     vector = wp.array(dtype=real)
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_1(x: vector, a: vector, ca: real, out: vector) -> None:
         i = wp.tid()
         out[i] = x[i] + ca * a[i]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_2(x: vector, a: vector, ca: real, b: vector, cb: real, out: vector) -> None:
         i = wp.tid()
         out[i] = x[i] + ca * a[i] + cb * b[i]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_3(
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, out: vector
@@ -33,6 +37,7 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
         i = wp.tid()
         out[i] = x[i] + ca * a[i] + cb * b[i] + cc * c[i]
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_4(
         x: vector,
@@ -59,6 +64,7 @@ def combine_rows_kernel(real: type) -> wp.Kernel:
     out = scale (x + sum_{s < count} c[s] stack[s]) for any number of rows; `out` may be `x`.
     """
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def combine_rows(
         scale: wp.float64,
@@ -81,6 +87,7 @@ def combine_rows_kernel(real: type) -> wp.Kernel:
 def axpby_kernel(real: type) -> wp.Kernel:
     """Kernel (a, x (n,), b, y (n,)): y = a x + b y, with a and b float64."""
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def axpby(
         a: wp.float64, x: wp.array(dtype=real), b: wp.float64, y: wp.array(dtype=real)
@@ -100,6 +107,7 @@ def products_kernel(real: type) -> wp.Kernel:
     without atomics, so that a run repeats bit by bit; the caller adds the blocks up.
     """
 
+    @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def products(
         stack: wp.array2d(dtype=real),

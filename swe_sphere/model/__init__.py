@@ -1,6 +1,12 @@
 """What is solved: the effects, the scenes and the right-hand side."""
 
+from typing import TYPE_CHECKING
+
 from .scene import Scene
+
+if TYPE_CHECKING:
+    from .model import Model
+    from .spectrum import Spectrum
 
 __all__ = ["Model", "Scene", "Spectrum"]
 
