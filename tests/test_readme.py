@@ -3,8 +3,11 @@
 import re
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from swe_sphere.cli.main import main
 from swe_sphere.experiment import run
@@ -45,13 +48,53 @@ def test_the_index_has_every_page():
         assert page.name == "README.md" or f"({page.name})" in index, page.name
 
 
-@pytest.mark.parametrize(
-    "line", re.findall(r"^ {4}swe-sphere (run .*?)(?:  .*)?$", README, re.MULTILINE)
-)
-def test_the_commands_are_understood(line, tmp_path, monkeypatch):
-    """Every `run` of the README, up to the point where it would begin."""
-    asked = []
-    monkeypatch.setattr("swe_sphere.cli.run._run", lambda config: asked.append(config) or 1 / 0)
-    with pytest.raises(SystemExit):
-        main(line.split())
-    assert len(asked) == 1
+INDENTED = re.compile(r"^ {4}(?:.*/)?swe-sphere ([a-z].*?)(?: {2,}.*)?$", re.MULTILINE)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+COMMANDS = {page: found for page in PAGES if (found := INDENTED.findall(page.read_text()))}
+INSTEAD = {"--restart jet.nc --days 8": "--restart jet.nc --days 0.1", "--time 4": "--time 0"}
+"""Times that are in the files of shortened runs."""
+SHORTER = {
+    "run": "--days 0.05",
+    "verify": "--quick --scenes lake-at-rest",
+    "stress": "--quick --groups guards --steppers rk4",
+}
+"""Added to commands.  Runs keep their meshes and steps, which decide whether they are stable."""
+
+
+def _shortened(line):
+    for long, short in INSTEAD.items():
+        line = line.replace(long, short)
+    return line if "--restart" in line else f"{line} {SHORTER.get(line.split()[0], '')}"
+
+
+def _files_of_the_reader(folder):
+    """What the pages say that one has: a recipe, an analysis, and two runs to compare."""
+    (folder / "docs").mkdir()
+    (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
+    grid = {"lat": np.linspace(-87.5, 87.5, 36), "lon": np.arange(0.0, 360.0, 5.0)}
+    fields = {"u": (0.0, "m s-1"), "v": (0.0, "m s-1"), "z": (1e4, "m")}
+    values = {
+        name: (("lat", "lon"), np.full((36, 72), value), {"units": unit})
+        for name, (value, unit) in fields.items()
+    }
+    xr.Dataset(values, grid).to_netcdf(folder / "analysis.nc")
+    for name in ("a.nc", "b.nc"):
+        run(make_config({"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01, "out": name}))
+
+
+@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: page.stem)
+def test_the_commands_work(page, tmp_path, monkeypatch, capsys):
+    """Each command of a page in turn, in one folder: shortened, and of sweeps the plan alone.
+
+    A warning is a failure: it says that the whole run would blow up.
+    """
+    monkeypatch.chdir(tmp_path)
+    _files_of_the_reader(tmp_path)
+    done = SimpleNamespace(status="completed")
+    for name in ("_carried_out", "_finish", "_join", "settings_of"):
+        monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: [done])
+    for line in COMMANDS[page]:
+        with pytest.raises(SystemExit) as end:
+            main(_shortened(line).split())
+        said = capsys.readouterr().err
+        assert end.value.code == 0 and "warning" not in said, f"{line}: {said}"
