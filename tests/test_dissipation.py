@@ -57,6 +57,17 @@ def test_hyperviscosity_by_default_goes_with_the_mesh() -> None:
     assert np.sum(np.tile(mesh.area, 3) * state * ours) < 0.0
 
 
+@pytest.mark.parametrize("np_", [3, 4, 7, 13])
+def test_hyperviscosity_by_default_is_ten_times_less_for_half_the_spacing(np_: int) -> None:
+    """And the same on meshes that have as many nodes along a line, in few elements or in many."""
+    of_30_4 = hyperviscosity_default(30, 4)
+    assert of_30_4 == pytest.approx(1e15)
+    assert hyperviscosity_default(60, np_) == pytest.approx(hyperviscosity_default(30, np_) / 10.0)
+    assert hyperviscosity_default(90, np_) == pytest.approx(
+        hyperviscosity_default(30 * (np_ - 1), 4)
+    )
+
+
 @pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
 def test_diffusion_is_of_the_surface_and_not_of_depth(effect: str) -> None:
     """A flat surface over orography is left alone; a flat depth is not."""

@@ -102,7 +102,9 @@ def test_conventions(written, mesh):
             assert found["units"] and found["long_name"]
             assert all(c in data for c in found["coordinates"].split())
             assert found["grid_mapping"] in data
-        assert data["time"].attrs["units"] == "seconds since 2000-01-01 00:00:00"
+        for name in ("time", "diagnostic_time"):
+            assert data[name].attrs["units"] == "seconds since 2000-01-01 00:00:00"
+            assert data[name].attrs["calendar"] == "proleptic_gregorian"
         assert data["lat"].attrs["standard_name"] == "latitude"
         assert data["lon"].attrs["units"] == "degrees_east"
 

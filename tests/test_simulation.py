@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
 from swe_sphere.experiment.prepare import prepare
-from swe_sphere.output.checkpoint import checkpoint_path
+from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation import (
@@ -215,6 +215,20 @@ def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper, settings):
     for name in same:
         assert through[name] == restarted[name], name
     assert RunFile(rest).times.tolist() == [12 * HOUR, 18 * HOUR, 24 * HOUR]
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "bdf2"])
+def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
+    """Its time and steps are those of the frame, its state is that frame, its counts are told."""
+    file = tmp_path / "part.nc"
+    summary = small("williamson6", stepper=stepper, days=0.25, dt=1800.0, every=2.0, out=file)
+    found, frames = read_checkpoint(file), RunFile(file)
+    assert (found.time, found.steps, found.stepper) == (6.0 * HOUR, 12, stepper)
+    assert frames.times.tolist() == [0.0, 2.0 * HOUR, 4.0 * HOUR, 6.0 * HOUR]
+    fields = np.concatenate([frames.frame()[name] for name in "uvh"])
+    assert np.array_equal(found.memory["state"], fields)
+    assert found.memory["counter_rhs_evaluations"] == summary["rhs_evaluations"]
+    assert found.attributes["run_id"] == frames.attributes["run_id"]
 
 
 @pytest.mark.parametrize(
