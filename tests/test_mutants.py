@@ -1,4 +1,4 @@
-"""Single faults that the quick verification must notice; `python -m mutants` plants them all."""
+"""Single faults that must be noticed; `python -m mutants` plants them all."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import re
 from pathlib import Path
 
 import pytest
-from mutants import EDITS, MUTANTS, Edit, Swap
-from mutants.kinds import copy_sources, verdict_of
+from mutants import EDITS, MUTANTS, STEP_EDITS, Edit, Swap
+from mutants.kinds import copy_sources, verdict_of, verdict_of_tests
 from mutants.swaps import ASSEMBLY, METRIC, QUADRATURE, SCENES, STEPPERS
 
 PAGE = Path(__file__).parents[1] / "docs" / "mutants.md"
 
 
-def label(mutant: Swap) -> str:
+def label(mutant: Swap | Edit) -> str:
     return mutant.name
 
 
@@ -27,7 +27,7 @@ def test_nothing_is_noticed_without_a_fault() -> None:
     assert none.caught() is None
 
 
-@pytest.mark.parametrize("edit", EDITS, ids=label)
+@pytest.mark.parametrize("edit", [*EDITS, *STEP_EDITS], ids=label)
 def test_text_to_replace_is_there(edit: Edit) -> None:
     """Once; who rewrites the line must say anew what a fault in it would be."""
     assert edit.anchored()
@@ -41,6 +41,15 @@ def test_edited_copy_is_the_one_that_runs(tmp_path) -> None:
     gravity = Edit("gravity", "swe_sphere/planet.py", asked, "9.80616", "9.80716")
     assert "mean_depth" in gravity.caught(copy)
     assert verdict_of(copy, asked) is None
+
+
+def test_tests_notice_a_fault_in_a_copy(tmp_path) -> None:
+    copy = copy_sources(tmp_path)
+    fault = next(edit for edit in STEP_EDITS if "same for all np" in edit.name)
+    assert verdict_of_tests(copy, fault.cases) is None
+    assert fault.cases[0] in fault.caught(copy)
+    with pytest.raises(RuntimeError, match="did not run"):
+        verdict_of_tests(copy, ("test_of_nothing.py",))
 
 
 def test_page_tells_of_these_mutants() -> None:

@@ -1,4 +1,4 @@
-"""Single faults that the quick verification must notice.
+"""Single faults that the quick verification, or a test, must notice.
 
 `python -m mutants` (in `tests`) plants all of them, one by one, and writes docs/mutants.md.
 """
@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from mutants.edits import EDITS
-from mutants.kinds import Edit, Mutant, Swap
+from mutants.kinds import Edit, Mutant, Swap, Tested
+from mutants.step_edits import STEP_EDITS
 from mutants.swaps import SWAPS
 
-__all__ = ["EDITS", "MUTANTS", "SWAPS", "Edit", "Mutant", "Swap"]
+__all__ = ["EDITS", "MUTANTS", "STEP_EDITS", "SWAPS", "Edit", "Mutant", "Swap", "Tested"]
 
-MUTANTS: tuple[Swap | Edit, ...] = (*SWAPS, *EDITS)
+MUTANTS: tuple[Swap | Edit, ...] = (*SWAPS, *EDITS, *STEP_EDITS)
 """All mutants."""

@@ -14,15 +14,18 @@ import typer
 import warp as wp
 from rich.console import Console
 
-from mutants import EDITS, SWAPS
-from mutants.kinds import ROOT, Mutant, copy_sources, verdict_of
+from mutants import EDITS, STEP_EDITS, SWAPS
+from mutants.kinds import ROOT, Mutant, copy_sources, verdict_of, verdict_of_tests
 
 HEAD = """# Mutants
 
 Does the quick verification (`swe-sphere verify --quick`) notice a single fault? Each line is one,
 planted alone in the running program or in a copy of the sources, and the case and quantities out of
-bounds because of it. Made by `cd tests && python -m mutants`; those of metric terms, quadrature
-weights, Coriolis parameter and forcing are planted by the tests too (`tests/test_mutants.py`).
+bounds because of it. Faults of the last three kinds (tolerance, variable step, metadata) do not
+show in runs with fixed steps and tight solves: of these the test is named that fails.
+
+Made by `cd tests && python -m mutants`; those of metric terms, quadrature weights, Coriolis
+parameter, forcing and tableaus are planted by the tests too (`tests/test_mutants.py`).
 
 **{caught} of {count} are caught ({part:.1%}).** {survivors}
 """
@@ -47,7 +50,10 @@ def _all() -> Iterator[tuple[Mutant, str | None]]:
         asked = tuple(dict.fromkeys(name for edit in EDITS for name in edit.cases))
         if blamed := verdict_of(copy, asked):
             raise SystemExit(f"the sources fail without any mutant: {blamed}")
-        for edit in EDITS:
+        tests = tuple(dict.fromkeys(name for edit in STEP_EDITS for name in edit.cases))
+        if blamed := verdict_of_tests(copy, tests):
+            raise SystemExit(f"a test fails without any mutant: {blamed}")
+        for edit in (*EDITS, *STEP_EDITS):
             yield edit, edit.caught(copy)
 
 

@@ -1,9 +1,13 @@
-"""Two ways to plant a single fault: a swap in the running program, or an edit of a source file."""
+"""How to plant a single fault, a swap in the running program or an edit of a source file.
+
+Who is asked to notice it: cases of the quick verification, or tests.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,12 +23,12 @@ from swe_sphere.verify import choose
 from swe_sphere.verify import verify as run_cases
 
 ROOT = Path(__file__).parents[2]
-SOURCES = ("swe_sphere", "kernels", "testcases")
+SOURCES = ("swe_sphere", "kernels", "testcases", "tests")
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A fault, and the verification cases (quick rungs) that are asked to notice it, in order."""
+    """A fault, and the cases (quick rungs) or tests that are asked to notice it, in order."""
 
     name: str
     where: str
@@ -77,13 +81,29 @@ class Edit(Mutant):
         text = file.read_text(encoding="utf-8")
         file.write_text(text.replace(self.old, self.new), encoding="utf-8")
         try:
-            return verdict_of(copy, self.cases)
+            return self.verdict(copy)
         finally:
             file.write_text(text, encoding="utf-8")
 
+    def verdict(self, copy: Path) -> str | None:
+        """What those that are asked object to in a copy of the sources."""
+        return verdict_of(copy, self.cases)
+
+
+@dataclass(frozen=True)
+class Tested(Edit):
+    """An edit that the verification cannot notice: its runs have fixed steps and tight solves.
+
+    `cases` are files of tests, or single ones (file.py::test).
+    """
+
+    def verdict(self, copy: Path) -> str | None:
+        """The first test that fails."""
+        return verdict_of_tests(copy, self.cases)
+
 
 def copy_sources(to: Path) -> Path:
-    """A copy of the package that Python started in it finds before any other."""
+    """A copy of the package, with its tests, that Python started in it finds before any other."""
     skip = shutil.ignore_patterns("__pycache__", "*.egg-info")
     for name in SOURCES:
         shutil.copytree(ROOT / name, to / name, ignore=skip)
@@ -93,16 +113,29 @@ def copy_sources(to: Path) -> Path:
 
 def verdict_of(copy: Path, cases: tuple[str, ...]) -> str | None:
     """What the quick verification of a copy of the sources objects to."""
-    command = [sys.executable, "-m", "swe_sphere", "verify", "--quick", "--json", "--scenes"]
-    # a module edited within a second keeps its time stamp, so that a cached one would be taken
-    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
     for name in cases:
-        done = subprocess.run(
-            [*command, name], cwd=copy, env=environment, capture_output=True, text=True
-        )
+        done = _python(copy, "swe_sphere", "verify", "--quick", "--json", "--scenes", name)
         if not done.stdout.startswith("{"):
             return f"{name}: {done.stderr.strip().splitlines()[-1]}"
         for row in json.loads(done.stdout)["rows"]:
             if failed := [c["quantity"] for c in row["checks"] if not c["passed"]]:
                 return f"{row['case']}: {', '.join(failed)}"
     return None
+
+
+def verdict_of_tests(copy: Path, tests: tuple[str, ...]) -> str | None:
+    """The first test that fails in a copy of the sources."""
+    files = [str(Path("tests", test)) for test in tests]
+    done = _python(copy, "pytest", "-q", "-x", "-p", "no:cacheprovider", *files)
+    if done.returncode == 0:
+        return None
+    if failed := re.search(r"^FAILED tests/(\S+)", done.stdout, re.MULTILINE):
+        return failed[1]
+    raise RuntimeError(f"the tests did not run: {done.stdout}{done.stderr}")
+
+
+def _python(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    # a module edited within a second keeps its time stamp, so that a cached one would be taken
+    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", *arguments]
+    return subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True)

@@ -1,0 +1,184 @@
+"""Faults in what is tied to the step: tolerances, steps of other lengths, and what files tell."""
+
+from __future__ import annotations
+
+from mutants.kinds import Tested
+
+__all__ = ["STEP_EDITS"]
+
+STEPPERS = "swe_sphere/steppers"
+MOTION, BDF2 = f"{STEPPERS}/motion.py", f"{STEPPERS}/bdf2.py"
+
+_TRUNCATION = "test_motion.py::test_solver_is_given_a_part_of_what_the_step_is_wrong_by"
+_MIDPOINT, _OF_BDF2 = (f"{_TRUNCATION}[implicit-midpoint]",), (f"{_TRUNCATION}[bdf2]",)
+_DEFAULTS = "test_motion.py::test_default_tolerance_leaves_the_error_that_of_the_scheme"
+_CAP = ("test_motion.py::test_steps_that_do_not_resolve_the_motion_have_no_larger_tolerance",)
+_RATES = (
+    "test_motion.py::test_rate_and_frequency_are_divided_differences_whatever_the_steps",
+    "test_motion.py::test_motion_goes_on_from_what_it_remembers",
+)
+_PARABOLA = ("test_variable_steps.py::test_schemes_of_second_order_follow_a_parabola[bdf2]",)
+_GUESSES = (
+    "test_variable_steps.py::test_guesses_are_solutions_where_the_state_moves_straight_on",
+)
+_SHARED = ("test_motion.py::test_semi_implicit_schemes_have_the_constants_of_their_parts",)
+_RESTART = ("test_implicit.py::test_restart_is_exact_to_the_last_bit[bdf2]",)
+_CONVENTIONS = ("test_netcdf.py::test_conventions",)
+_OTHER_RUN = ("test_netcdf.py::test_a_checkpoint_left_behind_by_another_run_is_not_taken",)
+_CHECKPOINT = ("test_simulation.py::test_a_checkpoint_stands_where_the_last_frame_does[rk4]",)
+_CONTINUED = ("test_simulation.py::test_a_restart_goes_on_bit_for_bit[rk4-settings0]",)
+_HALVED = (
+    "test_dissipation.py::test_hyperviscosity_by_default_is_ten_times_less_for_half_the_spacing",
+)
+
+
+def _edits(kind: str, *edits: tuple[str, str, tuple[str, ...], str, str]) -> tuple[Tested, ...]:
+    """(name, where, tests, old, new) of each."""
+    return tuple(Tested(f"{kind}: {name}", *rest) for name, *rest in edits)
+
+
+TOLERANCE = _edits(
+    "tolerance",
+    ("share of the truncation error × 10", MOTION, _MIDPOINT, "SHARE = 0.7", "SHARE = 7.0"),
+    ("one power of the step less", MOTION, _MIDPOINT, "** (order - 1)", "** (order - 2)"),
+    ("error constant of BDF2 × 10", BDF2, _OF_BDF2, "2.0 / 9.0", "20.0 / 9.0"),
+    (
+        "error constants of Runge-Kutta methods of an order too low",
+        f"{STEPPERS}/stability.py",
+        _MIDPOINT,
+        "matrix_power(a, order)",
+        "matrix_power(a, order - 1)",
+    ),
+    (
+        "error constant of semi-implicit leapfrog × 10",
+        f"{STEPPERS}/semi_implicit.py",
+        _SHARED,
+        "return 1.0 / 6.0",
+        "return 10.0 / 6.0",
+    ),
+    ("no cap for long steps", MOTION, _CAP, "(min(1.0, f * dt) for f", "(f * dt for f"),
+    (
+        "default of Gauss-Legendre × 10",
+        f"{STEPPERS}/gauss.py",
+        (f"{_DEFAULTS}[gauss-legendre]",),
+        "default_tolerance = 1e-4",
+        "default_tolerance = 1e-3",
+    ),
+    (
+        "default of BDF2 × 10",
+        BDF2,
+        (f"{_DEFAULTS}[bdf2]",),
+        "default_tolerance = 1e-2",
+        "default_tolerance = 1e-1",
+    ),
+    (
+        "default of implicit schemes × 10",
+        f"{STEPPERS}/implicit.py",
+        (f"{_DEFAULTS}[crank-nicolson]",),
+        "default_tolerance: ClassVar[float] = 1e-3",
+        "default_tolerance: ClassVar[float] = 1e-2",
+    ),
+)
+
+VARIABLE_STEP = _edits(
+    "variable step",
+    (
+        "BDF2: weight of the present",
+        BDF2,
+        _PARABOLA,
+        "now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w),",
+        "now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w) + 0.02 * (w - 1.0),",
+    ),
+    (
+        "BDF2: weight of the past",
+        BDF2,
+        _PARABOLA,
+        "-(w**2) / (1.0 + 2.0 * w)",
+        "-(w**2) / (1.0 + 2.0 * w) - 0.02 * (w - 1.0)",
+    ),
+    (
+        "BDF2: weight of the slope",
+        BDF2,
+        _PARABOLA,
+        "dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt",
+        "dt * ((1.0 + w) / (1.0 + 2.0 * w) + 0.02 * (w - 1.0)), t + dt",
+    ),
+    (
+        "BDF2: guess as for equal steps",
+        BDF2,
+        _GUESSES,
+        "axpby(-w, self._previous, 1.0 + w, out)",
+        "axpby(-1.0, self._previous, 2.0, out)",
+    ),
+    (
+        "Gauss-Legendre: slopes of the outer step",
+        f"{STEPPERS}/gauss.py",
+        _GUESSES,
+        "enumerate(_INVERSE / dt)",
+        "enumerate(_INVERSE / self.dt)",
+    ),
+    ("distance of slopes", MOTION, _RATES, "apart = 0.5 * (dt + self._dt)", "apart = dt"),
+    (
+        "the last step of the motion lost in restarts",
+        MOTION,
+        _RATES,
+        "self.rate, self._dt, *frequencies = numbers",
+        "self.rate, _, *frequencies = numbers",
+    ),
+    (
+        "the last step of BDF2 lost in restarts",
+        BDF2,
+        _RESTART,
+        'self._previous_dt = float(memory["previous_dt"])',
+        "self._previous_dt = 0.0",
+    ),
+)
+
+METADATA = _edits(
+    "metadata",
+    (
+        "time of checkpoints one step early",
+        "swe_sphere/experiment/recorder.py",
+        _CHECKPOINT,
+        "self._plan.dt * moment.step, moment.step",
+        "self._plan.dt * (moment.step - 1), moment.step",
+    ),
+    (
+        "one run_id for all runs",
+        "swe_sphere/output/netcdf.py",
+        _OTHER_RUN,
+        "uuid.uuid4().hex",
+        "uuid.NAMESPACE_URL.hex",
+    ),
+    (
+        "times in hours",
+        "swe_sphere/output/layout.py",
+        _CONVENTIONS,
+        '"seconds since 2000-01-01 00:00:00"',
+        '"hours since 2000-01-01 00:00:00"',
+    ),
+    (
+        "calendar without leap years",
+        "swe_sphere/output/layout.py",
+        _CONVENTIONS,
+        "proleptic_gregorian",
+        "noleap",
+    ),
+    (
+        "counts before a restart forgotten",
+        "swe_sphere/experiment/execution.py",
+        _CONTINUED,
+        "n + carried.get(name, 0)",
+        "n",
+    ),
+    (
+        "default hyperviscosity the same for all np",
+        "swe_sphere/model/effects.py",
+        _HALVED,
+        "(ne * (np - 1) * refinement)",
+        "(ne * 3 * refinement)",
+    ),
+)
+
+STEP_EDITS = (*TOLERANCE, *VARIABLE_STEP, *METADATA)
+"""All of them."""
