@@ -20,6 +20,10 @@ COURANT_A_CYCLE = 20.0
 MOST_CYCLES = 4
 """Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
 Chebyshev step, and for each of which one more cycle, pays."""
+DEGREES = {3: 3, 4: 2}
+"""Chebyshev steps by np, where not 4.  At np 3 the branches share their shortest wave, (1, 0, -1, 0)
+from node to node: the coarse correction overshoots it, and two steps leave as much of it as there
+was, so that the cycle is singular from some mesh on."""
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
@@ -107,7 +111,7 @@ class Multilevel(InnerSolver):
         symmetric: bool = False,
     ) -> None:
         super().__init__(operator, matrix)
-        self._degree = degree or (2 if matrix.mesh.np <= 4 else 4)
+        self._degree = degree or DEGREES.get(matrix.mesh.np, 4)
         self._symmetric = symmetric
         self._coarse = CoarseCorrection(matrix)
         self._direction, self._rest = operator.vector(), operator.vector()

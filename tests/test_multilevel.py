@@ -1,0 +1,31 @@
+"""The multilevel cycle: what it leaves of an error."""
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg as sla
+
+from swe_sphere.linear.preconditioners import make_preconditioner
+from swe_sphere.mesh import build_mesh
+from swe_sphere.model import Model
+from swe_sphere.testcases import get_scene
+
+
+@pytest.mark.parametrize(("ne", "np_"), [(16, 3), (11, 4), (8, 5), (5, 8)])
+def test_cycle_reduces_every_error(ne: int, np_: int) -> None:
+    """An error that it left alone would be one that no Krylov method removes."""
+    model = Model(build_mesh(ne, np_), get_scene("williamson5"))
+    made = make_preconditioner("helmholtz", model)
+    made.setup(model.initial_state(), 3000.0)
+    d, b, x = (made.operator.vector() for _ in range(3))
+
+    def left(error: np.ndarray) -> np.ndarray:
+        d.assign(error.ravel().astype(np.float32))
+        made.operator.apply(d, b)
+        made.inner.solve(b, x)
+        return error.ravel() - x.numpy()
+
+    size = (model.mesh.size, model.mesh.size)
+    operator = sla.LinearOperator(size, matvec=left, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(model.mesh.size)
+    largest = sla.eigs(operator, 1, v0=start, tol=3e-2, return_eigenvectors=False)
+    assert np.abs(largest).max() < 0.7
