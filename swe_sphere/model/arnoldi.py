@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
+Product = Callable[[NDArray[np.floating]], Array]
 
 BASIS = 24
-KEPT = 12
+KEPT = 2
 """Vectors of the basis, and those that the next one begins with where it was not enough."""
 CYCLES = 10
 INVARIANT = 1e-6
@@ -19,7 +20,7 @@ STRIP = 65536
 
 
 def largest_modulus(
-    product: Callable[[Float32], Array], start: Array, tolerance: float
+    product: Product, start: Array, tolerance: float
 ) -> float | None:
     """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
 
@@ -28,7 +29,9 @@ def largest_modulus(
     less than any tolerance worth asking for.  A product that is not finite gives NaN.
     """
     basis = np.empty((BASIS + 1, start.size), np.float32)
-    basis[0] = start / np.linalg.norm(start)
+    size = _unit(product(start), basis[0])  # nearer to the vector sought than the start itself
+    if size == 0.0 or not np.isfinite(size):
+        return size
     small, kept = np.zeros((BASIS + 1, BASIS)), 0
     for _ in range(CYCLES):
         for j in range(kept, BASIS):
@@ -47,15 +50,13 @@ def largest_modulus(
 
 
 def _expand(
-    product: Callable[[Float32], Array], basis: Float32, small: Array, j: int
+    product: Product, basis: Float32, small: Array, j: int
 ) -> tuple[float, float]:
     """Next row of the basis, next column of the small matrix: |A v_j|, its part that is new."""
-    image = product(basis[j])
-    size = float(np.linalg.norm(image))
+    row, rows = basis[j + 1], basis[: j + 1]
+    size = _unit(product(basis[j]), row)
     if size == 0.0 or not np.isfinite(size):
         return size, 0.0
-    row, rows = basis[j + 1], basis[: j + 1]
-    np.divide(image, size, out=row, casting="same_kind")
     for _ in range(2):
         components = rows @ row
         row -= components @ rows
@@ -65,6 +66,14 @@ def _expand(
     if rest > INVARIANT:
         row /= np.float32(rest)
     return size, rest
+
+
+def _unit(vector: Array, out: Float32) -> float:
+    """out = vector / |vector| where that is a number; returns the length."""
+    size = float(np.linalg.norm(vector))
+    if size > 0.0 and np.isfinite(size):
+        np.divide(vector, size, out=out, casting="same_kind")
+    return size
 
 
 def _restart(basis: Float32, small: Array, least: float) -> int:

@@ -9,6 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..errors import ConfigError
+from .arnoldi import Product, largest_modulus
 
 if TYPE_CHECKING:
     from .model import Model
@@ -42,35 +43,21 @@ def estimate_spectrum(
 
 
 def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
-
     product = _scaled_product(model, state, operator)
     start = np.random.default_rng(0).standard_normal(model.fluid_size)
     with np.errstate(over="ignore", invalid="ignore"):
-        first = product(start)
-    if not np.isfinite(first).all():
+        found = largest_modulus(product, start, TOLERANCE)
+    if found is None:
+        return _power_iteration(product, start)
+    if not np.isfinite(found):
         raise ConfigError(
             f"{model.scene.name}: the equations overflow at the start: its fields or the"
             " coefficients of its effects are too large, or too small to divide by"
         )
-    if not first.any():
-        return 0.0
-    matrix = LinearOperator((model.fluid_size, model.fluid_size), matvec=product, dtype=np.float64)
-    try:
-        values = eigs(
-            matrix, k=1, which="LM", v0=start, tol=TOLERANCE, ncv=24, maxiter=10,
-            return_eigenvectors=False,
-        )  # fmt: skip
-    except ArpackNoConvergence as error:
-        values = error.eigenvalues
-        if len(values) == 0:
-            return _power_iteration(product, start)
-    return float(np.abs(values).max())
+    return found
 
 
-def _scaled_product(
-    model: "Model", state: wp.array, operator: Operator
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def _scaled_product(model: "Model", state: wp.array, operator: Operator) -> Product:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
     base = state.numpy()[: model.fluid_size].astype(np.float64)
     scale = _units(model, base)
@@ -79,11 +66,10 @@ def _scaled_product(
     moved, plus, minus = (wp.zeros(base.size, dtype=real, device=model.device) for _ in range(3))
     room = np.empty(base.size)
 
-    def product(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-        d = direction.ravel()
-        step = size / max(d.max(), -d.min(), np.finfo(float).tiny)
+    def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
+        step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
         for sign, out in ((1.0, plus), (-1.0, minus)):
-            np.multiply(d, sign * step, out=room)
+            np.multiply(d, sign * step, out=room, dtype=np.float64)
             np.multiply(room, scale, out=room)
             moved.assign(np.add(base, room, out=room))
             operator(moved, out)  # on one array: launches keep all those they are recorded with
@@ -105,11 +91,7 @@ def _units(model: "Model", base: NDArray[np.float64]) -> NDArray[np.float64]:
     return scale
 
 
-def _power_iteration(
-    product: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    d: NDArray[np.float64],
-    steps: int = 40,
-) -> float:
+def _power_iteration(product: Product, d: NDArray[np.float64], steps: int = 40) -> float:
     """Growth of the operator's square, for a spectrum that Arnoldi iteration cannot separate."""
     growth = 0.0
     for _ in range(steps):
