@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from swe_sphere.errors import ConfigError
 from swe_sphere.linear import FlexibleGMRES, LinearResult
 from swe_sphere.linear.preconditioners import PRECONDITIONERS, make_preconditioner
-from swe_sphere.linear.preconditioners.branches import branch_spaces
+from swe_sphere.linear.preconditioners.branches import branch_spaces, interpolation
 from swe_sphere.linear.preconditioners.coarse import CoarseCorrection
 from swe_sphere.linear.preconditioners.inner import Direct
 from swe_sphere.linear.preconditioners.schwarz import Schwarz
@@ -303,8 +303,9 @@ def branch_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
     i, j = np.indices(vertices.shape)
     along_1, along_2 = (-1.0) ** ((mesh.np - 1) * i), (-1.0) ** ((mesh.np - 1) * j)
     functions = []
+    spaces = [interpolation(mesh, space) for space in branch_spaces(mesh)]
     for space, sign in zip(
-        branch_spaces(mesh), (1.0, along_1 * along_2, along_1, along_2), strict=True
+        spaces, (1.0, along_1 * along_2, along_1, along_2), strict=True
     ):
         rows = space[vertices.ravel()].toarray()
         coefficients = np.zeros(space.shape[1])
@@ -317,7 +318,8 @@ def branch_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
 def test_branch_spaces(np_: int) -> None:
     """Sizes; the smooth one adds up to 1; each function is 1 at its own vertex and local."""
     mesh = build_mesh(4, np_)
-    spaces, vertices = branch_spaces(mesh), 6 * mesh.ne**2 + 2
+    spaces = [interpolation(mesh, space) for space in branch_spaces(mesh)]
+    vertices = 6 * mesh.ne**2 + 2
     shapes = [space.shape for space in spaces]
     assert shapes[1:] == [(mesh.size, n) for n in (vertices, vertices, vertices - 8)]
     cells = -(-(np_ - 1) // 3)

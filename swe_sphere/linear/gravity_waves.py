@@ -178,7 +178,9 @@ class GravityWaveSolver:
 
     def _schur_operator(self, real: Any, outer: Any) -> SchurOperator:
         model = self.waves.model
-        mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
+        mesh = model.device_mesh
+        if mesh.real is not real:
+            mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
         gravity = model.scene.planet.gravity
         return SchurOperator(mesh, model.launch, gravity, self.waves.coriolis, outer)
 

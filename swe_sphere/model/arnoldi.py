@@ -60,7 +60,7 @@ def _expand(
     for _ in range(2):
         components = rows @ row
         row -= components @ rows
-        small[: j + 1, j] += size * components
+        small[: j + 1, j] += size * components.astype(np.float64)
     rest = float(np.linalg.norm(row))
     small[j + 1, j] = size * rest
     if rest > INVARIANT:

@@ -14,15 +14,27 @@ from ..mesh import Mesh
 
 Array = NDArray[np.float64]
 
+PART = 1024
+"""Elements whose matrices are made at a time."""
+
 
 @dataclass(frozen=True)
 class ElementSpace:
-    """Continuous functions that have the same nodal values on every element."""
+    """Continuous functions, of which k are not zero on an element."""
 
     values: Array
-    """(np*np, k) nodal values of the k functions of an element."""
+    """(np*np, k), or (E, np*np, k) where elements differ: their nodal values."""
     numbers: NDArray[np.int32]
-    """(E, k) their numbers."""
+    """(E, k) their numbers; -1 for one that is left out."""
+
+    def matrix(self, rows: NDArray[np.int32], values: Array) -> sp.coo_array:
+        """Values (E, np*np, k) of the functions in rows (E, np*np); those in one place add up."""
+        shape = (*rows.shape, self.numbers.shape[1])
+        values = np.broadcast_to(values, shape)
+        columns = np.broadcast_to(self.numbers[:, None, :], shape)
+        used = (columns >= 0) & (values != 0.0)
+        index = (np.broadcast_to(rows[..., None], shape)[used], columns[used])
+        return sp.coo_array((values[used], index), (rows.max() + 1, self.numbers.max() + 1))
 
 
 def gradient(mesh: Mesh) -> sp.csr_matrix:
@@ -32,6 +44,18 @@ def gradient(mesh: Mesh) -> sp.csr_matrix:
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
     north = _derivatives(mesh, -weight * b[..., 1, 0], weight * b[..., 0, 0])
     return sp.vstack([east, north], format="csr")
+
+
+def slopes(mesh: Mesh, space: ElementSpace) -> sp.csr_matrix:
+    """(2N, V) [m-1]: the gradients of the functions, without the large matrix on the nodes."""
+    rows = mesh.nodes.reshape(mesh.elements, -1)
+    b = _weights(mesh)[..., None, None] * mesh.basis
+    b = b.reshape(mesh.elements, -1, 1, 2, 2)
+    line_1, line_2 = _lines(mesh)
+    along_1, along_2 = line_1 @ space.values, line_2 @ space.values
+    east = space.matrix(rows, b[..., 1, 1] * along_1 - b[..., 0, 1] * along_2).tocsr()
+    north = space.matrix(rows, b[..., 0, 0] * along_2 - b[..., 1, 0] * along_1).tocsr()
+    return sp.vstack([_over_area(mesh, east), _over_area(mesh, north)], format="csr")
 
 
 def divergence(mesh: Mesh) -> sp.csr_matrix:
@@ -58,20 +82,32 @@ def stiffness(mesh: Mesh, coefficient: Array, space: ElementSpace | None = None)
 
     With a `space` it is that of its functions, made without the large matrix on the nodes.
     """
-    d, eye = mesh.derivative, np.eye(mesh.np)
-    lines = np.stack([np.kron(d, eye), np.kron(eye, d)])
+    lines = _lines(mesh)
     numbers = mesh.nodes.reshape(mesh.elements, -1)
     if space is not None:
         lines, numbers = lines @ space.values, space.numbers
-    inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis, mesh.basis))
-    factor = _weights(mesh) * mesh.jacobian * coefficient[mesh.nodes]
-    metric = (factor[..., None, None] * inverse).reshape(mesh.elements, mesh.np**2, 2, 2)
-    blocks = np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True)
+    parts = [slice(e, e + PART) for e in range(0, mesh.elements, PART)]
+    blocks = np.concatenate([_stiffness_of(mesh, coefficient, lines, part) for part in parts])
     rows = np.broadcast_to(numbers[:, :, None], blocks.shape)
     columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     index = (rows.ravel(), columns.ravel())
     size = int(numbers.max()) + 1
     return sp.coo_array((blocks.ravel(), index), (size, size)).tocsr()
+
+
+def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
+    """(part of E, k, k) element matrices for the derivatives (2, np*np, k) of the functions."""
+    inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
+    factor = _weights(mesh) * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
+    metric = (factor[..., None, None] * inverse).reshape(len(factor), -1, 2, 2)
+    blocks: Array = np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True)
+    return blocks
+
+
+def _lines(mesh: Mesh) -> Array:
+    """(2, np*np, np*np) derivatives along xi1 and xi2 on an element."""
+    d, eye = mesh.derivative, np.eye(mesh.np)
+    return np.stack([np.kron(d, eye), np.kron(eye, d)])
 
 
 def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> sp.csr_matrix:

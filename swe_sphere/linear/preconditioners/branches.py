@@ -18,17 +18,17 @@ from ...mesh import Mesh
 from ...operators.sparse import ElementSpace
 
 Array = NDArray[np.float64]
-Int = NDArray[np.integer]
+Int = NDArray[np.int32]
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
 
 
-def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
-    """Interpolations (N, V) from V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
+def branch_spaces(mesh: Mesh) -> list[ElementSpace]:
+    """Functions of V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
 
     The two directions are paired across element boundaries around each vertex.  At the eight cube
     corners, where three elements meet, they cannot be told apart: there the third space takes both
-    and the fourth has no function (V - 8 columns).
+    and the fourth has no function (V - 8 in all).
     """
     vertices = _vertex_numbers(mesh)
     hat = 0.5 * (1.0 - mesh.gll_points)
@@ -41,12 +41,11 @@ def branch_spaces(mesh: Mesh) -> list[sp.csr_matrix]:
     one = np.where(corner[:, None, :], 0.5 * (first + second), one)
     renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3, dtype=np.int32) - 1
     fewer = np.where(corner, -1, renumbered[vertices])
-    smooth = smooth_functions(mesh)
     return [
-        _interpolation(mesh, smooth.values, smooth.numbers),
-        _interpolation(mesh, _products(pattern, pattern), vertices),
-        _interpolation(mesh, one, vertices),
-        _interpolation(mesh, other, fewer),
+        smooth_functions(mesh),
+        ElementSpace(_products(pattern, pattern), vertices),
+        ElementSpace(one, vertices),
+        ElementSpace(other, fewer),
     ]
 
 
@@ -101,17 +100,12 @@ def _turned(vertices: Int) -> NDArray[np.bool_]:
     return turned.reshape(-1, 4)
 
 
-def _interpolation(mesh: Mesh, values: Array, columns: Int) -> sp.csr_matrix:
-    """(N, columns) nodal values of coarse functions from (np*np, k) or (E, np*np, k) values.
+def interpolation(mesh: Mesh, space: ElementSpace) -> sp.csr_matrix:
+    """(N, V) nodal values of the functions.
 
     A node on an element boundary is met once from each side, with the same value.
     """
-    shape = (mesh.elements, mesh.np**2, columns.shape[1])
-    rows = np.broadcast_to(mesh.nodes.reshape(mesh.elements, -1, 1), shape)
-    where = np.broadcast_to(columns[:, None, :], rows.shape)
-    values = np.broadcast_to(values, rows.shape)
-    used = (where >= 0) & (values != 0.0)
-    size = (mesh.size, int(columns.max()) + 1)
-    total = sp.coo_array((values[used], (rows[used], where[used])), size).tocsr()
+    rows = mesh.nodes.reshape(mesh.elements, -1)
+    total = space.matrix(rows, space.values).tocsr()
     total.data *= np.repeat(1.0 / np.diff(mesh.gather_offsets), np.diff(total.indptr))
     return total

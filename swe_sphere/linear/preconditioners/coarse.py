@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ...operators import sparse
-from .branches import branch_spaces, smooth_functions
+from .branches import branch_spaces, interpolation
 from .chebyshev import chebyshev_coefficients, spectral_bound
 from .schur_matrix import SchurMatrix
 
@@ -28,14 +28,17 @@ class CoarseCorrection:
     """
 
     def __init__(self, schur: SchurMatrix) -> None:
-        self._schur, self._hats = schur, smooth_functions(schur.mesh)
-        spaces, area = branch_spaces(schur.mesh), sp.diags_array(schur.mesh.area)
-        parts = [space.astype(np.float32) for space in spaces]
-        self._prolongation = sp.hstack(parts, format="csr")
-        parts = [(space.T @ area).tocsr().astype(np.float32) for space in spaces]
-        self._restriction = sp.vstack(parts, format="csr")
+        mesh = schur.mesh
+        functions, area = branch_spaces(mesh), sp.diags_array(mesh.area)
+        self._schur, self._hats = schur, functions[0]
+        spaces = [interpolation(mesh, function) for function in functions]
         self._mass, *masses = [(space.T @ (area @ space)).tocsr() for space in spaces]
-        slopes = [(schur.gradient @ space).tocsr() for space in spaces[1:]]
+        self._prolongation = sp.hstack([s.astype(np.float32) for s in spaces], format="csr")
+        del spaces
+        restriction = self._prolongation.T.tocsr()
+        restriction.data *= mesh.area.astype(np.float32)[restriction.indices]
+        self._restriction = restriction
+        slopes = [sparse.slopes(mesh, function).astype(np.float32) for function in functions[1:]]
         self._branches = list(zip(masses, slopes, strict=True))
 
     def setup(self, tau: float, depth: Array) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import ConfigError
 from ...operators.schur import SchurOperator
-from .chebyshev import chebyshev_coefficients
+from .chebyshev import chebyshev_coefficients, spectral_bound
 from .coarse import CoarseCorrection
 from .schur_matrix import SchurMatrix
 
@@ -21,15 +21,15 @@ MOST_CYCLES = 4
 """Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
 Chebyshev step, and for each of which one more cycle, pays."""
 DEGREES = {3: 3, 4: 2}
-"""Chebyshev steps by np, where not 4.  At np 3 the branches share their shortest wave, (1, 0, -1, 0)
-from node to node: the coarse correction overshoots it, and two steps leave as much of it as there
-was, so that the cycle is singular from some mesh on."""
+"""Chebyshev steps by np, where not 4.  At np 3 the branches share their shortest wave, whose nodal
+values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps leave as much of it as
+there was, so that the cycle is singular from some mesh on."""
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
 
 class InnerSolver(ABC):
-    """Approximate inverse of S; `setup` comes before the first `solve`."""
+    """Approximate inverse of S; `setup`, of an operator configured alike, before `solve`."""
 
     def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
         self.operator, self.matrix = operator, matrix
@@ -118,12 +118,23 @@ class Multilevel(InnerSolver):
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        courant = float(np.sqrt(self.matrix.diagonal(tau, depth).max()))
+        diagonal = self.matrix.diagonal(tau, depth)
+        courant = float(np.sqrt(diagonal.max()))
         degree = self._degree + (courant > COURANT_A_STEP)
-        largest = self.matrix.largest_eigenvalue(tau, depth)
-        self._steps = chebyshev_coefficients(degree, largest)
+        self._steps = chebyshev_coefficients(degree, self.largest_eigenvalue(1.0 / diagonal))
         self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
+
+    def largest_eigenvalue(self, inverse: Array) -> float:
+        """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
+
+        def product(x: Array) -> Array:
+            self._put(x, self._direction)
+            self.operator.apply(self._direction, self._rest)
+            result: Array = inverse * self._rest.numpy()
+            return result
+
+        return spectral_bound(product, inverse.size)
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b is overwritten."""
