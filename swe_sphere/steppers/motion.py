@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..linear import VectorSpace
 from ..model.model import Model
 
-SHARE = 0.7
+SHARE = 0.45
 """Part of the least truncation error of a step that the solver may add to it."""
 PROBE = 1e-2
 """Part of a time step after which the slope is looked at again to know its rate of change."""
@@ -27,7 +27,9 @@ class Motion:
 
     def __init__(self, space: VectorSpace) -> None:
         self._space = space
-        self._slope, self._bend, self._work = space.zeros(), space.zeros(), space.zeros()
+        self._slope, self._work = space.zeros(), space.zeros()
+        self.bend = space.zeros()
+        """x'' between the last two steps."""
         self.rate, self._dt = 0.0, 0.0
         self.frequencies = (0.0, 0.0)
 
@@ -40,17 +42,17 @@ class Motion:
         model.tendency(state, t, self._slope)
         space.copy(state, self._work)
         space.axpy(probe, self._slope, self._work)
-        model.tendency(self._work, t + probe, self._bend)
-        space.axpy(-1.0, self._slope, self._bend)
+        model.tendency(self._work, t + probe, self.bend)
+        space.axpy(-1.0, self._slope, self.bend)
         self.rate, self._dt = space.norm(self._slope), 0.0
-        frequency = _ratio(space.norm(self._bend), probe * self.rate)
+        frequency = _ratio(space.norm(self.bend), probe * self.rate)
         self.frequencies = frequency, frequency
-        space.clear(self._bend)
+        space.clear(self.bend)
         return self._slope
 
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:
         """Take note of a step of dt [s] between two states."""
-        space, slope, bend, before = self._space, self._work, self._slope, self._bend
+        space, slope, bend, before = self._space, self._work, self._slope, self.bend
         apart = 0.5 * (dt + self._dt)
         space.copy(old, slope)
         space.axpby(1.0 / dt, new, -1.0 / dt, slope)
@@ -60,7 +62,7 @@ class Motion:
         first = _ratio(math.sqrt(now), self.rate)
         second = _ratio(math.sqrt(max(now - 2.0 * both + then, 0.0) / now), dt) if now else first
         self.frequencies = first, (max(first, second) if then else first)
-        self._slope, self._bend, self._work, self._dt = slope, bend, before, dt
+        self._slope, self.bend, self._work, self._dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
         """What a solver may leave of a step of dt [s] by a scheme with that error constant C.
@@ -73,7 +75,7 @@ class Motion:
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """What an exact restart needs."""
         numbers = np.array([self.rate, self._dt, *self.frequencies])
-        vectors = {"mean_slope": self._slope, "bend": self._bend}
+        vectors = {"mean_slope": self._slope, "bend": self.bend}
         return {"motion": numbers} | {k: v.numpy().copy() for k, v in vectors.items()}
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
@@ -82,7 +84,7 @@ class Motion:
         self.rate, self._dt, *frequencies = numbers
         self.frequencies = frequencies[0], frequencies[1]
         self._slope.assign(saved["mean_slope"])
-        self._bend.assign(saved["bend"])
+        self.bend.assign(saved["bend"])
 
 
 def _ratio(above: float, below: float) -> float:
