@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
 from swe_sphere.model import Model
+from swe_sphere.model.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.model.effects import Viscosity
 from swe_sphere.model.poisson import PoissonTendency
 from swe_sphere.output.diagnostics import integrals
@@ -381,3 +382,24 @@ def test_threads_of_other_work_are_left_alone(small_mountain, name: str) -> None
         stepper.start(small_mountain.initial_state())
         stepper.step()
         assert threads() == before
+
+
+def test_masses_that_an_effect_does_not_declare_conserved_are_left_alone(monkeypatch) -> None:
+    """Restoring them would cancel without a word what a new effect does to them."""
+    model = Model(build_mesh(2, 4), make_scene("advection", "pressure", "rotation", "viscosity"))
+    stepper = STEPPERS["bdf2"](model, 600.0)
+    rhs, x = (model.device_mesh.upload(random_state(model, seed)) for seed in (1, 2))
+    before = x.numpy().copy()
+    stepper._restore_mass(rhs, x)
+    assert np.abs(x.numpy() - before).max() > 0.0
+    monkeypatch.setattr(Viscosity, "conserves", frozenset())
+    other, y = STEPPERS["bdf2"](model, 600.0), model.device_mesh.upload(before)
+    other._restore_mass(rhs, y)
+    np.testing.assert_array_equal(y.numpy(), before)
+
+
+def test_what_built_in_effects_conserve() -> None:
+    """All masses, but for relaxation, which moves depth."""
+    declared = {name: set(effect.conserves) for name, effect in ALL_EFFECTS.items()}
+    assert declared.pop("relaxation") == {"tracers"}
+    assert all(masses == {"mass", "tracers"} for masses in declared.values())

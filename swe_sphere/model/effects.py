@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DYNAMICS",
     "EFFECTS",
+    "MASSES",
     "Drag",
     "Effect",
     "Forcing",
@@ -40,6 +41,10 @@ __all__ = [
 ]
 
 
+MASSES = frozenset({"mass", "tracers"})
+"""The total mass of the fluid, and those of its tracers."""
+
+
 @dataclass(frozen=True)
 class Effect:
     """One thing that acts on the fluid; the fields of a subclass are its parameters."""
@@ -49,6 +54,11 @@ class Effect:
 
     needs: ClassVar[str | None] = None
     """The function of the `Scene` that this effect, and only this effect, calls for."""
+
+    conserves: ClassVar[frozenset[str]] = frozenset()
+    """What the effect leaves as it is all over the globe, of `MASSES`: implicit steppers restore
+    the masses that all effects of a scene conserve, and leave the others to their solver.  (What
+    forcing brings is known: see `Model.mean_source`.)"""
 
     dissipation: ClassVar[bool] = False
     """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
@@ -82,6 +92,7 @@ class MomentumAdvection(Effect):
     """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form)."""
 
     name = "momentum-advection"
+    conserves = MASSES
 
 
 @dataclass(frozen=True)
@@ -89,6 +100,7 @@ class PressureGradient(Effect):
     """-g ∇(h + b), with b = 0 unless the scene has orography."""
 
     name = "pressure-gradient"
+    conserves = MASSES
 
 
 @dataclass(frozen=True)
@@ -96,6 +108,7 @@ class Rotation(Effect):
     """-f k×v with the Coriolis parameter f [s-1] given by `Scene.coriolis`."""
 
     name = "rotation"
+    conserves = MASSES
     needs = "coriolis"
 
 
@@ -104,6 +117,7 @@ class Orography(Effect):
     """A bottom b [m], given by `Scene.bottom`, below the fluid of depth h."""
 
     name = "orography"
+    conserves = MASSES
     needs = "bottom"
 
 
@@ -112,6 +126,7 @@ class PrescribedWind(Effect):
     """The wind is given by `Scene.wind`; only the depth h is stepped."""
 
     name = "prescribed-wind"
+    conserves = MASSES
     needs = "wind"
 
 
@@ -120,6 +135,7 @@ class Forcing(Effect):
     """Given rates of change of wind [m s-2] and depth [m s-1], whatever the state is."""
 
     name = "forcing"
+    conserves = MASSES
     needs = "forcing"
 
 
@@ -131,6 +147,7 @@ class Tracers(Effect):
     """
 
     name = "tracers"
+    conserves = MASSES
     needs = "tracers"
     limiter: bool = False
 
@@ -155,6 +172,7 @@ class Linearised(Effect):
     """
 
     name = "linearised"
+    conserves = MASSES
     needs = "base"
 
 
@@ -167,6 +185,7 @@ class Viscosity(Effect):
     """
 
     name = "viscosity"
+    conserves = MASSES
     dissipation = True
     nu: float
 
@@ -188,6 +207,7 @@ class Hyperviscosity(Effect):
     """
 
     name = "hyperviscosity"
+    conserves = MASSES
     dissipation = True
     nu: float | None = None
 
@@ -227,6 +247,7 @@ class Drag(Effect):
     """
 
     name = "drag"
+    conserves = MASSES
     dissipation = True
     linear: float = 0.0
     quadratic: float = 0.0
@@ -253,6 +274,7 @@ class Relaxation(Effect):
     """
 
     name = "relaxation"
+    conserves = frozenset({"tracers"})
     needs = "equilibrium"
     dissipation = True
     time: float

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import RunFailed
 from ..linear import FlexibleGMRES, LinearResult, VectorSpace
 from ..linear.preconditioners import make_preconditioner
+from ..model.effects import MASSES
 from ..model.model import Model
 from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
 from .base import Stepper
@@ -276,20 +277,25 @@ class ImplicitStepper(Stepper):
     def _restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
         """Give x the masses of the exact solution: those of the right-hand side, and a gain [m].
 
-        F moves no mass but what forcing brings, which has no tracer in it; the depth that
-        relaxation moves is left to the solver.
+        Only masses that all effects conserve; what forcing brings has no tracer in it.
         """
-        space, gains = self.space, [gain, *(0.0 for _ in self._units[1:])]
-        first = int(self.model.scene.effect("relaxation") is not None)
-        for unit, more in list(zip(self._units, gains, strict=True))[first:]:
+        space = self.space
+        for conserved, unit in self._units:
             lost = space.dot(rhs, unit) - space.dot(x, unit)
+            more = gain if conserved == "mass" else 0.0
             space.axpy(lost / space.dot(unit, unit) + more, unit, x)
 
-    def _unit_masses(self) -> list[wp.array]:
-        """States that are zero but for depth 1 m, or a tracer's mass of 1 m."""
-        blocks = np.kron(np.eye(len(self.model.names)), np.ones(self.model.mesh.size))
-        winds = [name in ("u", "v") for name in self.model.names].count(True)
-        return [self.model.device_mesh.upload(block) for block in blocks[winds:]]
+    def _unit_masses(self) -> list[tuple[str, wp.array]]:
+        """What is conserved, with states that are zero but for 1 m of depth, or of a tracer."""
+        model = self.model
+        kept = MASSES.intersection(*(effect.conserves for effect in model.scene.effects))
+        blocks = np.kron(np.eye(len(model.names)), np.ones(model.mesh.size))
+        named = [("mass" if name == "h" else "tracers", name) for name in model.names]
+        return [
+            (mass, model.device_mesh.upload(block))
+            for (mass, name), block in zip(named, blocks, strict=True)
+            if name not in ("u", "v") and mass in kept
+        ]
 
     def _slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
         """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
