@@ -198,7 +198,7 @@ def test_step_in_two_halves_is_two_steps_of_half_the_size(
     stepper = STEPPERS[name](small_mountain, 1800.0)
     stepper.start(small_mountain.initial_state())
     verdicts = iter(["not today"])
-    monkeypatch.setattr(stepper, "_trouble", lambda: next(verdicts, None))
+    monkeypatch.setattr(stepper, "_fault", lambda: next(verdicts, None))
     stepper.step()
     assert stepper.counters["rejected_steps"] == 1
     assert (stepper.steps, stepper.time) == (1, 1800.0)

@@ -171,12 +171,6 @@ def test_error_estimate_is_near_the_error(moving) -> None:
     assert estimate == pytest.approx(stepper.space.norm(exact), rel=0.2)
 
 
-def test_methods_without_a_companion_estimate_nothing(moving) -> None:
-    model, state, _ = moving
-    for name in set(IMPLICIT) - set(EMBEDDED):
-        assert advance(name, model, state, 900.0, 900.0).error_estimate() is None
-
-
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_time_dependent_wind_keeps_the_order(name: str) -> None:
     """With a prescribed wind that changes in time, and for Rosenbrock the derivative in time."""

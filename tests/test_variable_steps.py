@@ -54,8 +54,8 @@ def test_schemes_of_second_order_follow_a_parabola(name: str) -> None:
     model, t = forced(curved=True), 0.0
     stepper = take_steps(name, model, curved=True)
     for dt in STEPS:
-        assert stepper.attempt(t, dt, stepper._new) is None
-        stepper._accept(dt, stepper._new)
+        assert stepper.attempt(t, dt) is None
+        stepper.accept(dt)
         t += dt
         assert stepper.state.numpy() == pytest.approx(exact(model, t, True), rel=1e-11)
 
@@ -73,8 +73,8 @@ def test_guesses_are_solutions_where_the_state_moves_straight_on(name: str, monk
 
     monkeypatch.setattr(stepper._newton, "solve", watched)
     for dt in STEPS:
-        assert stepper.attempt(t, dt, stepper._new) is None
-        stepper._accept(dt, stepper._new)
+        assert stepper.attempt(t, dt) is None
+        stepper.accept(dt)
         t += dt
     assert len(wrong) >= len(STEPS)
     assert max(wrong) < 1e-9

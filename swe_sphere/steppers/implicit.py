@@ -195,8 +195,8 @@ class ImplicitStepper(Stepper):
         self.space.copy(self.new, self.state)
 
     def share_solver(self, other: "ImplicitStepper") -> None:
-        """Solve with the preconditioner and the Krylov basis of another stepper of the model."""
-        self.problem, self._newton = other.problem, other._newton
+        """Solve with the preconditioner, the Krylov basis and the motion of another stepper."""
+        self.problem, self._newton, self.motion = other.problem, other._newton, other.motion
 
     def tighten(self, tolerance: float) -> None:
         """Take this tolerance from now on."""

@@ -35,6 +35,7 @@ class SemiImplicit(SplitStepper):
     ) -> None:
         super().__init__(model, dt, tolerance, coriolis, solver)
         self._starter = ARK2(model, dt, solver=self.solver)
+        self._starter.motion = self.motion  # which takes note of its step
         self._previous, self._slope, self._linear = model.zeros(), model.zeros(), model.zeros()
         self._change, self._difference = model.zeros(), model.zeros()
         real, n = model.device_mesh.real, model.mesh.size
@@ -87,7 +88,6 @@ class SemiImplicit(SplitStepper):
         starter.start(self.state, self.time)
         starter.step()
         wp.copy(self.state, starter.state)
-        self.motion.accept(self._previous, self.state, self.dt)
         self.space.copy(self.state, self._difference)
         self.space.axpby(-2.0, self._previous, 2.0, self._difference)
         wp.copy(self._guess, depth_of(self._difference, self._guess.size))
