@@ -57,8 +57,8 @@ def counts() -> Section:
             rows.append([label, name, *(str(count) for count, _ in solves)])
     return Section(
         "williamson5, 6 hours in: Krylov iterations of one Newton step to 1e-2, by Δt",
-        "Implicit step τ = Δt/2.  Required of `helmholtz`: 3, 4, 6, 10, the same within 30 % at "
-        "ne32.  401 stands for no convergence in 400.  Hyperviscosity is not preconditioned.",
+        "Implicit step τ = Δt/2.  401 stands for no convergence in 400.  Hyperviscosity is not "
+        "preconditioned.",
         ["mesh", "preconditioner", *(f"{dt:.0f} s" for dt in steps)],
         rows,
     )
@@ -86,7 +86,7 @@ def price() -> Section:
             )  # fmt: skip
     return Section(
         "Price of a Jacobian product and of a preconditioner application",
-        "Medians of interleaved batches, in right-hand sides; required of `helmholtz`, np 4: 2.5.",
+        "Medians of interleaved batches, in right-hand sides.",
         ["mesh", "preconditioner", "right-hand side [ms]", "tangent", "application", "set-up [s]"],
         rows,
     )
