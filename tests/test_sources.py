@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere import sources
+from swe_sphere import fingerprints
 from swe_sphere.errors import ConfigError
 from swe_sphere.experiment import Watcher, run
 from swe_sphere.simulation import make_config
@@ -18,7 +18,7 @@ from swe_sphere.testcases import get_scene
 def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch):
     """Of those that make numbers; and it is the same as long as these are."""
     folders = {"": tmp_path / "swe_sphere"}
-    folders |= {name: tmp_path / name for name in (*sources.NUMBERS, "report")}
+    folders |= {name: tmp_path / name for name in (*fingerprints.NUMBERS, "report")}
     for folder in folders.values():
         folder.mkdir()
         (folder / "a.py").write_text("x = 1\n")
@@ -29,8 +29,8 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
         found.submodule_search_locations = [str(folder)]
         return found
 
-    monkeypatch.setattr(sources, "find_spec", find)
-    compute = sources.code_fingerprint.__wrapped__
+    monkeypatch.setattr(fingerprints, "find_spec", find)
+    compute = fingerprints.code_fingerprint.__wrapped__
     first = compute()
     assert compute() == first != compute("report")
     (folders["report"] / "a.py").write_text("x = 2\n")
@@ -40,13 +40,14 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
         if name != "report":
             (folder / "a.py").write_text(f"x = {len(found)} + 1\n")
             found.add(compute())
-    assert len(found) == 2 + len(sources.NUMBERS)
+    assert len(found) == 2 + len(fingerprints.NUMBERS)
 
 
 def test_the_code_of_the_package_is_found():
     """Kernels and scenes too, which lie beside it."""
-    for name in sources.NUMBERS:
-        assert [path for folder in sources._folders(name) for path in Path(folder).glob("*.py")]
+    for name in fingerprints.NUMBERS:
+        folders = fingerprints._folders(name)
+        assert [path for folder in folders for path in Path(folder).glob("*.py")]
 
 
 def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from swe_sphere.experiment.restart import (
     code_warnings,
 )
 from swe_sphere.experiment.sampler import ReferenceErrors
+from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.model.scene import Scene
 from swe_sphere.simulation import (
@@ -33,7 +34,6 @@ from swe_sphere.simulation import (
     stepper_options,
     time_plan,
 )
-from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     import warp as wp

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.simulation import RunConfig, make_config
-from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     from swe_sphere.output.checkpoint import Checkpoint

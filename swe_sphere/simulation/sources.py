@@ -7,9 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.model.scene import Scene
-from swe_sphere.sources import file_fingerprint
-from swe_sphere.testcases.sources import scene_files
+from swe_sphere.testcases.files import scene_files
 
 __all__ = ["SCENE_FILE", "scene_sources"]
 

@@ -75,7 +75,7 @@ class AdaptiveStepper(Stepper):
         self.counters = scheme.counters
         self.counters["accepted_steps"] = 0
         self.controller = PIController(tolerance, self._measure.order)
-        self._loosest = self._scheme.options.tolerance
+        self._loosest = self._scheme.loosest
         self._first, self._next, self._before = first, 0.0, tolerance
         self._cuts: deque[Cut] = deque(maxlen=CUTS_KEPT)
 

@@ -30,7 +30,7 @@ class BDF2(ImplicitStepper):
     def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._previous_dt = 0.0
-        self._starter = TRBDF2(model, self.dt, self.options.tolerance, "none")
+        self._starter = TRBDF2(model, self.dt, self.loosest, "none")
         self._starter.share_solver(self)
 
     def tighten(self, tolerance: float) -> None:

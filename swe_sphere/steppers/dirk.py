@@ -9,7 +9,7 @@ import warp as wp
 from ..model.model import Model
 from ..newton import NewtonResult
 from .implicit import ImplicitStepper
-from .stability import error_constant
+from .stability import error_constant, tableau
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
@@ -35,10 +35,7 @@ class DiagonallyImplicit(ImplicitStepper):
     @classmethod
     def error_constant(cls) -> float:
         """From the tableau."""
-        a = np.zeros((len(cls.b), len(cls.b)))
-        for i, row in enumerate(cls.a):
-            a[i, : len(row)] = row
-        return error_constant(a, np.array(cls.b), cls.order)
+        return error_constant(tableau(cls.a, len(cls.b)), np.array(cls.b), cls.order)
 
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)

@@ -12,7 +12,7 @@ from ..linear.gravity_waves import GravityWaveSolver
 from ..model.model import Model
 from .base import Combiner
 from .split import TOLERANCE, SplitStepper, depth_of
-from .stability import Complex, error_constant
+from .stability import Complex, error_constant, tableau
 
 Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
@@ -54,7 +54,7 @@ class ImexRungeKutta(SplitStepper):
         self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
         self._nothing = model.zeros()
         self._depths = VectorSpace(model.mesh.area, model.device, real)
-        a_e, a_i = self._square(self.explicit), self._square(self.implicit)
+        a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._sums = [
             Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
             for i, e in enumerate(a_e)
@@ -62,9 +62,7 @@ class ImexRungeKutta(SplitStepper):
         self._last = Combiner(model, stack, dt * np.array(self.b))
         self._offsets = dt * a_e.sum(axis=1)
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
+    def _begin(self, slope: wp.array) -> None:
         self.waves.linearise(self.state)
         self.waves.apply(self.state, self._linear[0])
         for guess in self._past:
@@ -102,15 +100,7 @@ class ImexRungeKutta(SplitStepper):
     @classmethod
     def error_constant(cls) -> float:
         """That of the implicit part."""
-        return error_constant(cls._square(cls.implicit), np.array(cls.b), cls.order)
-
-    @classmethod
-    def _square(cls, rows: Rows) -> Array:
-        """A tableau (s, s) from its rows after the first."""
-        a = np.zeros((len(cls.b), len(cls.b)))
-        for i, row in enumerate(rows, start=1):
-            a[i, : len(row)] = row
-        return a
+        return error_constant(tableau(cls.implicit, len(cls.b)), np.array(cls.b), cls.order)
 
     @classmethod
     def _growth(
@@ -119,7 +109,8 @@ class ImexRungeKutta(SplitStepper):
         z_i, z_e = np.broadcast_arrays(z_implicit, z_wave + z_dissipation)
         z_i, z_e = z_i[..., None, None], z_e[..., None, None]
         stages = len(cls.b)
-        matrix = np.eye(stages) - z_i * cls._square(cls.implicit) - z_e * cls._square(cls.explicit)
+        a_i, a_e = tableau(cls.implicit, stages), tableau(cls.explicit, stages)
+        matrix = np.eye(stages) - z_i * a_i - z_e * a_e
         y = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
         growth: Array = np.abs(1.0 + (z_i + z_e)[..., 0, 0] * (y @ np.array(cls.b)))
         return growth

@@ -1,7 +1,6 @@
 """What all implicit steppers share: one nonlinear solver and what to do when it fails."""
 
 from abc import abstractmethod
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,11 +13,7 @@ from ..linear.preconditioners import make_preconditioner
 from ..model.effects import MASSES
 from ..model.model import Model
 from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
-from .base import Stepper
-from .energy_norm import energy_weights
-from .motion import Motion
-from .options import SolverOptions
-from .threads import one_thread
+from .solving import SolvingStepper
 
 SMALLEST_PART = 64
 """A step that cannot be solved is halved, and halved again, down to this part of it."""
@@ -69,7 +64,7 @@ class StageProblem:
         self.space.axpby(1.0, d, -self.tau, out)
 
 
-class ImplicitStepper(Stepper):
+class ImplicitStepper(SolvingStepper):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
     default_tolerance: ClassVar[float] = 1e-3
@@ -85,11 +80,9 @@ class ImplicitStepper(Stepper):
         tolerance: float | None = None,
         preconditioner: str = "helmholtz",
     ) -> None:
-        super().__init__(model, dt)
-        chosen = self.default_tolerance if tolerance is None else tolerance
-        self.options = SolverOptions(chosen, preconditioner)
-        self.tolerance = chosen
-        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
+        super().__init__(model, dt, self.default_tolerance if tolerance is None else tolerance)
+        self.tolerance = self.loosest
+        """That of the step last attempted."""
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
         self._newton = NewtonKrylov(
@@ -102,7 +95,7 @@ class ImplicitStepper(Stepper):
         self.counters = dict.fromkeys(
             ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
         )
-        self.new, self.motion = model.zeros(), Motion(self.space)
+        self.new = model.zeros()
         self._units = self._unit_masses()
         waves = model.scene.effect("pressure-gradient") is not None
         self._needs_depth = waves and not model.scene.linear
@@ -113,13 +106,9 @@ class ImplicitStepper(Stepper):
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore({})
-        self._begin(self.motion.start(self.model, self.state, t, self.dt))
-
-    def _begin(self, slope: wp.array) -> None:
-        """Make the first guesses from the slope at the start."""
+        super().start(state, t)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
@@ -137,21 +126,15 @@ class ImplicitStepper(Stepper):
             "setup_seconds": made.setup_seconds,
         }
 
-    def step(self) -> None:
-        """Move `state` forward by dt."""
-        with one_thread():
-            super().step()
-
     def memory(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs, a set-up in use included."""
         made = self.problem.preconditioner
         in_use = {} if made is None else made.memory()
-        return super().memory() | self.motion.state_dict() | in_use
+        return super().memory() | in_use
 
     def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
         """Go on from what `memory` returned after that many steps."""
         super().restore(memory, steps)
-        self.motion.restore(memory)
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.restore(memory)
 
@@ -162,11 +145,6 @@ class ImplicitStepper(Stepper):
     def _make_problem(self, preconditioner: str) -> Any:
         """What Newton solves, with its `space` and its `preconditioner`."""
         return StageProblem(self.model, self.space, preconditioner)
-
-    @classmethod
-    @abstractmethod
-    def error_constant(cls) -> float:
-        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
 
     def attempt(self, t: float, dt: float) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `new`.
@@ -181,8 +159,7 @@ class ImplicitStepper(Stepper):
 
         Returns the result of the solve that failed, if one did; nothing has changed then.
         """
-        truncation = self.motion.truncation(self.error_constant(), self.order, dt)
-        self.tolerance = min(self.options.tolerance, truncation)
+        self.tolerance = self._goal(dt)
         return self._attempt(t, dt, out)
 
     @abstractmethod
@@ -200,7 +177,7 @@ class ImplicitStepper(Stepper):
 
     def tighten(self, tolerance: float) -> None:
         """Take this tolerance from now on."""
-        self.options = replace(self.options, tolerance=tolerance)
+        self.loosest = tolerance
 
     def _advance(self) -> None:
         """One step, in as many equal parts as the solver needs."""
@@ -268,7 +245,7 @@ class ImplicitStepper(Stepper):
     def _worthless(self) -> float:
         """Residual that is worth one iteration, not two; there is none if the tolerance is 0."""
         least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)
-        return least if self.options.tolerance > 0.0 else 0.0
+        return least if self.loosest > 0.0 else 0.0
 
     def _mass_gain(self, tau: float, t: float) -> float:
         """Mean depth [m] that a solution of x - tau F(x, t) = rhs has more than rhs."""

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..model.model import Model
 from .base import Combiner, Stepper
-from .stability import largest_step, runge_kutta_growth
+from .stability import largest_step, runge_kutta_growth, tableau
 
 
 class RungeKutta(Stepper):
@@ -38,10 +38,7 @@ class RungeKutta(Stepper):
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest step [s] with |R(z)| <= 1 over the spectrum."""
         stages = len(cls.b)
-        a = np.zeros((stages, stages))
-        for i, row in enumerate(cls.a, start=1):
-            a[i, : len(row)] = row
-        growth: Any = runge_kutta_growth(a, np.array(cls.b))
+        growth: Any = runge_kutta_growth(tableau(cls.a, stages), np.array(cls.b))
         return largest_step(growth, wave, dissipation, reach=2.0 * stages)
 
 

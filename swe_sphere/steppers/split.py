@@ -1,23 +1,17 @@
 """What all steppers share that treat linear gravity waves implicitly and the rest explicitly."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from ..errors import RunFailed
-from ..linear import VectorSpace
 from ..linear.gravity_waves import GravityWaves, GravityWaveSolver
 from ..model.model import Model
 from ..model.spectrum import Spectrum
-from .base import Stepper
-from .energy_norm import energy_weights
-from .motion import Motion
-from .options import SolverOptions
+from .solving import SolvingStepper
 from .stability import Complex, largest_step
-from .threads import one_thread
 
 TOLERANCE = 1e-3
 MUCH_FASTER = 1e4
@@ -25,17 +19,15 @@ MUCH_FASTER = 1e4
 stability."""
 
 
-class SplitStepper(Stepper):
+class SplitStepper(SolvingStepper):
     """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
 
     The step is limited by the wind, which in williamson5 doubles in a few days.
 
-    `tolerance`: of the solves at most, relative to the change of the eliminated state that is
-    solved for; they are as exact as the estimated truncation error of a step where that is smaller
-    (see `Motion`).
-    `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another stepper of the
-    same model, to share; it brings both options.  Raises ConfigError for options out of range and
-    for a scene without gravity waves.
+    `tolerance`: as for `SolvingStepper`, relative to the change of the eliminated state that is
+    solved for.  `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another
+    stepper of the same model, to share; it brings that option.  Raises ConfigError for options out
+    of range and for a scene without gravity waves.
     """
 
     safety = 0.45
@@ -52,12 +44,9 @@ class SplitStepper(Stepper):
         coriolis: str = "explicit",
         solver: GravityWaveSolver | None = None,
     ) -> None:
-        super().__init__(model, dt)
+        super().__init__(model, dt, tolerance)
         self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis))
         self.waves = self.solver.waves
-        self.options = SolverOptions(tolerance)
-        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
-        self.motion = Motion(self.space)
         self.counters = {"krylov_iterations": 0}
 
     def _solve(self, tau: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
@@ -66,38 +55,13 @@ class SplitStepper(Stepper):
         Raises RunFailed where that does not converge.
         """
         self.solver.setup(tau)
-        truncation = self.motion.truncation(self.error_constant(), self.order, self.dt)
-        result = self.solver.solve(r, guess, out, min(self.options.tolerance, truncation))
+        result = self.solver.solve(r, guess, out, self._goal(self.dt))
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise RunFailed(
                 f"{self.name}: the gravity waves at {self.time:.0f} s cannot be solved for: "
                 f"{result.message}; choose a smaller --dt"
             )
-
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
-        self.motion.start(self.model, self.state, t, self.dt)
-
-    def step(self) -> None:
-        """Move `state` forward by dt."""
-        with one_thread():
-            super().step()
-
-    def memory(self) -> dict[str, NDArray[Any]]:
-        """Copies of all that a bitwise exact restart needs."""
-        return super().memory() | self.motion.state_dict()
-
-    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `memory` returned after that many steps."""
-        super().restore(memory, steps)
-        self.motion.restore(memory)
-
-    @classmethod
-    @abstractmethod
-    def error_constant(cls) -> float:
-        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
 
     def costs(self) -> dict[str, float]:
         """Counts of the solver, and seconds of its set-up."""

@@ -1,7 +1,7 @@
 """Largest stable steps from amplification factors."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,14 @@ def largest_step(
         stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + TOLERANCE
         low, high = (middle, high) if stable else (low, middle)
     return low
+
+
+def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]:
+    """The matrix A (stages, stages) of a method from its last rows, without their zeros behind."""
+    a = np.zeros((stages, stages))
+    for i, row in enumerate(rows, start=stages - len(rows)):
+        a[i, : len(row)] = row
+    return a
 
 
 def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:

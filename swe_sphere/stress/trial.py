@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.model.scene import Scene
-from swe_sphere.sources import code_fingerprint, fingerprint
 
 __all__ = ["Bound", "Group", "Trial", "each", "remedied"]
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.model.scene import Scene
 from swe_sphere.output.diagnostics import integrals
@@ -22,7 +23,6 @@ from swe_sphere.simulation import (
     stepper_options,
 )
 from swe_sphere.simulation.warp_start import start_warp
-from swe_sphere.sources import code_fingerprint
 
 if TYPE_CHECKING:
     from swe_sphere.model.model import Model

@@ -8,9 +8,9 @@ from fractions import Fraction
 from functools import cached_property, reduce
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation import RunConfig, TimePlan, time_plan
-from swe_sphere.sources import fingerprint
 from swe_sphere.sweep.bench import Bench
 
 __all__ = ["Case", "Schedule", "free_steps"]

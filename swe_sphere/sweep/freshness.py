@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.model.scene import Scene
 from swe_sphere.simulation.sources import scene_sources
-from swe_sphere.sources import code_fingerprint
 from swe_sphere.sweep.form import Record
 from swe_sphere.sweep.truths import TotalTruth
 

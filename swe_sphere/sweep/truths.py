@@ -9,10 +9,10 @@ from importlib import resources
 from pathlib import Path
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.model.scene import Scene
 from swe_sphere.planet import DAY
 from swe_sphere.simulation import make_config, make_scene
-from swe_sphere.sources import file_fingerprint
 
 __all__ = ["SHEDDING", "TotalTruth", "choose_truth"]
 

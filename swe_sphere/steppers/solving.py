@@ -1,0 +1,66 @@
+"""What all steppers share that solve equations: how exactly they do, and what that is tied to."""
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..errors import ConfigError
+from ..linear import VectorSpace
+from ..model.model import Model
+from .base import Stepper
+from .energy_norm import energy_weights
+from .motion import Motion
+from .threads import one_thread
+
+
+class SolvingStepper(Stepper):
+    """A stepper whose solves leave less than the estimated truncation error of its steps.
+
+    `tolerance`: largest residual, relative to the change over a step; solved for is a part of the
+    truncation error, where that is smaller (see `Motion`).  Raises ConfigError for one out of
+    range.
+    """
+
+    def __init__(self, model: Model, dt: float, tolerance: float) -> None:
+        super().__init__(model, dt)
+        if not 0.0 <= tolerance < 1.0:
+            raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
+        self.loosest = tolerance
+        """Largest residual that a solve may leave, relative to the change over a step."""
+        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
+        self.motion = Motion(self.space)
+        self._constant = self.error_constant()
+
+    @classmethod
+    @abstractmethod
+    def error_constant(cls) -> float:
+        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self._begin(self.motion.start(self.model, self.state, t, self.dt))
+
+    def _begin(self, slope: wp.array) -> None:
+        """Make the first guesses from the slope at the start."""
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        with one_thread():
+            super().step()
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs."""
+        return super().memory() | self.motion.state_dict()
+
+    def restore(self, memory: dict[str, NDArray[np.generic]], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps."""
+        super().restore(memory, steps)
+        self.motion.restore(memory)
+
+    def _goal(self, dt: float) -> float:
+        """Residual to solve a step of dt [s] to, relative to the change over it."""
+        return min(self.loosest, self.motion.truncation(self._constant, self.order, dt))
