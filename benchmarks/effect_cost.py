@@ -25,10 +25,8 @@ from generated import Cost, cost
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.machine import machine
-from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model, Scene
-from swe_sphere.model.effects import (
+from swe_sphere.equations import Model, Scene
+from swe_sphere.equations.effects import (
     Drag,
     Forcing,
     Hyperviscosity,
@@ -38,6 +36,8 @@ from swe_sphere.model.effects import (
     Tracers,
     Viscosity,
 )
+from swe_sphere.machine import machine
+from swe_sphere.mesh import build_mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.testcases import get_scene
 

@@ -6,10 +6,10 @@ from unittest.mock import patch
 
 from implicit_common import Section
 
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.newton import EisenstatWalker
 from swe_sphere.planet import DAY
+from swe_sphere.solvers.forcing_term import EisenstatWalker
 from swe_sphere.steppers import dirk, get_stepper, implicit
 from swe_sphere.testcases import get_scene
 

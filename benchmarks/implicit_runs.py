@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from implicit_common import DAYS, MOUNTAIN, Run, Section, run
 
+from swe_sphere.equations import Model
 from swe_sphere.errors import RunFailed
+from swe_sphere.io.norms import l2
+from swe_sphere.io.reference_solution import SHIPPED, Reference, reference_errors
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model import Model
-from swe_sphere.output.norms import l2
-from swe_sphere.output.reference import SHIPPED, Reference, reference_errors
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene

@@ -7,13 +7,14 @@ import warp as wp
 from implicit_common import Section, interleaved, run
 from threadpoolctl import threadpool_limits
 
-from swe_sphere.linear import FlexibleGMRES, VectorSpace
-from swe_sphere.linear.preconditioners import make_preconditioner
+from swe_sphere.equations import Model
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.io.norms import errors
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.settings import apply_settings
-from swe_sphere.output.norms import errors
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.preconditioners import make_preconditioner
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import RECOMMENDED, get_stepper
 from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.testcases import get_scene

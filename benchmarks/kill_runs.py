@@ -29,10 +29,10 @@ from rich.table import Table
 
 from swe_sphere.cli.main import main as program
 from swe_sphere.errors import ConfigError
-from swe_sphere.experiment import run
-from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
-from swe_sphere.output.runfile import RunFile
-from swe_sphere.simulation import make_config
+from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
 
 SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
 """Frames after every step: most of the time goes into writing."""

@@ -21,9 +21,9 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
+from swe_sphere.equations import Model
 from swe_sphere.machine import machine
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.testcases import get_scene
 
 ELEMENTS = {4: 16, 6: 11, 8: 8, 12: 5}

@@ -17,10 +17,10 @@ import typer
 import warp as wp
 from rich.console import Console
 
+from swe_sphere.equations import Model
+from swe_sphere.io.norms import errors
 from swe_sphere.machine import machine
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.output.norms import errors
 from swe_sphere.planet import HOUR
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.testcases import get_scene

@@ -16,11 +16,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from swe_sphere.sweep import make_plan
-from swe_sphere.sweep.campaign import Campaign
-from swe_sphere.sweep.dataset import write_dataset
-from swe_sphere.sweep.execute import execute, warm_up
-from swe_sphere.sweep.watcher import SweepWatcher
+from swe_sphere.studies.sweep import make_plan
+from swe_sphere.studies.sweep.campaign import Campaign
+from swe_sphere.studies.sweep.dataset import write_dataset
+from swe_sphere.studies.sweep.execute import execute, warm_up
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 STEPPERS = ["leapfrog", "rk4", "semi-implicit", "tr-bdf2"]
 
@@ -47,7 +47,7 @@ def main(
     repeats: Annotated[int, typer.Option(help="How often each run is made.")] = 3,
 ) -> None:
     """Run a sweep and print the share of what is not its runs."""
-    import swe_sphere.sweep.runner as runner
+    import swe_sphere.studies.sweep.runner as runner
 
     runs, warm = Meter(execute), Meter(warm_up)
     runner.execute, runner.warm_up = runs, warm

@@ -17,13 +17,13 @@ import warp as wp
 from numpy.typing import NDArray
 from rich.console import Console
 
+from swe_sphere.equations import Model, Scene
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import Tracers
+from swe_sphere.io.mixing import filaments, mixing
+from swe_sphere.io.norms import norms
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model import Model, Scene
-from swe_sphere.model.effects import Tracers
-from swe_sphere.model.settings import apply_settings
-from swe_sphere.output.mixing import filaments, mixing
-from swe_sphere.output.norms import norms
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene

@@ -9,8 +9,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from .formulas import algebra, physics
-from .terms import Terms, geometry_struct, lanes_of
+from swe_sphere.kernels.formulas import algebra, physics
+from swe_sphere.kernels.terms import Terms, geometry_struct, lanes_of
 
 
 def element_kernel(terms: Terms, np_: int, real: type) -> SimpleNamespace:

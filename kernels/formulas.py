@@ -14,7 +14,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from .terms import Terms
+from swe_sphere.kernels.terms import Terms
 
 
 def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace:

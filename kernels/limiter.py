@@ -14,8 +14,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from .formulas import algebra
-from .terms import kernel_types
+from swe_sphere.kernels.formulas import algebra
+from swe_sphere.kernels.terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
 TINY = 1e-30

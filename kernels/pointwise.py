@@ -11,7 +11,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from .assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 
 
 @dataclass(frozen=True)

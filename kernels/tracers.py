@@ -12,10 +12,10 @@ from typing import no_type_check
 
 import warp as wp
 
-from .assembly import Contributors, gather_sum
-from .element import line_sums
-from .formulas import algebra
-from .terms import kernel_types
+from swe_sphere.kernels.assembly import Contributors, gather_sum
+from swe_sphere.kernels.element import line_sums
+from swe_sphere.kernels.formulas import algebra
+from swe_sphere.kernels.terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
 

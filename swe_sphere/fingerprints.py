@@ -13,8 +13,8 @@ from pathlib import Path
 __all__ = ["code_fingerprint", "file_fingerprint", "fingerprint"]
 
 NUMBERS = (
-    "kernels", "testcases", "mesh", "operators", "model", "linear", "newton", "steppers",
-    "simulation", "output", "experiment", "sweep",
+    "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
+    "io", "studies.sweep",
 )  # fmt: skip
 """Packages that make the numbers: all below the reports and the command line, which only show them.
 

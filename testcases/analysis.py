@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.scene import Array
 from swe_sphere.planet import EARTH
 
 __all__ = ["Analysis", "read_analysis"]

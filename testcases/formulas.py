@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.model.scene import Array
+from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
 
 __all__ = [

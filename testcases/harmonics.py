@@ -17,7 +17,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.model.scene import Array
+from swe_sphere.equations.scene import Array
 
 __all__ = ["Complex", "GaussGrid", "legendre", "synthesis"]
 

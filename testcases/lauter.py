@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.model.effects import DYNAMICS, Orography, Rotation
-from swe_sphere.model.scene import Array, Scene
+from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.formulas import coriolis, solid_body, tilted_latitude
 

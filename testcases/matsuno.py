@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from swe_sphere.equations.effects import DYNAMICS, Linearised, Rotation
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.effects import DYNAMICS, Linearised, Rotation
-from swe_sphere.model.scene import Array, Scene
 from swe_sphere.planet import DAY, Planet
 from swe_sphere.testcases.formulas import coriolis
 

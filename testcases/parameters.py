@@ -13,8 +13,8 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
+from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.model.scene import Parameter, Scene
 
 __all__ = ["SceneFactory", "checked"]
 

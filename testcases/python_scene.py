@@ -6,9 +6,9 @@ import importlib.util
 from collections.abc import Mapping
 from pathlib import Path
 
+from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
-from swe_sphere.model.scene import Parameter, Scene
 from swe_sphere.testcases.parameters import SceneFactory, checked
 
 __all__ = ["load"]

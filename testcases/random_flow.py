@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from swe_sphere.model.scene import Array
+from swe_sphere.equations.scene import Array
 from swe_sphere.planet import Planet
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 

@@ -23,10 +23,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.guarded import guarded
-from swe_sphere.model.scene import Parameter, Scene
-from swe_sphere.model.settings import apply_settings
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["load"]

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from swe_sphere.model.effects import PrescribedWind, Tracers
-from swe_sphere.model.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
+from swe_sphere.equations.effects import PrescribedWind, Tracers
+from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.formulas import solid_body, turned, unit_vector
 

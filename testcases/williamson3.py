@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.model.effects import DYNAMICS, Rotation
-from swe_sphere.model.scene import Array, Scene
+from swe_sphere.equations.effects import DYNAMICS, Rotation
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.formulas import solid_body, tilted_latitude
 from swe_sphere.testcases.williamson import PAPER, SPEED

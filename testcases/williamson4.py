@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swe_sphere.model.effects import DYNAMICS, Forcing, Rotation
-from swe_sphere.model.scene import Array, Scene
+from swe_sphere.equations.effects import DYNAMICS, Forcing, Rotation
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.formulas import coriolis
 from swe_sphere.testcases.williamson import PAPER

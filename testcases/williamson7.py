@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from swe_sphere.equations.effects import DYNAMICS, Rotation
+from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.effects import DYNAMICS, Rotation
-from swe_sphere.model.scene import Array, Scene, State
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.formulas import coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
+from swe_sphere.equations import Scene
 from swe_sphere.mesh import Mesh
-from swe_sphere.model import Scene
 
 
 class Cartesian:

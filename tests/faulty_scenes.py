@@ -10,8 +10,8 @@ FLOW, WIND, LINEAR = "flow", "wind", "linear"
 SOUND = '''
 import sys
 import numpy as np
-from swe_sphere.model.effects import *
-from swe_sphere.model.scene import Scene
+from swe_sphere.equations.effects import *
+from swe_sphere.equations.scene import Scene
 from swe_sphere.planet import Planet
 
 def initial(lon, lat):
@@ -228,7 +228,7 @@ FILES = {
     "no text": "\x00\x01",
     "indentation": "def scene():\npass\n",
     "import": "import no_such_module_at_all\n",
-    "import of a name": "from swe_sphere.model.scene import Scenery\n",
+    "import of a name": "from swe_sphere.equations.scene import Scenery\n",
     "exit on import": "import sys\nsys.exit(3)\n",
     "exit": "def scene():\n    raise SystemExit\n",
     "exit without trouble": "import sys\nsys.exit(0)\n",
@@ -243,7 +243,8 @@ FILES = {
         "from __future__ import annotations\ndef scene(speed: Speed = 1):\n    pass\n"
     ),
     "missing arguments": (
-        "from swe_sphere.model.scene import Scene\ndef scene():\n    return Scene(name='mine')\n"
+        "from swe_sphere.equations.scene import Scene\n"
+        "def scene():\n    return Scene(name='mine')\n"
     ),
     "generator": "def scene():\n    yield 3\n",
 }

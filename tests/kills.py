@@ -19,10 +19,10 @@ import numpy as np
 import xarray
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import build_mesh
-from swe_sphere.output.checkpoint import read_checkpoint
-from swe_sphere.output.netcdf import FrameWriter
-from swe_sphere.output.runfile import RunFile
 
 MESH = build_mesh(2, 3)
 NAMES = ("h", "u", "v", "vorticity", "divergence")

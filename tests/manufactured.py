@@ -8,11 +8,11 @@ import numpy as np
 from cartesian import Cartesian
 from support import make_scene
 
+from swe_sphere.equations.effects import Forcing
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model.effects import Forcing
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.imex_stepper import SplitStepper
 from swe_sphere.steppers.implicit import ImplicitStepper
-from swe_sphere.steppers.split import SplitStepper
 
 IMPLICIT = tuple(n for n, cls in STEPPERS.items() if issubclass(cls, ImplicitStepper))
 MESH = build_mesh(2, 4, spin=0.3)

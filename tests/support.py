@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.mesh import Mesh
-from swe_sphere.model import Model, Scene
-from swe_sphere.model.effects import (
+from swe_sphere.equations import Model, Scene
+from swe_sphere.equations.effects import (
     Drag,
     Forcing,
     Hyperviscosity,
@@ -19,6 +18,7 @@ from swe_sphere.model.effects import (
     Rotation,
     Viscosity,
 )
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, Stepper
 
 EFFECTS = {

@@ -7,13 +7,13 @@ import netCDF4
 import numpy as np
 import pytest
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.experiment import run
+from swe_sphere.io.diagnostics import integrals
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Viscosity
-from swe_sphere.output.diagnostics import integrals
-from swe_sphere.simulation import make_config
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 from swe_sphere.steppers.control import PIController

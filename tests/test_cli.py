@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.output.runfile import RunFile
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.testcases import get_scene
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"

@@ -6,6 +6,15 @@ import numpy as np
 import pytest
 import warp as wp
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import (
+    Drag,
+    Forcing,
+    Hyperviscosity,
+    Relaxation,
+    Tracers,
+    Viscosity,
+)
 from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, node_kernel
 from swe_sphere.kernels.gradient import derivative_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels
@@ -14,8 +23,6 @@ from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Drag, Forcing, Hyperviscosity, Relaxation, Tracers, Viscosity
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 

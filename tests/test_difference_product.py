@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 

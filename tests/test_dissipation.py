@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support import SMOOTH, harmonic, make_scene, tendency
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Hyperviscosity, Viscosity, hyperviscosity_default
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Hyperviscosity, Viscosity, hyperviscosity_default
 
 NU = 1e6
 

@@ -11,13 +11,13 @@ from cartesian import Cartesian
 from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Drag, Relaxation
-from swe_sphere.model.settings import apply_settings
 from swe_sphere.steppers import STEPPERS, leapfrog
-from swe_sphere.steppers.split import SplitStepper
+from swe_sphere.steppers.imex_stepper import SplitStepper
 from swe_sphere.testcases import get_scene
 
 SHAPES = ("element", "node")

@@ -11,9 +11,9 @@ from cartesian import Cartesian
 from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Forcing
 from swe_sphere.errors import ConfigError
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Forcing
 from swe_sphere.steppers import STEPPERS, leapfrog
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 

@@ -9,7 +9,9 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear import FlexibleGMRES, LinearResult, Operator, Status, VectorSpace
+from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
+from swe_sphere.solvers.vector_space import VectorSpace
 
 Matrix = Callable[[np.ndarray], np.ndarray]
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, tendency
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Hyperviscosity, Viscosity
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Hyperviscosity, Viscosity
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import RK4
 from swe_sphere.testcases import get_scene

@@ -9,13 +9,13 @@ import pytest
 from support import make_scene, random_state, relative
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
+from swe_sphere.equations.effects import Viscosity
+from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.diagnostics import integrals
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import EFFECTS as ALL_EFFECTS
-from swe_sphere.model.effects import Viscosity
-from swe_sphere.model.poisson import PoissonTendency
-from swe_sphere.output.diagnostics import integrals
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene

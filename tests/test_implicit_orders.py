@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from support import advance, make_scene
 
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.steppers import STEPPERS, gauss
 from swe_sphere.steppers.dirk import DiagonallyImplicit
 from swe_sphere.steppers.rosenbrock import RosenbrockW

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.experiment import run
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import build_mesh
-from swe_sphere.output.runfile import RunFile
-from swe_sphere.simulation import accurate_step, make_config
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.stepping import accurate_step
 from swe_sphere.steppers import RECOMMENDED, STEPPERS
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0, "stepper": "tr-bdf2", "dt": 7200.0}
@@ -63,7 +64,7 @@ def test_a_semi_implicit_run_has_a_limit_and_options_of_its_own():
 
 
 def test_factors_that_memory_cannot_hold_are_refused_before_any_file(tmp_path, monkeypatch):
-    monkeypatch.setattr("swe_sphere.linear.preconditioners.inner.LARGEST_MEMORY", 1e5)
+    monkeypatch.setattr("swe_sphere.solvers.preconditioners.inner.LARGEST_MEMORY", 1e5)
     with pytest.raises(ConfigError, match=r"choose the preconditioner helmholtz .* instead"):
         small(preconditioner="helmholtz-direct", out=tmp_path / "a.nc")
     assert not any(tmp_path.iterdir())

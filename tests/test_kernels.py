@@ -9,8 +9,8 @@ import pytest
 from cartesian import Cartesian
 from support import make_scene, random_state, relative, tangent, tendency
 
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 
 SHAPES = ("element", "node")
 DYNAMICS = ("advection", "pressure", "rotation", "orography")

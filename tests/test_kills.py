@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 import xarray
 
-from swe_sphere.experiment import run
-from swe_sphere.output.checkpoint import read_checkpoint
-from swe_sphere.output.runfile import RunFile
+from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY
-from swe_sphere.simulation import make_config
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
 
 HERE = Path(__file__).parent
 

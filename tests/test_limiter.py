@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Tracers
+from swe_sphere.io.norms import l2
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Tracers
-from swe_sphere.output.norms import l2
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 from swe_sphere.steppers.dirk import TRBDF2

@@ -11,12 +11,12 @@ from cartesian import Cartesian
 from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Linearised, Tracers
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear.gravity_waves import reference_depth
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Linearised, Tracers
 from swe_sphere.simulation.health import HealthCheck
-from swe_sphere.simulation.moment import Moment
+from swe_sphere.simulation.snapshot import Moment
+from swe_sphere.solvers.gravity_waves import reference_depth
 from swe_sphere.steppers import STEPPERS, leapfrog
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 

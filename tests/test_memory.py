@@ -8,20 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear import VectorSpace
-from swe_sphere.linear.gravity_waves import GravityWaves, GravityWaveSolver
-from swe_sphere.model.model import Model
-from swe_sphere.simulation import make_config, make_scene, memory
-from swe_sphere.simulation.memory import PROGRAM, VECTORS, check_memory, needed_memory
+from swe_sphere.simulation import memory
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.memory_guard import PROGRAM, VECTORS, check_memory, needed_memory
+from swe_sphere.simulation.setup import make_scene
+from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
 MEASURE = """
 import json, sys
-from swe_sphere.experiment import run
-from swe_sphere.simulation import make_config
-from swe_sphere.sweep.memory import begin_peak, peak_memory
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.config import make_config
+from swe_sphere.studies.sweep.memory import begin_peak, peak_memory
 given = json.loads(sys.argv[1])
 run(make_config(given | {"ne": 2}))
 if not begin_peak():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from swe_sphere.output.mixing import BELLS, filaments, mixing
+from swe_sphere.io.mixing import BELLS, filaments, mixing
 
 
 def test_filaments_of_what_only_moved_are_all_there():

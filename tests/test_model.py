@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, tendency
 
+from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import get_scene

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from support import advance, make_scene
 
-from swe_sphere.linear import VectorSpace
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.planet import HOUR
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import ARK2, ARS343, SDIRK3, STEPPERS, TRBDF2, SemiImplicit
 from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.motion import Motion

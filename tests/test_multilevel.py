@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg as sla
 
-from swe_sphere.linear.preconditioners import make_preconditioner
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
+from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.testcases import get_scene
 
 

@@ -11,10 +11,10 @@ import xarray
 from scipy.io import netcdf_file
 
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import build_mesh
-from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
-from swe_sphere.output.netcdf import FrameWriter
-from swe_sphere.output.runfile import RunFile
 
 NAMES = ("h", "u", "v", "vorticity", "divergence")
 

@@ -5,14 +5,14 @@ import pytest
 from matplotlib.image import imread
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.io import plot
+from swe_sphere.io.classic import RECORDS_AT
+from swe_sphere.io.globe import equal_earth, globe_grid
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.panels import panels
+from swe_sphere.io.plot import plot_file
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import build_mesh
-from swe_sphere.output import plot
-from swe_sphere.output.classic import RECORDS_AT
-from swe_sphere.output.globe import equal_earth, globe_grid
-from swe_sphere.output.netcdf import FrameWriter
-from swe_sphere.output.panels import panels
-from swe_sphere.output.plot import plot_file
-from swe_sphere.output.runfile import RunFile
 from swe_sphere.planet import DAY
 
 

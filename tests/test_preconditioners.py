@@ -14,18 +14,19 @@ import warp as wp
 from support import make_scene, relative
 from threadpoolctl import threadpool_limits
 
+from swe_sphere.equations import Model, Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear import FlexibleGMRES, LinearResult
-from swe_sphere.linear.preconditioners import PRECONDITIONERS, make_preconditioner
-from swe_sphere.linear.preconditioners.branches import branch_spaces, interpolation
-from swe_sphere.linear.preconditioners.coarse import CoarseCorrection
-from swe_sphere.linear.preconditioners.inner import Direct
-from swe_sphere.linear.preconditioners.schwarz import Schwarz
-from swe_sphere.linear.space import VectorSpace
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model import Model, Scene
 from swe_sphere.operators import sparse
 from swe_sphere.planet import HOUR, Planet
+from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.linear_result import LinearResult
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
+from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
+from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces, interpolation
+from swe_sphere.solvers.preconditioners.inner import Direct
+from swe_sphere.solvers.preconditioners.schwarz import Schwarz
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import RK4, get_stepper
 from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.steppers.implicit import StageProblem

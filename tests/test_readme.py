@@ -10,8 +10,8 @@ import pytest
 import xarray as xr
 
 from swe_sphere.cli.main import main
-from swe_sphere.experiment import run
-from swe_sphere.simulation import load_config, make_config
+from swe_sphere.simulation.config import load_config, make_config
+from swe_sphere.simulation.run import run
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

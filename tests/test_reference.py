@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
-from swe_sphere.output.compare import compare
-from swe_sphere.output.netcdf import FrameWriter
-from swe_sphere.output.norms import norms
-from swe_sphere.output.reference import (
+from swe_sphere.io.compare import compare
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.norms import norms
+from swe_sphere.io.reference_solution import (
     SHIPPED,
     Reference,
     latitude_weights,
     reference_errors,
     shipped_reference,
 )
+from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import DAY
 
 REFERENCES = sorted(SHIPPED.glob("*_day*.nc"))

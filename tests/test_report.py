@@ -13,11 +13,11 @@ import pytest
 from sweeps import make_sweep, plausible_sweep
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.report import words, write_markdown, write_report
-from swe_sphere.report.figures import error_diagrams, render
-from swe_sphere.report.rows import metrics, read_rows
-from swe_sphere.report.section import read_sections
-from swe_sphere.report.svg import save_svg
+from swe_sphere.studies.report import words, write_markdown, write_report
+from swe_sphere.studies.report.figures import error_diagrams, render
+from swe_sphere.studies.report.rows import metrics, read_rows
+from swe_sphere.studies.report.section import read_sections
+from swe_sphere.studies.report.svg import save_svg
 
 ROOT = Path(__file__).parents[1]
 SMALL = dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift", "cpu_seconds"), np.nan)
@@ -232,10 +232,10 @@ def _check_tables(text):
 
 def test_templates_are_part_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    patterns = project["tool"]["setuptools"]["package-data"]["swe_sphere.report"]
-    files = [path for path in (ROOT / "swe_sphere/report").rglob("*") if path.is_file()]
-    others = [path.relative_to(ROOT / "swe_sphere/report") for path in files if path.suffix not in
-              (".py", ".pyc")]  # fmt: skip
+    patterns = project["tool"]["setuptools"]["package-data"]["swe_sphere.studies.report"]
+    folder = ROOT / "swe_sphere/studies/report"
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    others = [path.relative_to(folder) for path in files if path.suffix not in (".py", ".pyc")]
     assert others
     assert all(any(fnmatch(str(path), pattern) for pattern in patterns) for path in others)
 

@@ -7,13 +7,14 @@ import pytest
 from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.report.answer import answers, noise_sentence, saturation_sentence
-from swe_sphere.report.axes import spread
-from swe_sphere.report.loss import largest_step, threshold
-from swe_sphere.report.palette import LOOKS, curves, look
-from swe_sphere.report.rows import Metric, metrics, read_rows
-from swe_sphere.report.saturation import plateau
-from swe_sphere.report.statistics import (
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.report.answer import answers, noise_sentence, saturation_sentence
+from swe_sphere.studies.report.axes import spread
+from swe_sphere.studies.report.loss import largest_step, threshold
+from swe_sphere.studies.report.palette import LOOKS, curves, look
+from swe_sphere.studies.report.rows import Metric, metrics, read_rows
+from swe_sphere.studies.report.saturation import plateau
+from swe_sphere.studies.report.statistics import (
     candidates,
     cheapest,
     error_levels,
@@ -23,7 +24,6 @@ from swe_sphere.report.statistics import (
     time_interval,
     told_apart,
 )
-from swe_sphere.steppers import STEPPERS
 
 TOTAL = Metric("total", "h", "l2", 15.0)
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
-from swe_sphere.model.effects import (
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import (
     DYNAMICS,
     EFFECTS,
     Hyperviscosity,
@@ -20,8 +19,9 @@ from swe_sphere.model.effects import (
     Viscosity,
     hyperviscosity_default,
 )
-from swe_sphere.model.scene import Scene
-from swe_sphere.model.settings import apply_settings
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import SCENES, get_scene
 

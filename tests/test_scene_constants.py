@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from swe_sphere.model.scene import Array
+from swe_sphere.equations.scene import Array
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.galewsky import BALANCE, jet

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
-from swe_sphere.model.effects import Viscosity
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.parameters import checked
 

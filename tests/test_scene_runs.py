@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial import cKDTree
 from support import advance
 
+from swe_sphere.equations import Model, Scene
+from swe_sphere.equations.scene import Array
+from swe_sphere.io.norms import errors
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model import Model, Scene
-from swe_sphere.model.scene import Array
-from swe_sphere.output.norms import errors
 from swe_sphere.planet import DAY
 from swe_sphere.testcases import get_scene
 

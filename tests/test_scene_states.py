@@ -13,10 +13,10 @@ import pytest
 from scipy.special import lpmv
 
 from swe_sphere.cli.main import main
+from swe_sphere.equations import Model
+from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.scene import Array
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.harmonics import GaussGrid, synthesis

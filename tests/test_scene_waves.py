@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from support import advance
 
+from swe_sphere.equations import Model, Scene
+from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, build_mesh
-from swe_sphere.model import Model, Scene
-from swe_sphere.model.scene import Array
 from swe_sphere.planet import DAY, EARTH, HOUR
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import distance

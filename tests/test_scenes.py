@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from swe_sphere.model.scene import Array, Scene
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 

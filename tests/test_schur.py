@@ -10,16 +10,16 @@ import scipy.sparse as sp
 import warp as wp
 from support import make_scene, relative, tangent
 
-from swe_sphere.linear.preconditioners import make_preconditioner
-from swe_sphere.linear.preconditioners.branches import branch_spaces, interpolation
-from swe_sphere.linear.preconditioners.chebyshev import chebyshev_coefficients
-from swe_sphere.linear.preconditioners.inner import Multilevel
-from swe_sphere.linear.preconditioners.schur_matrix import SchurMatrix
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.solvers.preconditioners import make_preconditioner
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients
+from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces, interpolation
+from swe_sphere.solvers.preconditioners.inner import Multilevel
+from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
 TAU, GRAVITY = 3000.0, 9.8
 ROUNDOFF = {"float64": 1e-12, "float32": 2e-5}

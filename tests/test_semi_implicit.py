@@ -11,13 +11,13 @@ import pytest
 import warp as wp
 from support import advance, make_scene, random_state, relative
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.linear.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Viscosity
 from swe_sphere.operators import sparse
 from swe_sphere.planet import Planet
+from swe_sphere.solvers.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers import leapfrog as leapfrog_module
 from swe_sphere.steppers.stability import tableau

@@ -11,19 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.experiment import Watcher, run
-from swe_sphere.experiment.prepare import prepare
-from swe_sphere.output.checkpoint import checkpoint_path, read_checkpoint
-from swe_sphere.output.runfile import RunFile
+from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation import (
-    HealthCheck,
-    choose_step,
-    continued_plan,
-    load_config,
-    make_config,
-    time_plan,
-)
+from swe_sphere.simulation.config import load_config, make_config
+from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.simulation.plan import continued_plan, time_plan
+from swe_sphere.simulation.prepare import prepare
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.stepping import choose_step
+from swe_sphere.simulation.watcher import Watcher
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 

@@ -7,9 +7,10 @@ import pytest
 
 from swe_sphere import fingerprints
 from swe_sphere.errors import ConfigError
-from swe_sphere.experiment import Watcher, run
-from swe_sphere.simulation import make_config
-from swe_sphere.simulation.sources import scene_sources
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.scene_files import scene_sources
+from swe_sphere.simulation.watcher import Watcher
 from swe_sphere.testcases import get_scene
 
 # --- fingerprints of sources
@@ -18,7 +19,7 @@ from swe_sphere.testcases import get_scene
 def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch):
     """Of those that make numbers; and it is the same as long as these are."""
     folders = {"": tmp_path / "swe_sphere"}
-    folders |= {name: tmp_path / name for name in (*fingerprints.NUMBERS, "report")}
+    folders |= {name: tmp_path / name for name in (*fingerprints.NUMBERS, "studies.report")}
     for folder in folders.values():
         folder.mkdir()
         (folder / "a.py").write_text("x = 1\n")
@@ -32,12 +33,12 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
     monkeypatch.setattr(fingerprints, "find_spec", find)
     compute = fingerprints.code_fingerprint.__wrapped__
     first = compute()
-    assert compute() == first != compute("report")
-    (folders["report"] / "a.py").write_text("x = 2\n")
+    assert compute() == first != compute("studies.report")
+    (folders["studies.report"] / "a.py").write_text("x = 2\n")
     assert compute() == first
     found = {first}
     for name, folder in folders.items():
-        if name != "report":
+        if name != "studies.report":
             (folder / "a.py").write_text(f"x = {len(found)} + 1\n")
             found.add(compute())
     assert len(found) == 2 + len(fingerprints.NUMBERS)
@@ -119,7 +120,7 @@ def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
 def test_a_restart_with_other_code_is_told(part, monkeypatch):
     same, other = Warnings(), Warnings()
     run(part, same)
-    monkeypatch.setattr("swe_sphere.experiment.restart.code_fingerprint", lambda: "other")
+    monkeypatch.setattr("swe_sphere.simulation.restart.code_fingerprint", lambda: "other")
     assert run(part, other)["days"] == 0.5
     assert same.told == []
     assert len(other.told) == 1 and "part.nc was written by other code" in other.told[0]

@@ -8,8 +8,8 @@ import pytest
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear import VectorSpace
-from swe_sphere.linear.basis import OrthonormalBasis
+from swe_sphere.solvers.krylov_basis import OrthonormalBasis
+from swe_sphere.solvers.vector_space import VectorSpace
 
 N = 9001  # neither a multiple of the strips of the host nor of the blocks of the kernels
 WAYS = list(product((False, True), (wp.float64, wp.float32)))

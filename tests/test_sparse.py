@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import harmonic, make_scene, relative, tangent
 
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.operators import diagnose, sparse
 
 MESHES = {

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support import make_scene, random_state
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Viscosity
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 

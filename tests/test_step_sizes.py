@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import warp as wp
 
-from swe_sphere.linear import VectorSpace
+from swe_sphere.equations import Model
+from swe_sphere.io.norms import errors
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.output.norms import errors
 from swe_sphere.planet import HOUR
+from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.motion import SHARE, Motion
 from swe_sphere.testcases import get_scene

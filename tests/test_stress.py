@@ -15,11 +15,11 @@ from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS, leapfrog
-from swe_sphere.stress import GROUPS, Bound, Result, Store, Trial, choose, judge, try_out
-from swe_sphere.stress.attempt import Ended
-from swe_sphere.stress.probes import PROBES
-from swe_sphere.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
-from swe_sphere.stress.series import Series
+from swe_sphere.studies.stress import GROUPS, Bound, Result, Store, Trial, choose, judge, try_out
+from swe_sphere.studies.stress.attempt import Ended
+from swe_sphere.studies.stress.probes import PROBES
+from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
+from swe_sphere.studies.stress.series import Series
 from swe_sphere.testcases import get_scene
 
 
@@ -247,7 +247,7 @@ def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
     trial = find("beyond-limit-rk4")
     before = trial.fingerprint
     assert trial.fingerprint == before
-    monkeypatch.setattr("swe_sphere.stress.trial.code_fingerprint", lambda *_: "other")
+    monkeypatch.setattr("swe_sphere.studies.stress.trial.code_fingerprint", lambda *_: "other")
     assert trial.fingerprint != before
 
 

@@ -16,13 +16,13 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.sweep import SweepWatcher, sweep
-from swe_sphere.sweep.answer import best_kind, cheapest, settings
-from swe_sphere.sweep.benches import Benches
-from swe_sphere.sweep.dataset import read_dataset, write_dataset
-from swe_sphere.sweep.journal import RECORDS, read_journal
-from swe_sphere.sweep.judge import SlowFlow
-from swe_sphere.sweep.plan import make_plan
+from swe_sphere.studies.sweep import SweepWatcher, sweep
+from swe_sphere.studies.sweep.answer import best_kind, cheapest, settings
+from swe_sphere.studies.sweep.benches import Benches
+from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.studies.sweep.journal import RECORDS, read_journal
+from swe_sphere.studies.sweep.judge import SlowFlow
+from swe_sphere.studies.sweep.plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
 
@@ -121,8 +121,8 @@ def test_the_converged_run_tells_its_own_error(lauter):
 
 
 def test_total_errors_are_those_of_a_plain_run(lauter):
-    from swe_sphere.experiment import run
-    from swe_sphere.simulation import make_config
+    from swe_sphere.simulation.config import make_config
+    from swe_sphere.simulation.run import run
 
     row = rows(lauter[0], role="grid", stepper="tr-bdf2").isel(run=1)
     config = {"scene": "lauter", "ne": 2, "np": 4, "days": 0.5, "stepper": "tr-bdf2"}
@@ -283,7 +283,7 @@ def _finished(folder):
 
 DRIVER = """
 import sys
-from swe_sphere.sweep import sweep
+from swe_sphere.studies.sweep import sweep
 sweep("lauter", ["rk4", "bdf2"], out=sys.argv[1], ne=2, np=4, days=0.5, levels=3, repeats=2)
 """
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.sweep.journal import RECORDS, read_journal
+from swe_sphere.studies.sweep.journal import RECORDS, read_journal
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
 TINY = ("--ne", 2, "--np", 4, "--days", 0.5, "--repeats", 1, "--out", "d")
@@ -23,8 +23,8 @@ def swe(capfd, tmp_path, monkeypatch):
     Reports are tested elsewhere: here the page is empty.
     """
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("swe_sphere.report.write_report", _empty_page)
-    monkeypatch.setattr("swe_sphere.report.write_markdown", _words)
+    monkeypatch.setattr("swe_sphere.studies.report.write_report", _empty_page)
+    monkeypatch.setattr("swe_sphere.studies.report.write_markdown", _words)
 
     def call(*arguments):
         with pytest.raises(SystemExit) as end:

@@ -11,12 +11,12 @@ import pytest
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
-from swe_sphere.sweep.case import Schedule, free_steps
-from swe_sphere.sweep.journal import Journal, read_journal
-from swe_sphere.sweep.ladder import ladder
-from swe_sphere.sweep.plan import make_plan
-from swe_sphere.sweep.recipes import load_recipe, recipe_names
-from swe_sphere.sweep.search import longest_accurate, longest_working
+from swe_sphere.studies.sweep.case import Schedule, free_steps
+from swe_sphere.studies.sweep.journal import Journal, read_journal
+from swe_sphere.studies.sweep.ladder import ladder
+from swe_sphere.studies.sweep.plan import make_plan
+from swe_sphere.studies.sweep.recipes import load_recipe, recipe_names
+from swe_sphere.studies.sweep.search import longest_accurate, longest_working
 
 # --- plan
 

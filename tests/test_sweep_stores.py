@@ -13,10 +13,10 @@ import pytest
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
-from swe_sphere.sweep import SweepWatcher, sweep
-from swe_sphere.sweep.dataset import read_dataset, write_dataset
-from swe_sphere.sweep.journal import RECORDS, read_journal
-from swe_sphere.sweep.lock import alone
+from swe_sphere.studies.sweep import SweepWatcher, sweep
+from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.studies.sweep.journal import RECORDS, read_journal
+from swe_sphere.studies.sweep.lock import alone
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
 FLAGS = ("--steppers", "rk4", "--dt", "3600", "--ne", "2", "--np", "4", "--days", "0.25",
@@ -84,8 +84,8 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
     options = TINY | {"out": tmp_path}
     first = sweep("lauter", "rk4", **options)
     fields = {*(tmp_path / "converged").iterdir()}
-    names = ("swe_sphere.sweep.bench.code_fingerprint",
-             "swe_sphere.sweep.freshness.code_fingerprint")  # fmt: skip
+    names = ("swe_sphere.studies.sweep.bench.code_fingerprint",
+             "swe_sphere.studies.sweep.freshness.code_fingerprint")  # fmt: skip
     with monkeypatch.context() as other:
         for name in names:
             other.setattr(name, lambda: "other")
@@ -121,7 +121,7 @@ def test_another_reference_does_not_share_a_dataset_with_the_first(tmp_path):
 HOLD = """
 import sys, time
 from pathlib import Path
-from swe_sphere.sweep.lock import alone
+from swe_sphere.studies.sweep.lock import alone
 with alone(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)
@@ -215,7 +215,7 @@ def assert_refused(status, err):
 
 def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_path, monkeypatch):
     """Full a write later each time, until the disk has room for all."""
-    monkeypatch.setattr("swe_sphere.report.write_report", lambda *_: Path("index.html"))
+    monkeypatch.setattr("swe_sphere.studies.report.write_report", lambda *_: Path("index.html"))
     ends = []
     while not ends or ends[-1] != (0, ""):
         with monkeypatch.context() as patched:
@@ -252,7 +252,7 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
 
 
 def test_a_report_needs_a_journal_that_says_what_was_asked_for(swe, tmp_path, monkeypatch):
-    monkeypatch.setattr("swe_sphere.report.write_report", lambda *_: Path("index.html"))
+    monkeypatch.setattr("swe_sphere.studies.report.write_report", lambda *_: Path("index.html"))
     sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
     journal = tmp_path / "d" / RECORDS
     lines = journal.read_bytes().splitlines(keepends=True)

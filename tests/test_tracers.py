@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from swe_sphere.equations import Model
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import Tracers, Viscosity
 from swe_sphere.errors import ConfigError
-from swe_sphere.linear.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
-from swe_sphere.model.effects import Tracers, Viscosity
-from swe_sphere.model.settings import apply_settings
 from swe_sphere.operators.diagnose import divergence
+from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 

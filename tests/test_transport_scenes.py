@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.experiment import run
+from swe_sphere.io.norms import norms
 from swe_sphere.mesh import Interpolator, build_mesh
-from swe_sphere.model import Model
-from swe_sphere.output.norms import norms
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.simulation import make_config
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -224,8 +224,8 @@ def test_a_restart_goes_on_bit_by_bit(tmp_path):
 
 
 def test_a_tracer_can_be_drawn_and_compared(tmp_path):
-    from swe_sphere.output.compare import compare
-    from swe_sphere.output.plot import plot_file
+    from swe_sphere.io.compare import compare
+    from swe_sphere.io.plot import plot_file
 
     path = tmp_path / "run.nc"
     run(make_config({**SETTINGS, "days": 0.5, "out": path}))

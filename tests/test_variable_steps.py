@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import make_scene
 
+from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
-from swe_sphere.model import Model
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.implicit import ImplicitStepper
 

@@ -14,11 +14,11 @@ import pytest
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.verify import CASES, Case, Rung, Setting, choose, page, verify
+from swe_sphere.studies.verify.cases.constants import CASES as STARTS
+from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
+from swe_sphere.studies.verify.verdict import Check
 from swe_sphere.testcases import SCENES
-from swe_sphere.verify import CASES, Case, Rung, Setting, choose, page, verify
-from swe_sphere.verify.cases.constants import CASES as STARTS
-from swe_sphere.verify.scenes import decay, driven, homme_mountain, homme_wave
-from swe_sphere.verify.verdict import Check
 
 DOCS = Path(__file__).parents[1] / "docs"
 QUICK = [case for case in CASES if any(rung.quick for rung in case.rungs)]

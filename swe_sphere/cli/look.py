@@ -40,7 +40,7 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a field of a file on the globe."""
-    from swe_sphere.output.plot import plot_file
+    from swe_sphere.io.plot import plot_file
 
     typer.echo(plot_file(file, field, _seconds(time), out))
 
@@ -53,7 +53,7 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
-    from swe_sphere.output.compare import compare as compare_files
+    from swe_sphere.io.compare import compare as compare_files
 
     result = compare_files(a, b, field, _seconds(time))
     if as_json:

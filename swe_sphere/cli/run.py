@@ -9,9 +9,9 @@ import typer
 
 from swe_sphere.cli.errors import Stopped, explain
 from swe_sphere.cli.show import Terminal, show_summary
-from swe_sphere.experiment import Summary, failed_summary
-from swe_sphere.experiment import run as run_scene
-from swe_sphere.simulation import RunConfig, load_config, make_config
+from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.run import run as run_scene
+from swe_sphere.simulation.summary import Summary, failed_summary
 
 __all__ = ["is_given", "run"]
 

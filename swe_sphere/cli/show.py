@@ -6,9 +6,11 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.experiment import Prepared, Summary, Watcher
 from swe_sphere.planet import DAY
-from swe_sphere.simulation import RunConfig
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.prepare import Prepared
+from swe_sphere.simulation.summary import Summary
+from swe_sphere.simulation.watcher import Watcher
 
 if TYPE_CHECKING:
     from rich.progress import Progress

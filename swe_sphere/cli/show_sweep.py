@@ -8,15 +8,15 @@ from collections import Counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from swe_sphere.sweep import SweepPlan, SweepWatcher
-from swe_sphere.sweep.answer import Setting, best_kind, cheapest, settings
+from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
+from swe_sphere.studies.sweep.answer import Setting, best_kind, cheapest, settings
 
 if TYPE_CHECKING:
     import xarray as xr
     from rich.progress import Progress
     from rich.table import Table
 
-    from swe_sphere.sweep.case import Case
+    from swe_sphere.studies.sweep.case import Case
 
 __all__ = ["SweepTerminal", "show_sweep"]
 

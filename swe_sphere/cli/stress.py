@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swe_sphere.cli.errors import Stopped
-from swe_sphere.simulation import Interrupted
+from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
-    from swe_sphere.stress import Result, Store, Trial
+    from swe_sphere.studies.stress import Result, Store, Trial
 
 __all__ = ["stress"]
 
@@ -39,7 +39,7 @@ def stress(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
-    from swe_sphere.stress import Store, choose
+    from swe_sphere.studies.stress import Store, choose
 
     trials = [
         trial for group in choose(_names(groups), _names(steppers), quick) for trial in group.trials
@@ -68,7 +68,7 @@ def _names(text: str | None) -> list[str]:
 
 
 def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
-    from swe_sphere.stress import try_out
+    from swe_sphere.studies.stress import try_out
 
     if store is not None:
         store.write_page()

@@ -11,10 +11,10 @@ from swe_sphere.cli.errors import Stopped
 from swe_sphere.cli.run import is_given
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.simulation import Interrupted
-from swe_sphere.sweep import SweepPlan, make_plan, run_plan
-from swe_sphere.sweep.answer import settings as settings_of
-from swe_sphere.sweep.recipes import Recipe, load_recipe
+from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
+from swe_sphere.studies.sweep.answer import settings as settings_of
+from swe_sphere.studies.sweep.recipes import Recipe, load_recipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -159,8 +159,8 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
 
 def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     """Datasets and reports of all sweeps in a folder, anew from their journals."""
-    from swe_sphere.sweep.dataset import write_dataset
-    from swe_sphere.sweep.journal import RECORDS
+    from swe_sphere.studies.sweep.dataset import write_dataset
+    from swe_sphere.studies.sweep.journal import RECORDS
 
     folders = sorted(path.parent for path in (*out.glob(RECORDS), *out.glob(f"*/{RECORDS}")))
     if not folders:
@@ -176,7 +176,7 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
 
 def _finish(dataset: xr.Dataset, folder: Path, search: SweepPlan | None, quiet: bool) -> None:
     """Write the report and show the table; of a search its answer."""
-    from swe_sphere.report import write_report  # matplotlib takes its time to import
+    from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
 
     page = write_report(dataset, folder)
     if not quiet:
@@ -188,7 +188,7 @@ def _join(
     datasets: Mapping[str, xr.Dataset], out: Path, recipe: Recipe | None, quiet: bool
 ) -> None:
     """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
-    from swe_sphere.report import write_markdown, write_report
+    from swe_sphere.studies.report import write_markdown, write_report
 
     recipe = recipe or Recipe("What accuracy costs in time", ())
     order = [str(values.get("scene")) for values in recipe.sweeps]

@@ -13,7 +13,7 @@ import typer
 from swe_sphere.errors import ConfigError
 
 if TYPE_CHECKING:
-    from swe_sphere.verify import Row
+    from swe_sphere.studies.verify import Row
 
 __all__ = ["verify"]
 
@@ -35,7 +35,7 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
-    from swe_sphere.verify import choose, page
+    from swe_sphere.studies.verify import choose, page
 
     names = [name.strip() for name in scenes.split(",")] if scenes else []
     chosen = {case.name for case in choose(names)}
@@ -59,8 +59,8 @@ def verify(
 
 def _run(chosen: set[str], quick: bool, quiet: bool) -> list[Row]:
     """All rows, family by family; each family's table as soon as it is there."""
-    from swe_sphere.verify import FAMILIES
-    from swe_sphere.verify import verify as run_cases
+    from swe_sphere.studies.verify import FAMILIES
+    from swe_sphere.studies.verify import verify as run_cases
 
     found: list[Row] = []
     for title, cases in FAMILIES.items():

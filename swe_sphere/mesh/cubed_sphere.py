@@ -8,7 +8,7 @@ doi:10.1006/jcph.1996.0047).
 import numpy as np
 from numpy.typing import NDArray
 
-from .numbering import FACES, Integers, line_lattice
+from swe_sphere.mesh.numbering import FACES, Integers, line_lattice
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from ..errors import ConfigError
-from . import cubed_sphere
-from .frame import frame, position
-from .gll import lagrange
-from .mesh import Mesh
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import cubed_sphere
+from swe_sphere.mesh.frame import frame, position
+from swe_sphere.mesh.gll import lagrange
+from swe_sphere.mesh.mesh import Mesh
 
 Array = NDArray[np.float64]
 

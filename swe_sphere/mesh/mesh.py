@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
-from ..planet import EARTH
-from . import cubed_sphere, gll, numbering
-from .frame import frame, longitude_latitude, snap_poles
-from .schmidt import Placement
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import cubed_sphere, gll, numbering
+from swe_sphere.mesh.frame import frame, longitude_latitude, snap_poles
+from swe_sphere.mesh.schmidt import Placement
+from swe_sphere.planet import EARTH
 
 Array = NDArray[np.float64]
 Int32 = NDArray[np.int32]

@@ -1,8 +1,8 @@
 """Discrete operators on a mesh: on the device through Warp kernels, and as sparse matrices."""
 
-from .device_mesh import DeviceMesh
-from .launch import Launcher, find_device
-from .pointwise import PointwiseOperator
-from .tendency import TendencyOperator
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher, find_device
+from swe_sphere.operators.pointwise_operator import PointwiseOperator
+from swe_sphere.operators.tendency import TendencyOperator
 
 __all__ = ["DeviceMesh", "Launcher", "PointwiseOperator", "TendencyOperator", "find_device"]

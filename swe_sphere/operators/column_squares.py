@@ -8,8 +8,8 @@ line by line; only the own entries of the nodes take in all elements around.
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh import Mesh
-from .diagnose import assemble
+from swe_sphere.mesh import Mesh
+from swe_sphere.operators.diagnose import assemble
 
 Array = NDArray[np.float64]
 Lines = tuple[NDArray[np.int32], Array]

@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels import lanes_of
-from ..kernels.assembly import CONTRIBUTORS, Contributors
-from ..mesh import Mesh
+from swe_sphere.kernels import lanes_of
+from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
+from swe_sphere.mesh import Mesh
 
 REALS = {"float64": wp.float64, "float32": wp.float32}
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh import Mesh
+from swe_sphere.mesh import Mesh
 
 Array = NDArray[np.float64]
 

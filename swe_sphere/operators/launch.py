@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from ..errors import ConfigError
+from swe_sphere.errors import ConfigError
 
 REMEMBERED = 512
 

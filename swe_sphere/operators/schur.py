@@ -12,10 +12,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.gradient import derivative_kernels
-from ..kernels.helmholtz import elimination_kernels
-from .device_mesh import DeviceMesh
-from .launch import Launcher
+from swe_sphere.kernels.gradient import derivative_kernels
+from swe_sphere.kernels.helmholtz import elimination_kernels
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
 
 Array = NDArray[np.float64]
 

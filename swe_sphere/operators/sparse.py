@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..mesh import Mesh
+from swe_sphere.mesh import Mesh
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ from typing import Any
 
 import warp as wp
 
-from ..kernels import Terms, assembly_kernel, element_kernel, node_kernel
-from ..kernels.pointwise import Pointwise, pointwise_kernel
-from .device_mesh import DeviceMesh
-from .launch import Launcher
-from .pointwise import fill
+from swe_sphere.kernels import Terms, assembly_kernel, element_kernel, node_kernel
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.pointwise_operator import fill
 
 NO_POINTWISE = Pointwise()
 

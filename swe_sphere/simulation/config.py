@@ -17,8 +17,8 @@ from pydantic import (
     field_validator,
 )
 
+from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.model.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["RunConfig", "first_complaint", "load_config", "make_config"]

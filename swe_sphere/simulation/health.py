@@ -8,10 +8,10 @@ import numpy as np
 
 from swe_sphere.errors import Unstable
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.moment import Array, Moment
+from swe_sphere.simulation.snapshot import Array, Moment
 
 if TYPE_CHECKING:
-    from swe_sphere.model.model import Model
+    from swe_sphere.equations.model import Model
 
 __all__ = ["HealthCheck"]
 

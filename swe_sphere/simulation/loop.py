@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.simulation.moment import Moment, Observer
 from swe_sphere.simulation.plan import TimePlan
+from swe_sphere.simulation.snapshot import Moment, Observer
 
 if TYPE_CHECKING:
-    from swe_sphere.model.model import Model
+    from swe_sphere.equations.model import Model
     from swe_sphere.steppers import Stepper
 
 __all__ = ["Loop"]

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh, build_mesh
-from swe_sphere.model.scene import Parameter, Scene
-from swe_sphere.model.settings import apply_settings
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.memory import check_memory
-from swe_sphere.simulation.settings import SCENE, effect_settings, settings_of
-from swe_sphere.simulation.sources import scene_sources
+from swe_sphere.simulation.memory_guard import check_memory
+from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
+from swe_sphere.simulation.scene_files import scene_sources
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
 
 if TYPE_CHECKING:
-    from swe_sphere.model.model import Model
+    from swe_sphere.equations.model import Model
 
 __all__ = ["identity", "make_mesh", "make_model", "make_scene"]
 
@@ -52,7 +52,7 @@ def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
     """The compiled right-hand side; ConfigError for a device that is not there,
     or a function of the scene that fails."""
     start_warp()  # takes its time: after the cheap checks
-    from swe_sphere.model.model import Model
+    from swe_sphere.equations.model import Model
 
     scene.check_answers(mesh.lon, mesh.lat)
     return Model(mesh, scene, config.device, config.precision, config.launch)

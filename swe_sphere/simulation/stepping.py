@@ -12,11 +12,11 @@ from pydantic import TypeAdapter, ValidationError
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.settings import STEPPER, settings_of
+from swe_sphere.simulation.owner_settings import STEPPER, settings_of
 
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
-    from swe_sphere.simulation.moment import Array
+    from swe_sphere.simulation.snapshot import Array
     from swe_sphere.steppers import Stepper
 
 __all__ = ["StepChoice", "accurate_step", "choose_step", "longest_step", "stepper_options"]

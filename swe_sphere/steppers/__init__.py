@@ -1,16 +1,23 @@
 """Time integrators by name."""
 
-from ..model.effects import unknown_name
-from .average_vector_field import AverageVectorField
-from .base import Stepper
-from .bdf2 import BDF2
-from .dirk import ESDIRK4, SDIRK3, TRBDF2, CrankNicolson, ImplicitEuler, ImplicitMidpoint
-from .gauss import GaussLegendre
-from .imex import ARK2, ARS343
-from .leapfrog import Leapfrog
-from .rosenbrock import RosenbrockW
-from .runge_kutta import KG5, RK4, SSPRK3
-from .semi_implicit import SemiImplicit
+from swe_sphere.equations.effects import unknown_name
+from swe_sphere.steppers.average_vector_field import AverageVectorField
+from swe_sphere.steppers.bdf2 import BDF2
+from swe_sphere.steppers.dirk import (
+    ESDIRK4,
+    SDIRK3,
+    TRBDF2,
+    CrankNicolson,
+    ImplicitEuler,
+    ImplicitMidpoint,
+)
+from swe_sphere.steppers.gauss import GaussLegendre
+from swe_sphere.steppers.imex_runge_kutta import ARK2, ARS343
+from swe_sphere.steppers.leapfrog import Leapfrog
+from swe_sphere.steppers.rosenbrock import RosenbrockW
+from swe_sphere.steppers.runge_kutta import KG5, RK4, SSPRK3
+from swe_sphere.steppers.semi_implicit import SemiImplicit
+from swe_sphere.steppers.stepper import Stepper
 
 __all__ = ["ALIASES", "RECOMMENDED", "STEPPERS", "Stepper", "get_stepper"]
 

@@ -9,11 +9,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..errors import ConfigError, RunFailed
-from .base import Stepper
-from .control import LEAST, PIController
-from .measure import make_measure
-from .threads import one_thread
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.steppers.control import LEAST, PIController
+from swe_sphere.steppers.error_measures import make_measure
+from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.threads import one_thread
 
 CAUTION = 0.1
 """The first step, as a part of what the time scale of the start allows."""

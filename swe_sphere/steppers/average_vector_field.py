@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from ..linear import VectorSpace
-from ..model.model import Model
-from ..model.poisson import PoissonTendency
-from ..newton import NewtonResult
-from .implicit import ImplicitStepper, StageProblem
+from swe_sphere.equations.energy_conserving import PoissonTendency
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.newton import NewtonResult
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 
 
 class AverageProblem(StageProblem):

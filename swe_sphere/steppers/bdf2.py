@@ -3,9 +3,9 @@
 import numpy as np
 import warp as wp
 
-from ..model.model import Model
-from .dirk import TRBDF2
-from .implicit import Failure, ImplicitStepper
+from swe_sphere.equations.model import Model
+from swe_sphere.steppers.dirk import TRBDF2
+from swe_sphere.steppers.implicit import Failure, ImplicitStepper
 
 EXPECTED = 0.3
 """Part of the last change of slope that the guess expects again.  Slow flow would have all of it,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..errors import ConfigError
+from swe_sphere.errors import ConfigError
 
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4

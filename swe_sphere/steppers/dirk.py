@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 import warp as wp
 
-from ..model.model import Model
-from ..newton import NewtonResult
-from .implicit import ImplicitStepper
-from .stability import error_constant, tableau
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.newton import NewtonResult
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.stability import error_constant, tableau
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""

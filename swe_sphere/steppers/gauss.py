@@ -8,13 +8,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..linear import Operator, VectorSpace
-from ..linear.preconditioners import Preconditioner, make_preconditioner
-from ..model.model import Model
-from ..newton import NewtonResult
-from .energy_norm import energy_weights
-from .implicit import ImplicitStepper
-from .stability import error_constant
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.linear_result import Operator
+from swe_sphere.solvers.newton import NewtonResult
+from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.energy_norm import energy_weights
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.stability import error_constant
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))

@@ -7,13 +7,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..errors import RunFailed
-from ..linear import FlexibleGMRES, LinearResult, VectorSpace
-from ..linear.preconditioners import make_preconditioner
-from ..model.effects import MASSES
-from ..model.model import Model
-from ..newton import EisenstatWalker, NewtonKrylov, NewtonResult
-from .solving import SolvingStepper
+from swe_sphere.equations.effects import MASSES
+from swe_sphere.equations.model import Model
+from swe_sphere.errors import RunFailed
+from swe_sphere.solvers.forcing_term import EisenstatWalker
+from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.linear_result import LinearResult
+from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
+from swe_sphere.solvers.preconditioners import make_preconditioner
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.solving import SolvingStepper
 
 SMALLEST_PART = 64
 """A step that cannot be solved is halved, and halved again, down to this part of it."""

@@ -4,11 +4,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.leapfrog import leapfrog_kernel
-from ..model.model import Model
-from .base import Combiner, Stepper
-from .runge_kutta import RK4
-from .stability import Complex, largest_step
+from swe_sphere.equations.model import Model
+from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.steppers.stability import Complex, largest_step
+from swe_sphere.steppers.stepper import Combiner, Stepper
 
 FILTER = 0.1
 """Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""

@@ -7,8 +7,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..linear import VectorSpace
-from ..model.model import Model
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.vector_space import VectorSpace
 
 SHARE = 0.45
 """Part of the least truncation error of a step that the solver may add to it."""

@@ -4,10 +4,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..linear import LinearResult
-from ..model.model import Model
-from .implicit import ImplicitStepper
-from .stability import error_constant
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.linear_result import LinearResult
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.stability import error_constant
 
 Array = NDArray[np.float64]
 FRACTION = 1e-3

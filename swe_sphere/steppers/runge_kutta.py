@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 import numpy as np
 import warp as wp
 
-from ..model.model import Model
-from .base import Combiner, Stepper
-from .stability import largest_step, runge_kutta_growth, tableau
+from swe_sphere.equations.model import Model
+from swe_sphere.steppers.stability import largest_step, runge_kutta_growth, tableau
+from swe_sphere.steppers.stepper import Combiner, Stepper
 
 
 class RungeKutta(Stepper):

@@ -4,13 +4,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..kernels.leapfrog import leapfrog_kernel
-from ..linear.gravity_waves import GravityWaveSolver
-from ..model.model import Model
-from . import leapfrog
-from .imex import ARK2
-from .split import SplitStepper, depth_of
-from .stability import Complex
+from swe_sphere.equations.model import Model
+from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.solvers.gravity_waves import GravityWaveSolver
+from swe_sphere.steppers import leapfrog
+from swe_sphere.steppers.imex_runge_kutta import ARK2
+from swe_sphere.steppers.imex_stepper import SplitStepper, depth_of
+from swe_sphere.steppers.stability import Complex
 
 
 class SemiImplicit(SplitStepper):

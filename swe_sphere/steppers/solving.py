@@ -7,13 +7,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ..errors import ConfigError
-from ..linear import VectorSpace
-from ..model.model import Model
-from .base import Stepper
-from .energy_norm import energy_weights
-from .motion import Motion
-from .threads import one_thread
+from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.energy_norm import energy_weights
+from swe_sphere.steppers.motion import Motion
+from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.threads import one_thread
 
 
 class SolvingStepper(Stepper):

@@ -68,7 +68,7 @@ def _scene(name: str, cases: tuple[str, ...], field: str, scale: Callable[[Any],
 
         return mutated
 
-    return Swap(name, "swe_sphere.verify.case:Setting.make_scene", cases, change)
+    return Swap(name, "swe_sphere.studies.verify.case:Setting.make_scene", cases, change)
 
 
 def _drop_contributor(contributors: Callable[..., Any]) -> Callable[..., Any]:

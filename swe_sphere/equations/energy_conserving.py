@@ -1,0 +1,67 @@
+"""The right-hand side in skew form, averaged between two states: what keeps the energy exactly."""
+
+import warp as wp
+
+from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import Terms
+from swe_sphere.kernels.average import average_kernel, mean_kernel
+from swe_sphere.kernels.pointwise import Pointwise
+from swe_sphere.operators import TendencyOperator
+
+NEEDED = ("momentum-advection", "pressure-gradient")
+
+
+class PoissonTendency:
+    """Average tendency from one state to another, whose product with the energy's change is zero.
+
+    d(V, h)/dt = (-q k x F - grad B, -div F), with F and B the averages of hV and |V|²/2 + g(h + b)
+    between the states and the potential vorticity q = (curl V + f)/h half way (Wimmer, Cotter &
+    Bauer 2020, doi:10.1016/j.jcp.2019.109016).  The operator is skew for the quadrature of the
+    mesh, because F is continuous and differentiation by parts is exact there.  Without
+    dissipation.  Tracers are carried by F, so that a constant mixing ratio stays constant.  Raises
+    ConfigError for a scene that does not step all of the dynamics.
+    """
+
+    def __init__(self, model: Model) -> None:
+        if not self.fits(model):
+            raise ConfigError(f"the skew form needs the effects {' and '.join(NEEDED)}")
+        self._model, mesh, scene = model, model.device_mesh, model.scene
+        self._mean, self._base = model.zeros(), model.zeros()
+        terms = Terms(advection=True, pressure=True, poisson=True)
+        point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
+        own = model.parameters | {"base": self._base}
+        self._operator = TendencyOperator(mesh, terms, model.launch, own, point)
+        self._average = average_kernel(mesh.real, scene.bottom is not None)
+        self._constants = self._average.structure()
+        self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
+        if scene.bottom:
+            self._constants.bottom = model.parameters["bottom"]
+        self._halve = mean_kernel(mesh.real)
+        self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
+        model.launch.load(self._average.kernel, self._halve)
+
+    @staticmethod
+    def fits(model: Model) -> bool:
+        """Whether the scene has the energy that this form keeps."""
+        if model.scene.base is not None:
+            return False
+        return all(model.scene.effect(name) is not None for name in NEEDED)
+
+    def __call__(self, first: wp.array, last: wp.array, t: float, out: wp.array) -> None:
+        """out = the average between two states, with the forcing of time t [s] between them.
+
+        Counted as one right-hand side.
+        """
+        model, nodes = self._model, self._model.mesh.size
+        model.set_time(t)
+        model.counters["rhs_evaluations"] += 1
+        model.launch(
+            self._average.kernel, nodes, self._constants, first, last, self._mean, self._base
+        )
+        self._operator(self._mean, out)
+        tracers = model.tracers
+        if tracers is not None:
+            first, last = first[tracers.first :], last[tracers.first :]
+            model.launch(self._halve, first.size, first, last, self._masses)
+            tracers.carry(self._base, self._mean, out)

@@ -1,0 +1,252 @@
+"""The right-hand side of a scene on a mesh and a device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.difference import DifferenceProduct
+from swe_sphere.equations.prescribed import GivenForcing, GivenWind
+from swe_sphere.equations.scene import Scene, State
+from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
+from swe_sphere.equations.tendencies import Part, device_parameters
+from swe_sphere.equations.tracer_equations import TracerPart, mixing_ratios
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Mesh
+from swe_sphere.operators import DeviceMesh, Launcher, find_device
+from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.diagnose import divergence, vorticity
+
+Array = NDArray[np.float64]
+SHAPES = ("element", "node")
+JACOBIANS = ("exact", "difference")
+LEAST_DEPTH = 1e-30
+"""A depth below this [m] is none: one over it does not fit into every number of a run."""
+
+
+class Model:
+    """Tendencies of the shallow-water equations with exactly the effects of one scene.
+
+    A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
+    the depths alone where the wind is prescribed; then the masses hq [m] of tracers, N of each.
+    `shape` chooses the launch shape of the kernels; by default one thread a group of elements on a
+    CPU and one thread a node elsewhere.
+
+    Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        scene: Scene,
+        device: str = "cpu",
+        precision: str = "float64",
+        shape: str | None = None,
+        jacobian: str = "exact",
+    ) -> None:
+        if precision not in REALS:
+            raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+        self.mesh, self.scene, self.precision = mesh, scene, precision
+        self.device = find_device(device)
+        self.shape = shape or ("element" if self.device == "cpu" else "node")
+        if self.shape not in SHAPES:
+            raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+        if jacobian not in JACOBIANS:
+            raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
+        self.launch = Launcher(self.device)
+        self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
+        fluid = ("h",) if scene.wind else ("u", "v", "h")
+        self.names = (*fluid, *(f"hq_{name}" for name in scene.tracers or ()))
+        self.size = len(self.names) * mesh.size
+        self.fluid_size = len(fluid) * mesh.size
+        """Length of the part of a state that is wind and depth; tracers come behind it."""
+        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
+        self.bottom = _on_nodes(scene.bottom, mesh)
+        self.coriolis = _on_nodes(scene.coriolis, mesh)
+        self.parameters = device_parameters(self)
+        """Coefficients and fields of the effects, on the device."""
+        self._wind = GivenWind(self)
+        self._forcing = GivenForcing(self)
+        self.set_time(0.0)  # a function that fails does so before anything is computed
+        self._parts: dict[str, Part] = {}
+        self._part("all")
+        self.tracers = TracerPart(self) if scene.tracers else None
+        self.limiter = None if self.tracers is None else self.tracers.limiter()
+        """What steppers have to apply to the state after every step, if anything."""
+        self._difference = DifferenceProduct(self) if jacobian == "difference" else None
+
+    @property
+    def compile_seconds(self) -> float:
+        """Wall time spent compiling or loading kernels so far [s]."""
+        return self.launch.compile_seconds
+
+    @property
+    def dissipative(self) -> bool:
+        """Whether the scene has an effect that damps."""
+        return any(effect.dissipation for effect in self.scene.effects)
+
+    # --- states
+
+    def zeros(self) -> wp.array:
+        """A state of zeros."""
+        return wp.zeros(self.size, dtype=self.device_mesh.real, device=self.device)
+
+    def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
+        """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
+
+        Tracers that are not given have those of the scene's start.  Raises ValueError for arrays
+        of another size.
+        """
+        ratios = mixing_ratios(self.scene, self.mesh) | tracers
+        masses = {f"hq_{name}": h * q for name, q in ratios.items()}
+        values = {"u": u, "v": v, "h": h} | masses
+        blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
+        return self.device_mesh.upload(np.concatenate(blocks))
+
+    def initial_state(self) -> wp.array:
+        """The scene's initial state.
+
+        Raises ConfigError where a depth that waves run on, which is that of the base of linearised
+        dynamics, is not positive.
+        """
+        scene, mesh = self.scene, self.mesh
+        if scene.wind is None and scene.effect("pressure-gradient") is not None:
+            name = "initial" if scene.base is None else "base"
+            _check_depth(f"{scene.name}: the {name} depth", getattr(scene, name), mesh)
+        return self.state_from(*scene.initial(mesh.lon, mesh.lat))
+
+    def fields(self, state: wp.array, t: float = 0.0) -> dict[str, Array]:
+        """Winds u, v [m s-1] and depth h [m] as float64 numpy arrays (N,).
+
+        For each tracer also its mass hq_NAME [m] and its mixing ratio q_NAME.
+        """
+        blocks = state.numpy().astype(np.float64).reshape(len(self.names), -1)
+        fields = dict(zip(self.names, blocks, strict=True))
+        if self.scene.wind:
+            u, v = self.scene.wind(self.mesh.lon, self.mesh.lat, t)
+            fields = {"u": u, "v": v} | fields
+        ratios = {
+            f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
+        }
+        return fields | ratios
+
+    def vorticity(self, state: wp.array, t: float = 0.0) -> Array:
+        """Relative vorticity on the nodes (N,) [s-1]."""
+        fields = self.fields(state, t)
+        return vorticity(self.mesh, fields["u"], fields["v"])
+
+    def divergence(self, state: wp.array, t: float = 0.0) -> Array:
+        """Divergence of the wind on the nodes (N,) [s-1]."""
+        fields = self.fields(state, t)
+        return divergence(self.mesh, fields["u"], fields["v"])
+
+    # --- right-hand sides
+
+    def tendency(self, state: wp.array, t: float, out: wp.array) -> None:
+        """out = d state / dt at time t [s], after DSS; counted as one right-hand side."""
+        self.counters["rhs_evaluations"] += 1
+        self.set_time(t)
+        self._part("all")(state, out)
+        if self.tracers is not None:
+            self.tracers.tendency(state, out)
+
+    def conservative_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
+        """The right-hand side without dissipation; counted as one right-hand side."""
+        self.fluid_tendency(state, t, out)
+        if self.tracers is not None:
+            self.tracers.transport(state, out)
+
+    def fluid_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
+        """That of wind and depth alone, also for vectors that hold nothing else."""
+        self.counters["rhs_evaluations"] += 1
+        self.set_time(t)
+        self._part("conservative")(state, out)
+
+    def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
+        """The dissipation alone, for schemes that step it apart."""
+        self.fluid_dissipation(state, out)
+        if self.tracers is not None:
+            self.tracers.diffuse(state, out)
+
+    def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
+        """That of wind and depth alone, also for vectors that hold nothing else."""
+        self._part("dissipative")(state, out)
+
+    def linearise(self, state: wp.array, t: float) -> None:
+        """Make `tangent` the derivative of the right-hand side at this state."""
+        if self._difference is not None:
+            self._difference.linearise(state, t)
+            return
+        self._wind.set_time(t)
+        self._linearise_part("tangent", state)
+        if self.tracers is not None:
+            self.tracers.linearise(state)
+
+    def tangent(self, direction: wp.array, out: wp.array) -> None:
+        """out = J direction, with J the Jacobian at the state of `linearise`."""
+        self.counters["tangent_evaluations"] += 1
+        if self._difference is not None:
+            self._difference(direction, out)
+            return
+        self._part("tangent")(direction, out)
+        if self.tracers is not None:
+            self.tracers.tangent(direction, out)
+
+    def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
+        self.set_time(t)
+        dissipation = self.damping(state) if self.dissipative else None
+        return estimate_spectrum(self, state, self._part("conservative"), dissipation)
+
+    def damping(self, state: wp.array) -> Part:
+        """An operator whose differences are those of the dissipation linearised at the state."""
+        part = self._part("dissipative")
+        return part if part.affine else self._linearise_part("dissipative-tangent", state)
+
+    def point_of_tangent(self, state: wp.array) -> wp.array:
+        """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
+        return self.parameters.get("base", state)
+
+    def _linearise_part(self, name: str, state: wp.array) -> Part:
+        """A part that is a derivative, taken at the state."""
+        part = self._part(name)
+        if part.base is not None and self.scene.base is None:
+            wp.copy(part.base, state)
+        return part
+
+    # --- what changes in time
+
+    def set_time(self, t: float) -> None:
+        """Bring the prescribed wind and the forcing to time t [s]."""
+        self._wind.set_time(t)
+        self._forcing.set_time(t)
+
+    def mean_source(self, t: float) -> float:
+        """Mean of the given rate of change of depth at time t [m s-1], which alone moves mass."""
+        self._forcing.set_time(t)
+        return self._forcing.mean_depth_rate
+
+    def _part(self, name: str) -> Part:
+        """The named part of the right-hand side, compiled when first called for."""
+        if not self.dissipative and name == "conservative":
+            name = "all"
+        if name not in self._parts:
+            self._parts[name] = Part(self, name)
+        return self._parts[name]
+
+
+def _on_nodes(formula: Any, mesh: Mesh) -> Array:
+    """The field on the nodes, zeros where the scene has none."""
+    return np.zeros(mesh.size) if formula is None else np.asarray(formula(mesh.lon, mesh.lat))
+
+
+def _check_depth(name: str, flow: State, mesh: Mesh) -> None:
+    depth = flow(mesh.lon, mesh.lat)[2]
+    node = int(np.argmin(depth))
+    if not depth[node] > LEAST_DEPTH:
+        lon, lat = np.degrees((mesh.lon[node], mesh.lat[node]))
+        raise ConfigError(
+            f"{name} is {depth[node]:.3g} m at longitude {lon:.4g}°, latitude {lat:.4g}°; make the"
+            " fluid deeper or the bottom lower: every depth must be positive"
+        )

@@ -1,0 +1,154 @@
+"""What must hold of a scene before any of its functions is evaluated."""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Mapping
+from numbers import Real
+from typing import TYPE_CHECKING
+
+from swe_sphere.equations.effects import EFFECTS, Effect
+from swe_sphere.errors import ConfigError, shown
+from swe_sphere.planet import Planet
+
+if TYPE_CHECKING:
+    from swe_sphere.equations.scene import Scene
+
+__all__ = ["LONGEST_DAYS", "MOST_ELEMENTS", "check_scene"]
+
+MOST_ELEMENTS = 10**6
+"""More along an edge of the cube are a slip of the pen."""
+LONGEST_DAYS = 1e9
+"""A run that is longer is one, too [days]."""
+
+KINDS: Mapping[str, type] = {
+    "name": str, "title": str, "reference": str, "report": str, "error_field": str,
+    "effects": tuple, "planet": Planet, "steady_wind": bool, "steady_forcing": bool,
+    "parameters": Mapping,
+}  # fmt: skip
+"""Attributes of a scene that are neither numbers nor functions."""
+
+INCOMPATIBLE = (
+    ("prescribed-wind", "momentum-advection", "a prescribed wind cannot also be stepped"),
+    ("prescribed-wind", "drag", "a prescribed wind cannot be slowed down; leave out drag"),
+    (
+        "prescribed-wind",
+        "linearised",
+        "a prescribed wind acts linearly; leave out linearised",
+    ),
+    ("linearised", "tracers", "tracers need the whole dynamics; leave out linearised"),
+)
+"""Effects that cannot both act, and what to say then."""
+
+
+def check_scene(scene: Scene) -> None:
+    """ConfigError for the first thing that is wrong."""
+    _check_kinds(scene)
+    _check_texts(scene)
+    _check_effects(scene)
+    _check_tracers(scene)
+    _check_numbers(scene)
+
+
+def _check_kinds(scene: Scene) -> None:
+    for name, kind in KINDS.items():
+        value = getattr(scene, name)
+        if not isinstance(value, kind):
+            what = kind.__name__.lower()
+            raise ConfigError(f"{scene.name}: {name} must be a {what}, not {shown(value)}")
+    effects: tuple[object, ...] = scene.effects
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
+            raise ConfigError(f"{scene.name}: {shown(effect)} among its effects is none{hint}")
+    for name, value in scene.parameters.items():
+        if not (isinstance(name, str) and isinstance(value, bool | int | float | str)):
+            raise ConfigError(
+                f"{scene.name}: parameters are numbers, switches or words by name, not"
+                f" {name!r}: {shown(value)}"
+            )
+
+
+def _check_texts(scene: Scene) -> None:
+    """They are written into files and tables."""
+    if not scene.name.strip():
+        raise ConfigError("name: give the scene a name")
+    for name in ("name", "title", "reference", "report"):
+        if not "".join(getattr(scene, name).split()).isprintable():
+            raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")
+
+
+def _check_effects(scene: Scene) -> None:
+    """An effect and the function it calls for come together or not at all."""
+    names = [effect.name for effect in scene.effects]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{scene.name}: an effect is listed twice: {', '.join(names)}")
+    for name, cls in EFFECTS.items():
+        if cls.needs is None:
+            continue
+        given = getattr(scene, cls.needs) is not None
+        if given and name not in names:
+            raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
+        if name in names and not given:
+            raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
+    for first, second, trouble in INCOMPATIBLE:
+        if first in names and second in names:
+            raise ConfigError(f"{scene.name}: {trouble}")
+
+
+def _check_tracers(scene: Scene) -> None:
+    """Names of tracers become names of variables in files."""
+    given: object = scene.tracers
+    if given is not None and not isinstance(given, Mapping):
+        raise ConfigError(f"{scene.name}: tracers are functions by name, not {shown(given)}")
+    if scene.tracers is not None and not scene.tracers:
+        raise ConfigError(f"{scene.name}: tracers are called for, but there is none")
+    for name in scene.tracers or ():
+        if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name)):
+            raise ConfigError(
+                f"{scene.name}: a tracer is named by letters, digits and _, not {name!r}"
+            )
+    if scene.exact_tracers is not None and scene.tracers is None:
+        raise ConfigError(f"{scene.name}: 'exact_tracers' is given without tracers")
+
+
+def _check_numbers(scene: Scene) -> None:
+    if scene.error_field not in ("h", "surface"):
+        raise ConfigError(f"{scene.name}: error_field is 'h' or 'surface'")
+    for name in ("ne", "np"):
+        _check_count(scene, name, getattr(scene, name))
+    positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
+    if scene.dt is not None:
+        positive["dt"] = scene.dt
+    for name, value in positive.items():
+        if not (_is_finite(value) and value > 0.0):
+            what = shown(value)
+            raise ConfigError(f"{scene.name}: {name} must be finite and positive, not {what}")
+    if scene.days > LONGEST_DAYS:
+        raise ConfigError(f"{scene.name}: days must be at most {LONGEST_DAYS:g}, not {scene.days}")
+    if not _is_finite(scene.planet.rotation):
+        raise ConfigError(f"{scene.name}: rotation must be finite, not {scene.planet.rotation!r}")
+
+
+def _check_count(scene: Scene, name: str, value: object) -> None:
+    try:
+        whole = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        whole = -1
+    if not 1 <= whole <= MOST_ELEMENTS:
+        raise ConfigError(
+            f"{scene.name}: {name} must be a whole number from 1 to {MOST_ELEMENTS}, not"
+            f" {shown(value)}"
+        )
+
+
+def _is_finite(value: object) -> bool:
+    """Whether the value is a finite number; a switch is none, nor is one too large for a float."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False

@@ -1,0 +1,145 @@
+"""The functions of a scene, checked whenever they are evaluated: whoever calls one gets arrays that
+fit, of whatever the user wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.guarded import guarded
+
+if TYPE_CHECKING:
+    from swe_sphere.equations.scene import Scene
+
+__all__ = ["checked_functions"]
+
+Array = NDArray[np.float64]
+
+STATE, RATES, WIND = ("u", "v", "h"), ("du/dt", "dv/dt", "dh/dt"), ("u", "v")
+
+RETURNS: Mapping[str, tuple[str, ...]] = {
+    "initial": STATE, "exact": STATE, "base": STATE, "forcing": RATES, "wind": WIND,
+    "bottom": (), "coriolis": (), "equilibrium": (),
+}  # fmt: skip
+"""What the functions of a scene return by their names: a tuple of fields, or one field."""
+
+LARGEST = 1e30
+"""Larger numbers are refused: powers of them do not fit into a float64."""
+
+NUMBERS = "fiub"
+"""Kinds of numpy's types that are real numbers, or switches that stand for 0 and 1."""
+
+
+def checked_functions(scene: Scene) -> dict[str, Any]:
+    """The functions of the scene by the names of its attributes, each made to check its results.
+
+    Raises:
+        ConfigError: something that is given as a function is none.
+    """
+    functions: dict[str, Any] = {
+        name: _Function(f"{scene.name}: {name}", given, returns, may_be_nan=name == "exact")
+        for name, returns in RETURNS.items()
+        if (given := getattr(scene, name)) is not None or name == "initial"
+    }
+    if scene.tracers is not None:
+        functions["tracers"] = {
+            name: _Function(f"{scene.name}: tracer {name}", given)
+            for name, given in scene.tracers.items()
+        }
+        if scene.exact_tracers is not None:
+            functions["exact_tracers"] = _TracerFunction(
+                f"{scene.name}: exact_tracers", scene.exact_tracers, (*scene.tracers,), True
+            )
+    return functions
+
+
+@dataclass(frozen=True)
+class _Function:
+    """A function of (lon, lat) [rad], or of (lon, lat, t) [rad, rad, s].
+
+    It returns float64 arrays of the shape that lon and lat have together; numbers, and whatever
+    else broadcasts to that shape, is broadcast.  Raises ConfigError, with the names of scene and
+    field, for a function that fails and for anything but finite real numbers of that shape.
+    """
+
+    label: str
+    given: Callable[..., Any]
+    names: tuple[str, ...] = ()
+    """Of the fields that it returns; empty: just one."""
+    may_be_nan: bool = False
+    """Whether NaN stands for what is not known."""
+
+    def __post_init__(self) -> None:
+        given = self.given.given if isinstance(self.given, _Function) else self.given
+        if not callable(given):
+            raise ConfigError(f"{self.label} must be a function, not {type(given).__name__}")
+        object.__setattr__(self, "given", given)
+
+    def __call__(self, lon: ArrayLike, lat: ArrayLike, *time: float) -> Any:
+        return guarded(self.label, self._evaluated, np.asarray(lon), np.asarray(lat), *time)
+
+    def _evaluated(self, lon: Array, lat: Array, *time: float) -> Any:
+        with np.errstate(all="ignore"):  # what comes of it is checked
+            result = self.given(lon, lat, *time)
+        return self._fitted(result, *np.broadcast_arrays(lon, lat))
+
+    def _fitted(self, result: Any, lon: Array, lat: Array) -> Any:
+        if not self.names:
+            return self._field("", result, lon, lat)
+        fields = [*result] if isinstance(result, Iterable) else None
+        if fields is None or len(fields) != len(self.names):
+            found = f"{type(result).__name__}" if fields is None else f"{len(fields)} of them"
+            raise ConfigError(
+                f"{self.label} must return {len(self.names)} fields"
+                f" ({', '.join(self.names)}), not {found}"
+            )
+        named = zip(self.names, fields, strict=True)
+        return tuple(self._field(f" {name}", field, lon, lat) for name, field in named)
+
+    def _field(self, name: str, given: Any, lon: Array, lat: Array) -> Array:
+        """What was given as a float64 array of the shape of lon and lat."""
+        values = np.asanyarray(given)
+        if values.dtype.kind not in NUMBERS:
+            kind = type(given).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
+            raise ConfigError(f"{self.label}{name} must be real numbers, not {kind}")
+        values = np.ma.filled(values.astype(np.float64, copy=False), np.nan)
+        try:
+            field = np.broadcast_to(np.asarray(values), lon.shape)
+        except ValueError:
+            raise ConfigError(
+                f"{self.label}{name} has the shape {values.shape}; it must be an array of shape"
+                f" {lon.shape}, like the longitudes given, or a number"
+            ) from None
+        self._check_size(name, field, lon, lat)
+        return field
+
+    def _check_size(self, name: str, field: Array, lon: Array, lat: Array) -> None:
+        sound = np.abs(field) < LARGEST
+        if self.may_be_nan:
+            sound |= np.isnan(field)
+        if sound.all():
+            return
+        value, *where = (a[~sound][0] for a in (field, np.degrees(lon), np.degrees(lat)))
+        trouble = "too large" if np.isfinite(value) else "not finite"
+        raise ConfigError(
+            f"{self.label}{name} is {trouble} ({value:.3g}) at longitude {where[0]:.4g}°,"
+            f" latitude {where[1]:.4g}°: mend its formula"
+        )
+
+
+class _TracerFunction(_Function):
+    """Of all tracers: what it returns is fields by the names of tracers."""
+
+    def _fitted(self, result: Any, lon: Array, lat: Array) -> dict[str, Array]:
+        if not isinstance(result, Mapping) or set(result) - set(self.names):
+            found = list(result) if isinstance(result, Mapping) else type(result).__name__
+            raise ConfigError(
+                f"{self.label} must return fields by the names of tracers"
+                f" ({', '.join(self.names)}), not {found}"
+            )
+        return {name: self._field(f" {name}", result[name], lon, lat) for name in result}

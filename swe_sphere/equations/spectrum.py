@@ -1,0 +1,103 @@
+"""Extent of the spectrum of the discrete operator, from which stable steps follow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.arnoldi import Product, largest_modulus
+from swe_sphere.errors import ConfigError
+
+if TYPE_CHECKING:
+    from swe_sphere.equations.model import Model
+
+Operator = Callable[[wp.array, wp.array], None]
+
+TOLERANCE = 1e-2
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Largest modulus of eigenvalues [s-1]: of waves (imaginary) and of dissipation (negative)."""
+
+    wave: float
+    dissipation: float = 0.0
+
+
+def estimate_spectrum(
+    model: "Model", state: wp.array, waves: Operator, dissipation: Operator | None = None
+) -> Spectrum:
+    """Spectral radii of the two parts of the right-hand side at a state, to about 1 %.
+
+    The largest eigenvalue is found by Arnoldi iteration on the exact Jacobian-vector product
+    [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).  Raises ConfigError where the
+    right-hand side is not finite.
+    """
+    wave = _radius(model, state, waves)
+    damping = 0.0 if dissipation is None else _radius(model, state, dissipation)
+    model.launch.forget()
+    return Spectrum(wave, damping)
+
+
+def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
+    product = _scaled_product(model, state, operator)
+    start = np.random.default_rng(0).standard_normal(model.fluid_size)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = largest_modulus(product, start, TOLERANCE)
+    if found is None:
+        return _power_iteration(product, start)
+    if not np.isfinite(found):
+        raise ConfigError(
+            f"{model.scene.name}: the equations overflow at the start: its fields or the"
+            " coefficients of its effects are too large, or too small to divide by"
+        )
+    return found
+
+
+def _scaled_product(model: "Model", state: wp.array, operator: Operator) -> Product:
+    """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
+    base = state.numpy()[: model.fluid_size].astype(np.float64)
+    scale = _units(model, base)
+    size = np.abs(base / scale).max() or 1.0
+    real = model.device_mesh.real
+    moved, plus, minus = (wp.zeros(base.size, dtype=real, device=model.device) for _ in range(3))
+    room = np.empty(base.size)
+
+    def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
+        step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
+        for sign, out in ((1.0, plus), (-1.0, minus)):
+            np.multiply(d, sign * step, out=room, dtype=np.float64)
+            np.multiply(room, scale, out=room)
+            moved.assign(np.add(base, room, out=room))
+            operator(moved, out)  # on one array: launches keep all those they are recorded with
+        difference: NDArray[np.float64] = plus.numpy().astype(np.float64)
+        difference -= minus.numpy()
+        difference /= np.multiply(scale, 2.0 * step, out=room)
+        return difference
+
+    return product
+
+
+def _units(model: "Model", base: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
+    n = model.mesh.size
+    scale = np.ones(model.fluid_size)
+    if model.scene.wind is None:
+        depth = np.average(base[-n:], weights=model.mesh.area)
+        scale[-n:] = np.sqrt(depth / model.scene.planet.gravity)
+    return scale
+
+
+def _power_iteration(product: Product, d: NDArray[np.float64], steps: int = 40) -> float:
+    """Growth of the operator's square, for a spectrum that Arnoldi iteration cannot separate."""
+    growth = 0.0
+    for _ in range(steps):
+        d = d / np.linalg.norm(d)
+        d = product(product(d))
+        growth = float(np.sqrt(np.linalg.norm(d)))
+        if growth == 0.0:
+            break
+    return growth

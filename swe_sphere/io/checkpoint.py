@@ -1,0 +1,106 @@
+"""Checkpoints: what a run needs to go on, in a file of its own beside that of its frames.
+
+The file is a NumPy archive (.npz: a zip archive, with check sums) of the stepper's arrays and a
+header in JSON.  Each checkpoint replaces the one before by being renamed into its place, so that
+there is always a whole one.  The run's `run_id` says to which file of frames it belongs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.disk import part_of, put_in_place
+from swe_sphere.io.runfile import reading
+
+__all__ = ["Checkpoint", "checkpoint_path", "read_checkpoint", "write_checkpoint"]
+
+HEADER = "header"
+ARRAYS = "arrays"
+"""Says in the header which arrays there are, as the check sums are those of each alone."""
+ARRAY = "array:"
+"""What their names begin with in the file."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The memory of a stepper, where it stood, and the attributes of the run it belongs to."""
+
+    memory: dict[str, NDArray[np.generic]]
+    time: float
+    """[s] since the start."""
+    steps: int
+    stepper: str
+    attributes: dict[str, Any]
+    """Those of the file of frames, among them its run_id."""
+
+
+def checkpoint_path(path: Path) -> Path:
+    """Where the checkpoint lies that belongs to a file of frames."""
+    return path.with_name(f"{path.name}.restart")
+
+
+def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Replace the file at the path by this checkpoint, at once or, with an OSError, not at all."""
+    names = ("time", "steps", "stepper", "attributes")
+    values = {name: getattr(checkpoint, name) for name in names}
+    values[ARRAYS] = [*checkpoint.memory]
+    header = json.dumps(values, default=lambda numbers: numbers.tolist())
+    arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.memory.items()}
+    arrays[HEADER] = np.array(header)
+    part = part_of(path)
+    try:
+        with part.open("wb") as file:
+            np.savez(file, **arrays)
+            file.flush()
+            put_in_place(file.fileno(), path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """The checkpoint of a file of frames, or the one in a file of its own.
+
+    Raises ConfigError, in one line, if a file is missing or damaged, or if the checkpoint beside
+    the file of frames is that of another run.
+    """
+    path = Path(path)
+    if path.is_file() and zipfile.is_zipfile(path):
+        return _read(path)
+    with reading(path) as dataset:
+        run_id = dataset.getncattr("run_id")
+    beside = checkpoint_path(path)
+    if not beside.exists():
+        raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")
+    checkpoint = _read(beside)
+    if checkpoint.attributes.get("run_id") != run_id:
+        raise ConfigError(
+            f"{beside} is the checkpoint of another run than {path}: restart from another file,"
+            f" or go on with that other run (restart={beside})"
+        )
+    return checkpoint
+
+
+def _read(path: Path) -> Checkpoint:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        values = json.loads(arrays.pop(HEADER).item())
+        memory = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
+        return Checkpoint(memory, **values)
+    except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, SyntaxError,
+            NotImplementedError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        raise ConfigError(
+            f"the checkpoint {path} is damaged, cut short, or not a file of this kind: start"
+            " again, or from another file"
+        ) from error

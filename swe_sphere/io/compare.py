@@ -1,0 +1,84 @@
+"""Errors of one file against another, whatever the grids: `swe-sphere compare A.nc B.nc`."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.io.layout import MESH_ATTRIBUTES
+from swe_sphere.io.norms import norms
+from swe_sphere.io.reference_solution import Reference, reference_field
+from swe_sphere.io.runfile import RunFile, reading
+from swe_sphere.io.scalar_fields import check_field
+
+__all__ = ["Source", "compare", "open_source"]
+
+Source = RunFile | Reference
+
+
+def open_source(path: str | os.PathLike[str]) -> Source:
+    """A file of a run, or a reference on a latitude-longitude grid, whichever it is.
+
+    Raises ConfigError if it is neither, missing or damaged.
+    """
+    with reading(path) as dataset:
+        on_grid = {"lat", "lon"} <= dataset.dimensions.keys()
+    return Reference(path) if on_grid else RunFile(path)
+
+
+def compare(
+    a: str | os.PathLike[str],
+    b: str | os.PathLike[str],
+    field: str | None = None,
+    time: float | None = None,
+) -> dict[str, str | float | None]:
+    """Norms of A - B over those of B, at the points and with the area weights of B.
+
+    a, b: files of runs (any two meshes) or latitude-longitude references.  field: a name in
+    `fields.FIELDS`, or "wind" for the vector; None: "h", or "surface" where one of the two holds
+    no depth.  time [s]: the frame; None: the time of a reference, else the last one of B.
+    Returns field, time, l1, l2, linf.  Raises ConfigError if a file cannot be read, or if one of
+    them lacks the field or a frame at that time.
+    """
+    ours, theirs = open_source(a), open_source(b)
+    time = _common_time(ours, theirs) if time is None else time
+    field = _common_field(ours, theirs, field)
+    errors = norms(theirs.area, _on_points_of(theirs, ours, field, time),
+                   theirs.values(field, time))  # fmt: skip
+    return {"field": field, "time": time, **errors}
+
+
+def _common_time(ours: Source, theirs: Source) -> float | None:
+    for source in (theirs, ours):
+        if isinstance(source, Reference) and source.time is not None:
+            return source.time
+    run = theirs if isinstance(theirs, RunFile) else ours
+    return run.nearest(None) if isinstance(run, RunFile) else None
+
+
+def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
+    references = [s for s in (ours, theirs) if isinstance(s, Reference)]
+    if field is None:
+        return "surface" if any("h" not in r.fields for r in references) else "h"
+    field = check_field(field, vector=True)
+    bottoms = [s.bottom for s in (ours, theirs) if isinstance(s, RunFile)]
+    for reference in references:
+        field = reference_field(reference, field, bottoms[0] if bottoms else None)
+    return field
+
+
+def _on_points_of(
+    target: Source, source: Source, field: str, time: float | None
+) -> NDArray[np.float64]:
+    if _same_mesh(source, target):
+        return source.values(field, time)
+    return source.at(field, *target.points, time)
+
+
+def _same_mesh(one: Source, other: Source) -> bool:
+    """Whether two runs share their nodes: then nothing is interpolated, and equal is equal."""
+    return all(isinstance(s, RunFile) for s in (one, other)) and all(
+        one.attributes[name] == other.attributes[name] for name in MESH_ATTRIBUTES
+    )

@@ -1,0 +1,99 @@
+"""Global integrals that the shallow-water equations conserve, and what Courant numbers need.
+
+Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of
+the mesh (Williamson et al. 1992, eqs. 87 and 140-142, doi:10.1016/S0021-9991(05)80016-6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.io.norms import area_mean
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import Planet
+
+__all__ = ["DRIFTS", "courant_numbers", "drifts", "integrals"]
+
+Array = NDArray[np.float64]
+
+DRIFTS = {
+    "mass_drift": "mass",
+    "energy_drift": "energy",
+    "enstrophy_drift": "potential_enstrophy",
+}
+"""Name of each relative drift, and of the integral that drifts."""
+
+
+def integrals(
+    mesh: Mesh,
+    planet: Planet,
+    u: Array,
+    v: Array,
+    h: Array,
+    b: Array | None = None,
+    f: Array | None = None,
+    vorticity: Array | float = 0.0,
+    divergence: Array | float = 0.0,
+) -> dict[str, float]:
+    """Integrals and extremes of a state given at the nodes, all arrays (N,).
+
+    u, v [m s-1], h [m], bottom b [m] and Coriolis parameter f [s-1] (zero where None), relative
+    vorticity and divergence [s-1].  Returns
+        mass                 I(h) [m]
+        energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
+        potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
+        total_vorticity, total_divergence   I(vorticity), I(divergence) [s-1]
+        max_wind             largest wind speed [m s-1]
+        min_depth            least depth [m]
+        max_wave             largest gravity wave speed sqrt(g h) [m s-1]
+        max_signal           largest |V| + sqrt(g h) [m s-1]
+    """
+    bottom = 0.0 if b is None else b
+    coriolis = 0.0 if f is None else f
+    speed = np.hypot(u, v)
+    wave = np.sqrt(planet.gravity * np.maximum(h, 0.0))
+    energy = 0.5 * (h * speed**2 + planet.gravity * h * (h + 2.0 * bottom))
+    return {
+        "mass": area_mean(mesh.area, h),
+        "energy": area_mean(mesh.area, energy),
+        "potential_enstrophy": _potential_enstrophy(mesh, vorticity + coriolis, h),
+        "total_vorticity": area_mean(mesh.area, np.broadcast_to(vorticity, h.shape)),
+        "total_divergence": area_mean(mesh.area, np.broadcast_to(divergence, h.shape)),
+        "max_wind": float(speed.max()),
+        "min_depth": float(h.min()),
+        "max_wave": float(wave.max()),
+        "max_signal": float((speed + wave).max()),
+    }
+
+
+def _potential_enstrophy(mesh: Mesh, absolute: Array | float, h: Array) -> float:
+    if not h.min() > 0.0:
+        return float("nan")
+    return area_mean(mesh.area, absolute**2 / (2.0 * h))
+
+
+def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
+    """Relative changes mass_drift, energy_drift, enstrophy_drift: (X - X0) / X0.
+
+    start, now: what `integrals` returned then and now.  NaN where X0 is zero or not a number.
+    """
+    return {
+        name: (now[key] - start[key]) / start[key] if start[key] else float("nan")
+        for name, key in DRIFTS.items()
+    }
+
+
+def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str, float]:
+    """Courant numbers of a step dt [s] on the smallest mean node spacing of the mesh.
+
+    now: what `integrals` returned.  Keys: courant_advective (wind), courant_gravity
+    (wind and gravity waves together).
+    """
+    rate = abs(dt) / mesh.spacing()[0]
+    return {
+        "courant_advective": rate * now["max_wind"],
+        "courant_gravity": rate * now["max_signal"],
+    }

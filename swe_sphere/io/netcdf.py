@@ -1,0 +1,185 @@
+"""Streaming a run to netCDF: CF-1.11, and the nodes and sub-quads of the mesh as UGRID."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import uuid
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import netCDF4
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swe_sphere.errors import RunFailed
+from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
+from swe_sphere.io.classic import FORMAT
+from swe_sphere.io.disk import allocate, claim, clear_errors, part_of, put_in_place
+from swe_sphere.io.growing import GrowingFile
+from swe_sphere.io.layout import (
+    LAYOUT_BYTES,
+    SERIES,
+    SUMMARY,
+    SUMMARY_BYTES,
+    add_layout,
+    attribute,
+    frame_fields,
+)
+from swe_sphere.mesh import Mesh
+
+__all__ = ["FrameWriter"]
+
+SAMPLES = 1000
+MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
+
+
+class FrameWriter:
+    """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
+
+    path: the file, which takes the place of one that is there with its first frame, and is whole
+    from then on at every moment.  attributes: the resolved configuration, written as global
+    attributes (nested tables as JSON); the parameters of the mesh and a run_id are added.  bottom
+    (N,) [m]: height of the orography, zero where None.  tracers: their names.  samples: how many
+    times diagnostics are given, at the most.
+
+    Raises ConfigError if the file cannot be made, if another run writes it or if there is no room
+    for a first frame.  Every method raises RunFailed if the disk is full or refuses, or if another
+    program has removed or changed the file; what was written before stays readable.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        mesh: Mesh,
+        attributes: Mapping[str, object],
+        bottom: ArrayLike | None = None,
+        tracers: Iterable[str] = (),
+        samples: int = SAMPLES,
+    ) -> None:
+        self.path = Path(path)
+        self._place = self.path.resolve() if self.path.is_symlink() else self.path
+        self._mesh, self._bottom, self._samples = mesh, bottom, samples
+        self._fields = frame_fields(tracers)
+        values = {**attributes, "run_id": uuid.uuid4().hex}
+        self._attributes = {name: attribute(value) for name, value in values.items()}
+        self._growing: GrowingFile | None = None
+        self._series: tuple[str, ...] = ()
+        with clear_errors(f"cannot write {self.path}"):
+            self._file = claim(self._place)
+            try:
+                size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
+                allocate(self._file.fileno(), self._place, size)
+            except OSError:
+                self.close()
+                raise
+
+    @property
+    def frames(self) -> int:
+        """Frames written so far."""
+        return 0 if self._growing is None else self._growing.records
+
+    def write(
+        self,
+        time: float,
+        fields: Mapping[str, ArrayLike],
+        diagnostics: Mapping[str, float | None] | None = None,
+    ) -> None:
+        """Add a frame at time [s since the start] and put it on the disk.
+
+        fields: h [m], u, v [m s-1], vorticity, divergence [s-1] and q_NAME of each tracer, all of
+        them (N,); others are ignored.
+        diagnostics: as for `record`, at the same time; those of the first frame are all there are.
+        """
+        values = {"time": [time]} | {name: fields[name] for name in self._fields}
+        with self._writing():
+            growing = self._growing or self._make(diagnostics or {})
+            growing.add_record(values)
+            if diagnostics:
+                growing.add_sample(self._sample(time, diagnostics))
+            if self._growing is None:
+                put_in_place(self._file.fileno(), self._place)
+                self._growing = growing
+
+    def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
+        """Add numbers at time [s] to the series along `diagnostic_time`, after a first frame.
+
+        None and absent names are missing.  Raises ValueError for a name that the first frame did
+        not have, and if there is no room for more.
+        """
+        with self._writing():
+            self._begun.add_sample(self._sample(time, diagnostics))
+
+    def checkpoint(
+        self, memory: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
+    ) -> None:
+        """Put what a bitwise exact restart needs in the place of the checkpoint before.
+
+        memory: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
+        """
+        arrays = {name: np.asarray(array) for name, array in memory.items()}
+        checkpoint = Checkpoint(arrays, time, steps, stepper, self._attributes)
+        with self._writing():
+            write_checkpoint(checkpoint_path(self.path), checkpoint)
+
+    def finish(self, summary: Mapping[str, object]) -> None:
+        """Tell how the run ended: a JSON object in the attribute `summary`.
+
+        What does not fit into the room for it is left out, from the end of the summary.
+        """
+        kept = dict(summary)
+        while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
+            kept.popitem()
+        with self._writing():
+            self._begun.set_text(SUMMARY, text)
+
+    def close(self) -> None:
+        """Close the file; may be called again, and after a failure."""
+        if self._growing is None and not self._file.closed:
+            part_of(self._place).unlink(missing_ok=True)
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def _begun(self) -> GrowingFile:
+        if self._growing is None:
+            raise ValueError("a file begins with a frame")
+        return self._growing
+
+    def _make(self, diagnostics: Iterable[str]) -> GrowingFile:
+        """Everything but frames and samples, by the netCDF library, in the file claimed."""
+        self._series = tuple(diagnostics)
+        with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
+            dataset.set_fill_off()
+            dataset.setncatts(self._attributes)
+            add_layout(dataset, self._mesh, self._bottom, self._fields, self._series, self._samples)
+        growing = GrowingFile(self._file, SERIES)
+        growing.set_text(SUMMARY, json.dumps({"completed": False}))
+        return growing
+
+    def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
+        """A number for every series; ValueError if there is one without a series."""
+        if unknown := diagnostics.keys() - set(self._series):
+            raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
+        found = {name: diagnostics.get(name) for name in self._series}
+        numbers = {name: math.nan if value is None else value for name, value in found.items()}
+        return {SERIES: time, **numbers}
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """RunFailed for what the disk says in the block, or others did to the file before."""
+        with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
+            if self._growing is not None:
+                self._growing.check(self.path)
+            yield

@@ -1,0 +1,184 @@
+"""Reference solutions on latitude-longitude grids, and errors of a run against them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.norms import norms
+from swe_sphere.io.runfile import attributes, reading
+from swe_sphere.io.scalar_fields import check_field, derive, evaluate
+from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.planet import DAY
+
+__all__ = ["Reference", "latitude_weights", "reference_errors", "shipped_reference"]
+
+Array = NDArray[np.float64]
+
+NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
+         "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip
+"""Our name of each field and that of the variable (lat, lon)."""
+
+RIM = 8
+"""Rows and columns repeated around the grid, so that the spline knows no edges."""
+
+
+SHIPPED = Path(__file__).parents[1] / "data"
+"""Where the references lie that come with the package; each says in its attributes what it is."""
+
+
+def shipped_reference(scene: str, days: float) -> Path | None:
+    """File of the solution of a scene at that day [days] that comes with the package, if any.
+
+    The scene "galewsky_viscous" is galewsky with the viscosity of 1e5 m2 s-1.
+    """
+    path = SHIPPED / f"{scene}_day{days:g}.nc"
+    return path if path.exists() else None
+
+
+def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
+    """Share (M,) of the sphere's area that each latitude circle lat (M,) [rad] stands for.
+
+    Gauss weights where the latitudes are those of the Gaussian grid; else the zones between
+    bounds (M, 2) [rad], or, without bounds, between the middles of neighbours.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(lat.size)
+    order = np.argsort(lat)
+    if bounds is None and np.allclose(np.sin(lat[order]), nodes, rtol=0.0, atol=1e-6):
+        return weights[np.argsort(order)] / 2.0
+    if bounds is None:
+        sines = np.sin(lat[order])
+        edges = np.concatenate([[-1.0], 0.5 * (sines[1:] + sines[:-1]), [1.0]])
+        return np.diff(edges)[np.argsort(order)] / 2.0
+    return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0
+
+
+class Reference:
+    """One state on a global grid: lat (M,), lon (K,) evenly spaced [rad], fields (M, K).
+
+    `points` and `area` run over the M K grid points; areas are shares of the sphere.  Raises
+    ConfigError if the file is missing or damaged, or its grid does not go round the sphere.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        with reading(path) as dataset:
+            self.attributes = attributes(dataset)
+            self.lat: Array = np.radians(dataset["lat"][:].astype(float))
+            self.lon: Array = np.radians(dataset["lon"][:].astype(float))
+            self.fields = _fields(dataset)
+            bounds = dataset.variables.get("lat_bnds")
+            zones = latitude_weights(self.lat, None if bounds is None else np.radians(bounds[:]))
+        self._check_grid()
+        self.area: Array = np.repeat(zones / self.lon.size, self.lon.size)
+
+    def _check_grid(self) -> None:
+        count = self.lon.size
+        around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
+        if count % 2 or not np.allclose(np.abs(around), 2.0 * np.pi / count, atol=1e-6):
+            raise ConfigError(
+                f"{self.path}: longitudes must go round the globe evenly, an even number of them"
+            )
+
+    @property
+    def title(self) -> str:
+        """What the reference is of."""
+        return str(self.attributes.get("title", self.path.stem))
+
+    @property
+    def time(self) -> float | None:
+        """When the state is [s since the start], from "day ..." in its title; None if unknown."""
+        day = re.search(r"day (\d+(?:\.\d+)?)", self.title)
+        return float(day[1]) * DAY if day else None
+
+    def nearest(self, time: float | None) -> float | None:
+        """The one time there is, whatever is asked for."""
+        return self.time
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude [rad] of the M K grid points."""
+        lat, lon = np.meshgrid(self.lat, self.lon, indexing="ij")
+        return lon.ravel(), lat.ravel()
+
+    def values(self, field: str, time: float | None = None) -> Array:
+        """A field at the grid points: (M K,), or (2, M K) for "wind"; there is but one time."""
+        return derive({name: grid.ravel() for name, grid in self.fields.items()}, field)
+
+    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at any points lon, lat (P,) [rad], by a quintic spline through the grid."""
+        if field not in ("u", "v", "speed", "wind"):
+            return self._spline(self.values(field), lon, lat)
+        east, north = _frame(*self.points)
+        u, v = self.values("wind")
+        cartesian = np.stack([self._spline(w, lon, lat) for w in u * east + v * north])
+        u, v = (np.sum(cartesian * unit, axis=0) for unit in _frame(lon, lat))
+        return derive({"u": u, "v": v}, field)
+
+    def _spline(self, values: Array, lon: Array, lat: Array) -> Array:
+        """A smooth scalar (M K,) at lon, lat; the grid goes on beyond the poles and round."""
+        rows = np.argsort(self.lat)
+        start = self.lon[0]
+        grid = values.reshape(self.lat.size, self.lon.size)[rows]
+        beyond = np.roll(grid, self.lon.size // 2, axis=1)
+        grid = np.vstack([beyond[RIM - 1 :: -1], grid, beyond[: -RIM - 1 : -1]])
+        grid = np.hstack([grid[:, -RIM:], grid, grid[:, :RIM]])
+        y = self.lat[rows]
+        y = np.concatenate([-np.pi - y[RIM - 1 :: -1], y, np.pi - y[: -RIM - 1 : -1]])
+        x = 2.0 * np.pi / self.lon.size * np.arange(-RIM, self.lon.size + RIM)
+        spline = RectBivariateSpline(y, x, grid, kx=5, ky=5)
+        found: Array = spline.ev(lat, (lon - start) % (2.0 * np.pi))
+        return found
+
+
+def _frame(lon: Array, lat: Array) -> tuple[Array, Array]:
+    """Unit vectors (3, P) east and north."""
+    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)])
+    north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    return east, north
+
+
+def _fields(dataset: netCDF4.Dataset) -> dict[str, Array]:
+    found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
+    if not found:
+        raise KeyError("none of the variables " + ", ".join(NAMES.values()))
+    for variable in found.values():
+        if variable.dimensions != ("lat", "lon"):
+            raise ValueError(f"{variable.name} is not on (lat, lon)")
+    return {name: variable[:].astype(float) for name, variable in found.items()}
+
+
+def reference_errors(
+    path: str | os.PathLike[str], mesh: Mesh, fields: Mapping[str, Array], field: str = "h"
+) -> dict[str, float]:
+    """l1, l2, linf of a spectral-element solution against a reference, on the reference's grid.
+
+    fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
+    field needs them.  field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...  Where
+    the reference has only the free surface, "h" can be asked for if there is no orography.
+    The solution is evaluated as the polynomials it is; norms as in `norms`.
+    Raises ConfigError for an unknown field, or one that the reference does not have.
+    """
+    reference = Reference(path)
+    field = reference_field(reference, check_field(field, vector=True), fields.get("b"))
+    interpolator = Interpolator(mesh, *reference.points)
+    return norms(reference.area, evaluate(interpolator, fields, field), reference.values(field))
+
+
+def reference_field(reference: Reference, field: str, bottom: Array | None) -> str:
+    """The field to compare where a reference may hold the free surface and not the depth."""
+    if field != "h" or "h" in reference.fields:
+        return field
+    if bottom is not None and np.any(bottom):
+        raise ConfigError(
+            f"{reference.path} holds the free surface, not the depth: compare field 'surface'"
+        )
+    return "surface"

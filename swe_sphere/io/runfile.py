@@ -1,0 +1,163 @@
+"""Reading a file of this program back: its mesh, frames and series."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.classic import check_length
+from swe_sphere.io.layout import FRAME_FIELDS, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER
+from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.mesh import Interpolator, Mesh, build_mesh
+from swe_sphere.planet import DAY
+
+__all__ = ["RunFile", "attributes", "reading"]
+
+Array = NDArray[np.float64]
+
+POINTS = 20_000
+"""Points evaluated at once: bounds the memory of the interpolation matrix."""
+
+TOLERANCE = 1e-6 * DAY
+"""How far [s] a frame may be from the time asked for."""
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
+    """An open netCDF file; ConfigError, in one line, for what is wrong with it in the block."""
+    if not Path(path).is_file():
+        raise ConfigError(f"there is no file {path}")
+    try:
+        with netCDF4.Dataset(path) as dataset:
+            dataset.set_auto_maskandscale(False)
+            yield dataset
+    except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
+        raise ConfigError(f"cannot read {path}: {_cause(path, error)}") from error
+
+
+def _cause(path: str | os.PathLike[str], error: Exception) -> str:
+    try:
+        Path(path).open("rb").close()
+    except OSError as refusal:
+        return str(refusal.strerror)
+    why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+    return f"it is damaged, cut short, or not a file of this kind ({why})"
+
+
+def attributes(dataset: netCDF4.Dataset) -> dict[str, Any]:
+    """The global attributes as plain numbers, texts and lists of numbers."""
+    values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
+    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+
+
+def _summary(text: str) -> dict[str, Any]:
+    """How the run ended; nothing of one that was killed while it said so."""
+    try:
+        return dict(json.loads(text))
+    except ValueError:
+        return {}
+
+
+def _tracers(dataset: netCDF4.Dataset) -> list[str]:
+    """Names of the variables that hold mixing ratios."""
+    return [
+        name
+        for name, variable in dataset.variables.items()
+        if name.startswith(TRACER) and variable.dimensions == ("time", "node")
+    ]
+
+
+class RunFile:
+    """A file written by `FrameWriter`: points, area weights and values at the nodes of its mesh.
+
+    Raises ConfigError if the file is missing, damaged, or of another kind.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        with reading(path) as dataset:
+            check_length(self.path)
+            found = attributes(dataset)
+            self.attributes = found | _summary(found[SUMMARY])
+            """The global attributes, and by its names what the summary says."""
+            self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
+            self.times: Array = dataset["time"][:]
+            self.bottom: Array = dataset["b"][:]
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh, made again from the attributes of the file."""
+        mesh = build_mesh(**self._mesh_arguments)
+        if mesh.size != self.bottom.size:
+            raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
+        return mesh
+
+    @property
+    def title(self) -> str:
+        """What was run."""
+        return str(self.attributes.get("title", self.attributes.get("scene", self.path.stem)))
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude (N,) [rad] of the nodes."""
+        return self.mesh.lon, self.mesh.lat
+
+    @property
+    def area(self) -> Array:
+        """Area weights (N,) [m2] of the nodes."""
+        return self.mesh.area
+
+    def nearest(self, time: float | None) -> float:
+        """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
+        if self.times.size == 0:
+            raise ConfigError(f"{self.path} holds no frame yet")
+        if time is None:
+            return float(self.times[-1])
+        found = float(self.times[np.argmin(np.abs(self.times - time))])
+        if not abs(found - time) <= TOLERANCE:
+            days = ", ".join(f"{t / DAY:g}" for t in self.times[-8:])
+            raise ConfigError(
+                f"{self.path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
+            )
+        return found
+
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME."""
+        index = int(np.argmin(np.abs(self.times - self.nearest(time))))
+        with reading(self.path) as dataset:
+            names = [*FRAME_FIELDS, *_tracers(dataset)]
+            return {"b": self.bottom} | {name: dataset[name][index] for name in names}
+
+    def values(self, field: str, time: float | None = None) -> Array:
+        """A field at the nodes: (N,), or (2, N) for "wind"."""
+        return derive(self.frame(time), field)
+
+    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
+        frame = self.frame(time)
+        pieces = [slice(start, start + POINTS) for start in range(0, lon.size, POINTS)]
+        parts = [
+            evaluate(Interpolator(self.mesh, lon[piece], lat[piece]), frame, field)
+            for piece in pieces
+        ]
+        return np.concatenate(parts, axis=-1)
+
+    def series(self) -> tuple[Array, dict[str, Array]]:
+        """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
+        with reading(self.path) as dataset:
+            found = {
+                name: variable[:]
+                for name, variable in dataset.variables.items()
+                if variable.dimensions == (SERIES,)
+            }
+        return found.pop(SERIES, np.zeros(0)), found

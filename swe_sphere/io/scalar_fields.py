@@ -1,0 +1,91 @@
+"""The fields a file can be asked for: names, units, colours, and how to derive them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import TRACER
+from swe_sphere.mesh import Interpolator
+
+__all__ = ["FIELDS", "Field", "check_field", "derive", "describe", "evaluate"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Field:
+    """What to call a field, its units, its cmocean colour map, and how to draw it."""
+
+    title: str
+    units: str
+    colours: str
+    diverging: bool = False
+    """Zero is the middle of the scale."""
+    contours: bool = True
+    """Drawn with contour lines; not where derivatives make them all loops and islands."""
+
+
+FIELDS = {
+    "h": Field("fluid depth", "m", "dense"),
+    "surface": Field("height of the free surface", "m", "dense"),
+    "b": Field("height of the bottom", "m", "turbid"),
+    "u": Field("eastward wind", "m s$^{-1}$", "balance", diverging=True),
+    "v": Field("northward wind", "m s$^{-1}$", "balance", diverging=True),
+    "speed": Field("wind speed", "m s$^{-1}$", "speed"),
+    "vorticity": Field("relative vorticity", "s$^{-1}$", "balance", diverging=True, contours=False),
+    "divergence": Field("divergence", "s$^{-1}$", "balance", diverging=True, contours=False),
+}
+"""Scalar fields by name.  Besides these, errors can be asked for of the vector "wind", and a run
+with tracers has the mixing ratio "q_NAME" of each."""
+
+
+def describe(name: str) -> Field:
+    """How to call and draw the field of that name."""
+    if name.startswith(TRACER):
+        return Field(f"mixing ratio of {name.removeprefix(TRACER)}", "1", "matter", contours=False)
+    return FIELDS[name]
+
+
+def check_field(name: str, *, vector: bool = False) -> str:
+    """The name, if there is such a field; "wind" is one only where vector is true.
+
+    Of what begins as the name of a tracer does, only the file can tell.
+
+    Raises ConfigError with the nearest name otherwise.
+    """
+    names = [*FIELDS, "wind"] if vector else [*FIELDS]
+    if name in names or name.startswith(TRACER):
+        return name
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"choose from {', '.join(names)}"
+    raise ConfigError(f"there is no field {name!r}: {hint}")
+
+
+def derive(fields: Mapping[str, Array], name: str) -> Array:
+    """The named field from stored ones (u, v, h, b, ...): (N,), or (2, N) for "wind"."""
+    if name == "surface" and "surface" not in fields:
+        return fields["h"] + fields.get("b", 0.0)
+    if name == "speed":
+        return np.hypot(fields["u"], fields["v"])
+    if name == "wind":
+        return np.stack([fields["u"], fields["v"]])
+    if name not in fields:
+        raise ConfigError(f"the field {name!r} is not there; there are {', '.join(fields)}")
+    return fields[name]
+
+
+def evaluate(interpolator: Interpolator, fields: Mapping[str, Array], name: str) -> Array:
+    """The named field at the points of an interpolator from nodal fields (N,).
+
+    Everything made of the wind goes by way of the vector, whose components jump at the poles.
+    """
+    if name in ("u", "v", "speed", "wind"):
+        u, v = interpolator.wind(fields["u"], fields["v"])
+        return derive({"u": u, "v": v}, name)
+    return interpolator(derive(fields, name))

@@ -1,0 +1,69 @@
+"""The limiter of tracers on the device."""
+
+import math
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
+from swe_sphere.kernels.tracers import blocks_kernel
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+
+Array = NDArray[np.float64]
+
+
+class Limiter:
+    """Brings mixing ratios back into their bounds in place, each tracer keeping its mass.
+
+    The depth has to be positive.  Where the bounds cannot hold the mass (which takes sources of
+    fluid) they are kept and the mass is not.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, depth: int, first: int, lower: Array, upper: Array
+    ) -> None:
+        """depth, first: offsets of the depth and of the first tracer; bounds: one a tracer."""
+        self._mesh, self._launch, self._count = mesh, launch, lower.size
+        self._offsets = (depth, first)
+        self._bounds = (mesh.upload(lower), mesh.upload(upper))
+        self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
+        self._across = sphere_limiter(mesh.real)
+        self._geometry = mesh.geometry(self._inside.geometry)
+        self._local, self._flat = mesh.local(self._count, self._inside.value)
+        self._places, self._add = mesh.places(self._count), blocks_kernel(mesh.real, adds=True)
+        self._area = wp.array(mesh.mesh.area, dtype=wp.float64, device=mesh.device)
+        self._span = math.isqrt(mesh.mesh.size) + 1
+        blocks = -(-mesh.mesh.size // self._span)
+        self._partial = wp.zeros((self._count, blocks), dtype=wp.vec3d, device=mesh.device)
+        self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
+        launch.load(self._inside.limit, self._add, *vars(self._across).values())
+
+    def __call__(self, state: wp.array) -> None:
+        """Limit the tracers of a state."""
+        self._within_elements(state)
+        self._over_the_sphere(state)
+
+    def _within_elements(self, state: wp.array) -> None:
+        mesh, size, (_, first) = self._mesh, self._mesh.mesh.size, self._offsets
+        self._launch(
+            self._inside.limit, mesh.groups, self._geometry, state, *self._offsets, self._count,
+            *self._bounds, self._local,
+        )  # fmt: skip
+        self._launch(
+            self._add, size, self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
+            self._flat, state,
+        )  # fmt: skip
+
+    def _over_the_sphere(self, state: wp.array) -> None:
+        size, across = self._mesh.mesh.size, self._across
+        self._launch(
+            across.sums, self._partial.shape, self._area, state, *self._offsets, size, self._span,
+            *self._bounds, self._partial,
+        )  # fmt: skip
+        self._launch(across.parts, self._count, self._partial, self._partial.shape[1], self._part)
+        self._launch(
+            across.limit, (self._count, size), *self._offsets, size, *self._bounds, self._part,
+            state,
+        )  # fmt: skip

@@ -1,0 +1,41 @@
+"""Terms that act at a point, where there is nothing to differentiate and so nothing to assemble."""
+
+from typing import Any
+
+import warp as wp
+
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+
+
+class PointwiseOperator:
+    """out = the pointwise terms at x, for state vectors of shape (unknowns*N,).
+
+    `parameters` as for `TendencyOperator`.
+    """
+
+    def __init__(
+        self,
+        mesh: DeviceMesh,
+        unknowns: int,
+        point: Pointwise,
+        launch: Launcher,
+        parameters: dict[str, Any],
+    ) -> None:
+        self.point, self._launch, self._size = point, launch, mesh.mesh.size
+        made = pointwise_kernel(unknowns, mesh.real, point)
+        self.kernel, self.structure = made.alone, fill(made.structure, parameters)
+        launch.load(self.kernel)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        """Evaluate at the state x; `out` must be another array."""
+        self._launch(self.kernel, self._size, self._size, self.structure, x, out)
+
+
+def fill(structure: Any, parameters: dict[str, Any]) -> Any:
+    """An instance of the structure, each member the parameter of its name."""
+    filled = structure()
+    for name in structure.vars:
+        setattr(filled, name, parameters[name])
+    return filled

@@ -1,0 +1,85 @@
+"""Flux-form transport of tracers on the device, DSS included, and their mixing ratios."""
+
+from typing import Any
+
+import warp as wp
+
+from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+
+
+class TracerTransport:
+    """-div(hq V) of `count` tracers, whose blocks (N,) follow each other in a vector.
+
+    `prescribed`: round as the depth does that a prescribed wind carries.
+    """
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int, prescribed: bool) -> None:
+        self.mesh, self.count, self._launch = mesh, count, launch
+        self._kernels = transport_kernels(mesh.mesh.np, mesh.real, mesh.shape, prescribed)
+        self._assemble = blocks_kernel(mesh.real, adds=False)
+        self._geometry = mesh.geometry(self._kernels.geometry)
+        self._local, self._flat = mesh.local(count, self._kernels.value)
+        self._places = mesh.places(count)
+        launch.load(self._kernels.transport, self._assemble)
+        self._has_tangent = False
+
+    def __call__(self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int) -> None:
+        """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`."""
+        self._run(self._kernels.transport, wind, x, first, out, to)
+
+    def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
+        """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
+        if not self._has_tangent:  # explicit steppers never compile it
+            self._launch.load(self._kernels.tangent)
+            self._has_tangent = True
+        self._run(self._kernels.tangent, base, x, first, out, first)
+
+    def _run(
+        self, kernel: Any, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int
+    ) -> None:
+        mesh, size = self.mesh, self.mesh.mesh.size
+        self._launch(kernel, mesh.dim, self._geometry, wind, x, first, self.count, self._local)
+        self._launch(
+            self._assemble, size, self._places, mesh.inverse_area, mesh.lanes, size, self.count,
+            to, self._flat, out,
+        )  # fmt: skip
+
+
+class MixingRatio:
+    """q = hq/h of `count` tracers at a state, and vectors that follow the depth with it.
+
+    `depth` and `first`: offsets of the depth and of the first tracer in a state vector.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, count: int, depth: int, first: int
+    ) -> None:
+        self._launch, self._offsets = launch, (depth, first, mesh.mesh.size)
+        self._dim = (count, mesh.mesh.size)
+        self._kernels = pointwise_kernels(mesh.real)
+        self.values = wp.zeros(count * mesh.mesh.size, dtype=mesh.real, device=mesh.device)
+        """(count*N,)"""
+        kernels = self._kernels
+        launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct, kernels.scaled)
+
+    def set(self, state: wp.array) -> None:
+        """Take the mixing ratios of a state."""
+        self._launch(self._kernels.mixing_ratio, self._dim, state, *self._offsets, self.values)
+
+    def follow(self, r: wp.array, x: wp.array) -> None:
+        """x_hq = r_hq + q (x_h - r_h): what changed the depth changes the tracers with it."""
+        self._launch(self._kernels.follow, self._dim, r, x, self.values, *self._offsets)
+
+    def correct(
+        self, flux: wp.array, air: wp.array, factor: float, r: wp.array, x: wp.array
+    ) -> None:
+        """x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
+        self._launch(
+            self._kernels.correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x
+        )
+
+    def scaled(self, flux: wp.array, factor: float, x: wp.array) -> None:
+        """x_hq = factor flux."""
+        self._launch(self._kernels.scaled, self._dim, flux, factor, *self._offsets[1:], x)

@@ -1,0 +1,103 @@
+"""Going on where another run stopped, bit for bit."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import code_fingerprint
+from swe_sphere.simulation.config import RunConfig, make_config
+
+if TYPE_CHECKING:
+    from swe_sphere.io.checkpoint import Checkpoint
+
+__all__ = ["adopt", "carried_counts", "check_identity", "check_step", "code_warnings"]
+
+INHERITED = frozenset({
+    "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
+    "device", "precision", "launch", "settings", "preconditioner", "tolerance",
+    "adaptive", "adaptive_by",
+})  # fmt: skip
+"""What a restarted run takes from the file unless it is told."""
+
+COUNTER = "counter_"
+
+
+def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
+    """The configuration, with the file's values for what it leaves open.
+
+    Raises:
+        ConfigError: the file does not hold the configuration of its run.
+    """
+    before = _stored(config, checkpoint, "configuration")
+    kept = {name: value for name, value in before.items() if name in INHERITED}
+    return make_config(kept | config.given())
+
+
+def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
+    """ConfigError naming the first thing in which the run in the file differs from this one."""
+    theirs = _stored(config, checkpoint, "identity")
+    plain = json.loads(json.dumps(identity))
+    _check_sources(config, theirs.get("sources"), plain.pop("sources"))
+    for name, ours in plain.items():
+        if theirs.get(name) != ours:
+            raise ConfigError(
+                f"{config.restart} is of another run: {name} is {theirs.get(name)!r} there and"
+                f" {ours!r} here"
+            )
+
+
+def _check_sources(config: RunConfig, theirs: object, ours: dict[str, str]) -> None:
+    """ConfigError naming the first file of the scene that is not known to be what it was."""
+    before = theirs if isinstance(theirs, dict) else {}
+    for name, contents in ours.items():
+        if before.get(name) != contents:
+            raise ConfigError(
+                f"{name} is not what it was when {config.restart} was begun: it has been edited;"
+                " run the scene from its start, without restart"
+            )
+
+
+def code_warnings(config: RunConfig, checkpoint: Checkpoint) -> tuple[str, ...]:
+    """What to warn of where the file was written by other code of this program."""
+    if checkpoint.attributes.get("code") == code_fingerprint():
+        return ()
+    return (
+        f"{config.restart} was written by other code of swe_sphere: the run goes on from it, but"
+        " is not bit for bit the one that either code would have made alone",
+    )
+
+
+def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
+    """The step [s] of the run in the file; ConfigError if another one is asked for."""
+    dt = float(checkpoint.attributes.get("dt", 0.0))
+    before = _stored(config, checkpoint, "configuration").get("dt")
+    if config.dt not in ("auto", dt, before) or not dt > 0.0:
+        raise ConfigError(
+            f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
+            " leave dt out"
+        )
+    return dt
+
+
+def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
+    """Take the counters of the run so far out of the checkpoint's memory."""
+    names = [name for name in checkpoint.memory if name.startswith(COUNTER)]
+    return {
+        name.removeprefix(COUNTER): np.asarray(checkpoint.memory.pop(name)).item() for name in names
+    }
+
+
+def _stored(config: RunConfig, checkpoint: Checkpoint, name: str) -> dict[str, object]:
+    try:
+        values = json.loads(str(checkpoint.attributes[name]))
+    except (KeyError, ValueError):
+        raise ConfigError(
+            f"{config.restart} does not say its {name}: it cannot be restarted"
+        ) from None
+    if not isinstance(values, dict):
+        raise ConfigError(f"{config.restart} does not say its {name}: it cannot be restarted")
+    return values

@@ -1,0 +1,1 @@
+"""Krylov and Newton-Krylov solvers on device vectors, and preconditioners."""

@@ -1,0 +1,192 @@
+"""Flexible GMRES: the Krylov solver under every implicit step.
+
+Saad (1993), A flexible inner-outer preconditioned GMRES algorithm, SIAM J. Sci. Comput. 14,
+461-469, doi:10.1137/0914028.  Preconditioned from the right, so that the residual it watches is the
+one of the problem itself, and flexible, so that the preconditioner may change from one iteration to
+the next.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum, auto
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.solvers.krylov_basis import OrthonormalBasis
+from swe_sphere.solvers.least_squares import HessenbergLeastSquares
+from swe_sphere.solvers.linear_result import LinearResult, LinearSolve, Operator, Status
+from swe_sphere.solvers.vector_space import VectorSpace
+
+__all__ = ["FlexibleGMRES"]
+
+# Below this many round-offs of the terms that cancel in it, the residual of the Arnoldi process is
+# not believed: it goes on falling where the true one cannot.
+UNTRUSTED = 1e4
+# A residual of so few round-offs of the terms it is the difference of is as small as it gets; a
+# larger one, of up to the second number, is when it no longer falls.
+FEWEST_ROUNDOFFS, MOST_ROUNDOFFS = 1.0, 1e3
+
+
+class _End(Enum):
+    """Why a cycle ended."""
+
+    TARGET = auto()
+    FULL = auto()
+    LIMIT = auto()
+    BREAKDOWN = auto()
+    NOT_FINITE = auto()
+
+
+class FlexibleGMRES:
+    """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
+
+    Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
+    only as many of each as the longest cycle so far has had.
+    """
+
+    def __init__(self, space: VectorSpace, size: int = 30) -> None:
+        """Raises ConfigError for a size below 1."""
+        if size < 1:
+            raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
+        self.space, self.size = space, size
+        self._basis = OrthonormalBasis(space, size + 1)
+        self._images: wp.array | None = None
+        self._image_rows: list[wp.array] = []
+
+    def solve(
+        self,
+        operator: Operator,
+        rhs: wp.array,
+        x: wp.array,
+        precondition: Operator | None = None,
+        rtol: float = 1e-6,
+        atol: float = 0.0,
+        max_iterations: int = 200,
+        floor: float = 0.0,
+    ) -> LinearResult:
+        """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
+
+        operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
+        may vary.  Both see vectors of this solver: they must not write to the first nor keep
+        either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
+        tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
+        size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
+        after the first.  After anything not finite, x is as it was at the last restart.
+        """
+        scale = self.space.norm(rhs)
+        p = LinearSolve(
+            operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
+        )
+        if scale == 0.0:
+            self.space.clear(x)
+            p.history.append(0.0)
+            return p.end(Status.CONVERGED, "the right-hand side is zero")
+        p.history.append(self._residual(p, fresh=True) if math.isfinite(scale) else scale)
+        p.terms, p.floor = max(scale, p.history[0]), floor
+        return self._iterate(p)
+
+    def _iterate(self, p: LinearSolve) -> LinearResult:
+        """Cycles until the target is met or nothing more is to be gained."""
+        if not math.isfinite(p.history[0]):
+            return p.end(Status.NOT_A_NUMBER, "the right-hand side or the guess is not finite")
+        if p.history[0] <= p.target:
+            return p.end(Status.CONVERGED, "the guess is good enough")
+        p.target = max(p.target, p.floor)
+        while True:
+            start = p.history[-1]
+            end = self._cycle(p)
+            if end is _End.NOT_FINITE:
+                return p.end(Status.NOT_A_NUMBER, "a product or the preconditioner is not finite")
+            trusted = p.target >= UNTRUSTED * self.space.epsilon * p.terms
+            if p.history[-1] <= p.target and trusted:
+                return p.end(Status.CONVERGED, "converged")
+            p.history[-1] = self._residual(p)
+            result = self._judge(p, end, start)
+            if result is not None:
+                return result
+
+    def _judge(self, p: LinearSolve, end: _End, start: float) -> LinearResult | None:
+        """What to make of the true residual after a cycle that began at `start`; None = go on."""
+        residual = p.history[-1]
+        if not math.isfinite(residual):
+            return p.end(Status.NOT_A_NUMBER, "the solution is not finite")
+        if residual <= p.target:
+            return p.end(Status.CONVERGED, "converged")
+        if residual > 10.0 * p.history[0]:
+            return p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
+        # A full basis may creep; any other cycle promised to gain far more than a half.
+        stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
+        roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
+        if residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
+            return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        if stuck:
+            singular = ": the operator is singular" if end is _End.BREAKDOWN else ""
+            return p.end(Status.STAGNATED, f"stagnated{singular}")
+        if p.iterations >= p.limit:
+            return p.end(Status.STAGNATED, "out of iterations")
+        return None
+
+    def _residual(self, p: LinearSolve, fresh: bool = False) -> float:
+        """Put rhs - A x in the first row of the basis; returns its norm."""
+        row = self._basis.rows[0]
+        if fresh and self.space.norm(p.x) == 0.0:
+            self.space.copy(p.rhs, row)
+            return p.scale
+        p.operator(p.x, row)
+        self.space.axpby(1.0, p.rhs, -1.0, row)
+        return self.space.norm(row)
+
+    def _cycle(self, p: LinearSolve) -> _End:
+        """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
+        start = p.history[-1]
+        self._basis.start(start)
+        small = HessenbergLeastSquares(start, self.space.epsilon)
+        goal = max(p.target, self.space.epsilon * start)
+        end = _End.LIMIT
+        for k in range(min(self.size, p.limit - p.iterations)):
+            column, size, below = self._expand(p, k)
+            if not math.isfinite(size) or not math.isfinite(below):
+                return _End.NOT_FINITE
+            p.history.append(small.append(column.tolist(), below))
+            p.iterations += 1
+            end = self._check(p, goal, below, k)
+            if end in (_End.TARGET, _End.BREAKDOWN):
+                break
+        self._update(p, small)
+        return end
+
+    def _check(self, p: LinearSolve, goal: float, below: float, k: int) -> _End:
+        if p.history[-1] <= goal:
+            return _End.TARGET
+        if below == 0.0:
+            return _End.BREAKDOWN
+        return _End.FULL if k + 1 == self.size else _End.LIMIT
+
+    def _expand(self, p: LinearSolve, k: int) -> tuple[NDArray[np.float64], float, float]:
+        """Next basis vector, from A M v_k: its components, its length and that of what is new."""
+        direction, product = self._basis.rows[k : k + 2]
+        if p.precondition is not None:
+            image = self._image_row(k)
+            p.precondition(direction, image)
+            direction = image
+        p.operator(direction, product)
+        return self._basis.extend(k + 1)
+
+    def _image_row(self, k: int) -> wp.array:
+        """Where M v_k is kept: a flexible method cannot find it again."""
+        if self._images is None:
+            self._images = self.space.room(self.size)
+            self._image_rows = [self._images[i] for i in range(self.size)]
+        return self._image_rows[k]
+
+    def _update(self, p: LinearSolve, small: HessenbergLeastSquares) -> None:
+        """x = x + sum_k y_k M v_k."""
+        preconditioned = p.precondition is not None and self._images is not None
+        stack = self._images if preconditioned else self._basis.stack
+        y, p.history[-1], terms = small.solve()
+        self.space.combine(p.x, stack, y, p.x)
+        p.terms += terms

@@ -1,0 +1,91 @@
+"""An orthonormal basis that grows by one vector at a time: the Gram-Schmidt part of Arnoldi."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.solvers.vector_space import VectorSpace
+
+__all__ = ["OrthonormalBasis"]
+
+Array = NDArray[np.float64]
+
+# A second pass is due at the latest when the first left less than this part of a vector.
+REMAINDER = 0.1
+
+
+class OrthonormalBasis:
+    """Room for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n)."""
+
+    def __init__(self, space: VectorSpace, size: int) -> None:
+        self.space = space
+        self.stack = space.room(size)
+        self.rows = [self.stack[k] for k in range(size)]
+        # bound of |I - V' V|, and how far it may grow: semi-orthogonality is as good as the full
+        # one for what is read off the projections (Simon 1984, doi:10.1016/0024-3795(84)90025-9)
+        self._loss = 0.0
+        self._allowed = math.sqrt(space.epsilon)
+
+    def start(self, length: float) -> None:
+        """Begin anew with rows[0], whose length is given."""
+        self.space.scale(1.0 / length, self.rows[0])
+        self._loss = self.space.epsilon
+
+    def extend(self, count: int) -> tuple[Array, float, float]:
+        """Make v = rows[count] orthonormal to the rows before it.
+
+        Returns (c (count,), |v| at entry, r) with v at entry = sum_s c_s rows[s] + r v at exit.  r
+        is 0, and v at exit without meaning, when v lies in the span of the rows to round-off; the
+        lengths are not finite when v is not.  Classical Gram-Schmidt, with a second pass where
+        cancellation calls for one and then no more ("twice is enough": Parlett, The Symmetric
+        Eigenvalue Problem, section 6.9; Giraud, Langou, Rozloznik & van den Eshof 2005,
+        doi:10.1007/s00211-005-0615-4).
+        """
+        products = self.space.project(self.stack, count + 1, self.rows[count])
+        square = float(products[count])
+        coefficients = products[:count].copy()
+        taken = float(coefficients.dot(coefficients))
+        rest = square - taken
+        if rest >= REMAINDER**2 * square > 0.0:
+            loss = self._loss_after(square, taken, rest)
+            if loss <= self._allowed:
+                self._loss = loss
+                return coefficients, math.sqrt(square), self._subtract(coefficients, count, rest)
+        if not 0.0 < square < math.inf:
+            return coefficients, math.sqrt(square), 0.0 if square == 0.0 else math.nan
+        self.space.combine(self.rows[count], self.stack, -coefficients, self.rows[count])
+        return self._again(count, coefficients, math.sqrt(square))
+
+    def _again(self, count: int, coefficients: Array, before: float) -> tuple[Array, float, float]:
+        """The second pass."""
+        products = self.space.project(self.stack, count + 1, self.rows[count])
+        square = float(products[count])
+        correction = products[:count].copy()
+        coefficients += correction
+        rest = square - float(correction.dot(correction))
+        if rest <= max(REMAINDER**2 * square, (10.0 * self.space.epsilon * before) ** 2):
+            return coefficients, before, 0.0
+        return coefficients, before, self._subtract(correction, count, rest)
+
+    def _subtract(self, coefficients: Array, count: int, rest: float) -> float:
+        """Take the components off the vector and normalise it; returns its length before that.
+
+        The length comes from Pythagoras, which there is accurate: the vector is read once less.
+        """
+        length = math.sqrt(rest)
+        row = self.rows[count]
+        self.space.combine(row, self.stack, -coefficients, row, 1.0 / length)
+        return length
+
+    def _loss_after(self, square: float, taken: float, rest: float) -> float:
+        """Bound of |I - V' V| after one pass on a vector: what was lost before is amplified.
+
+        The new row is off the others by |E c| / r + round-off |v| / r, and off length one, because
+        of Pythagoras, by c' E c / r^2.
+        """
+        ratio = math.sqrt(taken / rest)
+        growth = self._loss * ratio * max(ratio, 1.0)
+        return self._loss + growth + self.space.epsilon * math.sqrt(square / rest)

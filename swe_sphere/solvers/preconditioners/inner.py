@@ -1,0 +1,163 @@
+"""Approximate inverses of the Schur complement S, in the number type of the operator."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
+from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
+from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
+
+Array = NDArray[np.float64]
+
+COURANT_A_STEP = 10.0
+COURANT_A_CYCLE = 20.0
+MOST_CYCLES = 4
+"""Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
+Chebyshev step, and for each of which one more cycle, pays."""
+DEGREES = {3: 3, 4: 2}
+"""Chebyshev steps by np, where not 4.  At np 3 the branches share their shortest wave, whose nodal
+values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps leave as much of it as
+there was, so that the cycle is singular from some mesh on."""
+LARGEST_MEMORY = 4e9
+"""Memory [bytes] that a factorisation or patch inverses may take."""
+
+
+class InnerSolver(ABC):
+    """Approximate inverse of S; `setup`, of an operator configured alike, before `solve`."""
+
+    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
+        self.operator, self.matrix = operator, matrix
+
+    @abstractmethod
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+
+    @abstractmethod
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x near S^-1 b, both (N,); b may be overwritten."""
+
+    def _put(self, values: NDArray[Any], x: wp.array) -> None:
+        """Numpy values into a vector of the operator; on the CPU without Warp's slow detours."""
+        if x.device.is_cpu:
+            x.numpy()[:] = values
+        else:
+            wp.copy(x, self.operator.mesh.upload(values))
+
+    def _copy(self, source: wp.array, target: wp.array) -> None:
+        if target.device.is_cpu:
+            target.numpy()[:] = source.numpy()
+        else:
+            wp.copy(target, source)
+
+
+class Jacobi(InnerSolver):
+    """One damped division by the diagonal."""
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x = b / diag S, both (N,)."""
+        self._put(self._inverse * b.numpy(), x)
+
+
+class Direct(InnerSolver):
+    """Sparse LU factors of S, on the host.
+
+    Raises ConfigError where the factors would not fit.
+    """
+
+    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
+        super().__init__(operator, matrix)
+        n, degree = matrix.mesh.size, matrix.mesh.np - 1
+        bytes_ = 12.0 * 2.2 * degree * n**1.5
+        if bytes_ > LARGEST_MEMORY:
+            raise ConfigError(
+                f"the factors of a {n} x {n} Schur complement would take about "
+                f"{bytes_ / 1e9:.0f} GB; choose the preconditioner helmholtz (multilevel) instead "
+                "of helmholtz-direct"
+            )
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
+        from scipy.sparse.linalg import splu
+
+        self._factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x = S^-1 b, both (N,)."""
+        self._put(self._factors.solve(b.numpy().astype(np.float64)), x)
+
+
+class Multilevel(InnerSolver):
+    """Cycles of a coarse correction on four wave branches and Chebyshev steps on S itself.
+
+    At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
+    `symmetric`, as many steps go before the correction, as conjugate gradients need.
+    """
+
+    def __init__(
+        self,
+        operator: SchurOperator,
+        matrix: SchurMatrix,
+        degree: int | None = None,
+        symmetric: bool = False,
+    ) -> None:
+        super().__init__(operator, matrix)
+        self._degree = degree or DEGREES.get(matrix.mesh.np, 4)
+        self._symmetric = symmetric
+        self._coarse = CoarseCorrection(matrix)
+        self._direction, self._rest = operator.vector(), operator.vector()
+
+    def setup(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        diagonal = self.matrix.diagonal(tau, depth)
+        courant = float(np.sqrt(diagonal.max()))
+        degree = self._degree + (courant > COURANT_A_STEP)
+        self._steps = chebyshev_coefficients(degree, self.largest_eigenvalue(1.0 / diagonal))
+        self._coarse.setup(tau, depth)
+        self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
+
+    def largest_eigenvalue(self, inverse: Array) -> float:
+        """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
+
+        def product(x: Array) -> Array:
+            self._put(x, self._direction)
+            self.operator.apply(self._direction, self._rest)
+            result: Array = inverse * self._rest.numpy()
+            return result
+
+        return spectral_bound(product, inverse.size)
+
+    def solve(self, b: wp.array, x: wp.array) -> None:
+        """x near S^-1 b, both (N,); b is overwritten."""
+        for cycle in range(self._cycles):
+            if cycle > 0 or self._symmetric:
+                self._copy(b, self._rest)
+                self._smooth(self._rest, x, from_zero=cycle == 0)
+                self.operator.residual(b, x, self._rest)
+                self._put(x.numpy() + self._coarse.solve(self._rest.numpy()), x)
+            else:
+                self._put(self._coarse.solve(b.numpy()), x)
+            if self._symmetric and cycle < self._cycles - 1:
+                self._copy(b, self._rest)
+                self._smooth(self._rest, x)
+        self._smooth(b, x)
+
+    def _smooth(self, r: wp.array, x: wp.array, from_zero: bool = False) -> None:
+        """Chebyshev steps from x or from zero; r, the right-hand side, is overwritten."""
+        first, *others = self._steps
+        if from_zero:
+            self.operator.chebyshev_start(first, r, self._direction, x)
+        else:
+            self._copy(x, self._direction)
+            self.operator.chebyshev_step(first, r, self._direction, x)
+        for step in others:
+            self.operator.chebyshev_step(step, r, self._direction, x)

@@ -1,0 +1,51 @@
+"""How tracers take part in the linear gravity waves of semi-implicit steppers."""
+
+import numpy as np
+import warp as wp
+
+from swe_sphere.equations.model import Model
+from swe_sphere.operators.transport_operator import TracerTransport
+from swe_sphere.solvers.vector_space import VectorSpace
+
+__all__ = ["TracerWaves"]
+
+
+class TracerWaves:
+    """L_hq(V) = -H div(q V), the tracers' rows of L, with the mixing ratios q of one state.
+
+    Nothing depends on tracers, so that (I - tau L)^-1 needs no solve for them; but they have to
+    follow the depth: where its waves are implicit and those of hq explicit, a constant q would not
+    stay constant.  What the solver leaves as residual of the depth is taken over times q.
+    """
+
+    def __init__(self, model: Model, depth: float) -> None:
+        """depth: the reference depth H [m]."""
+        assert model.tracers is not None
+        mesh, count, n = model.device_mesh, model.tracers.count, model.mesh.size
+        self._height, self._first = depth, model.tracers.first
+        self._ratio = model.tracers.mixing_ratio()
+        self._transport = TracerTransport(mesh, model.launch, count, prescribed=True)
+        self._air_transport = TracerTransport(mesh, model.launch, 1, prescribed=True)
+        self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
+        self._ones = mesh.upload(np.ones(n))
+        blocks = np.kron(np.eye(len(model.names))[3:], np.ones(n))
+        self._units = [mesh.upload(block) for block in blocks]
+        area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
+        self._space = VectorSpace(area, model.device, mesh.real)
+
+    def linearise(self, state: wp.array) -> None:
+        """Take the mixing ratios of a state."""
+        self._ratio.set(state)
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out_hq = L_hq d."""
+        self._transport(d, self._ratio.values, 0, self._flux, 0)
+        self._ratio.scaled(self._flux, self._height, out)
+
+    def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
+        """x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
+        self._transport(x, self._ratio.values, 0, self._flux, 0)
+        self._air_transport(x, self._ones, 0, self._air, 0)
+        self._ratio.correct(self._flux, self._air, tau * self._height, r, x)
+        for unit in self._units:
+            self._space.axpy(self._space.dot(r, unit) - self._space.dot(x, unit), unit, x)

@@ -1,0 +1,132 @@
+"""Measures of the error of a step: to the companion method, and by the total energy."""
+
+from typing import ClassVar, Protocol
+
+import numpy as np
+import warp as wp
+
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.stepper import Stepper
+
+__all__ = ["MEASURES", "EnergyDrift", "LocalError", "Measure", "make_measure"]
+
+ROUNDOFFS = 10.0
+"""Changes of the energy by fewer round-offs of it are no drift."""
+
+
+class Measure(Protocol):
+    """The error of the step last attempted by a scheme, which has not been accepted yet."""
+
+    unit: ClassVar[str]
+    """What its values are, in words."""
+    order: int
+    """The power of dt that they go with."""
+
+    def __call__(self, dt: float) -> float:
+        """Error of the step of dt [s]."""
+
+    def per_change(self, dt: float) -> float:
+        """The value that an error as large as the present change over dt [s] would have."""
+
+
+class LocalError:
+    """What the scheme estimates, in the energy norm over the norm of the state, a step.
+
+    Winds and depth times sqrt(g/H) are measured alike [m s-1], so that the ratio means the same in
+    any units and on any planet.
+    """
+
+    unit: ClassVar[str] = "relative error of a step"
+
+    def __init__(self, scheme: ImplicitStepper) -> None:
+        if scheme.estimate_order is None:
+            raise ConfigError(
+                f"adaptive: stepper {scheme.name} has no error estimate; take one of "
+                f"{_with_estimate()}, or adaptive-by energy"
+            )
+        self._scheme, self.order = scheme, scheme.estimate_order
+
+    def __call__(self, dt: float) -> float:
+        """The estimate of the scheme for the step it attempted last."""
+        return self._scheme.error_estimate() / self._scheme.space.norm(self._scheme.state)
+
+    def per_change(self, dt: float) -> float:
+        """The relative change over dt [s]."""
+        return dt * _relative_rate(self._scheme)
+
+
+class EnergyDrift:
+    """Relative change of the total energy I(h |V|^2/2 + g h (h/2 + b)), per day."""
+
+    unit: ClassVar[str] = "relative energy drift per day"
+
+    def __init__(self, scheme: ImplicitStepper) -> None:
+        model = scheme.model
+        if model.dissipative or not _has_energy(model.scene):
+            raise ConfigError(
+                f"adaptive-by energy: {model.scene.name} as set up here does not conserve energy;"
+                " take adaptive-by embedded"
+            )
+        self._scheme, self.order = scheme, scheme.order
+        self._area, self._bottom = model.mesh.area, model.bottom
+        self._gravity = model.scene.planet.gravity
+
+    def __call__(self, dt: float) -> float:
+        """The drift over the step, 0 where it is round-off."""
+        before, after = self._energy(self._scheme.state), self._energy(self._scheme.new)
+        drift = abs(after - before) / before
+        return drift * DAY / dt if drift > ROUNDOFFS * self._scheme.space.epsilon else 0.0
+
+    def per_change(self, dt: float) -> float:
+        """The relative change of the energy in a day, were all of the change in its direction."""
+        return 2.0 * DAY * _relative_rate(self._scheme)
+
+    def _energy(self, state: wp.array) -> float:
+        fluid = state.numpy()[: self._scheme.model.fluid_size]
+        u, v, h = fluid.astype(np.float64).reshape(3, -1)
+        potential = self._gravity * (h + 2.0 * self._bottom)
+        return float(0.5 * np.sum(self._area * h * (u**2 + v**2 + potential)))
+
+
+MEASURES: dict[str, type[LocalError] | type[EnergyDrift]] = {
+    "embedded": LocalError,
+    "energy": EnergyDrift,
+}
+"""Measures by name."""
+
+
+def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
+    """The scheme, if its steps can follow an error, and the measure of that name.
+
+    Raises ConfigError where they cannot.
+    """
+    if by not in MEASURES:
+        raise ConfigError(f"adaptive-by: there is no {by!r}; there are {', '.join(MEASURES)}")
+    if not isinstance(scheme, ImplicitStepper):
+        raise ConfigError(
+            f"adaptive: stepper {scheme.name} only takes equal steps; take one of "
+            f"{_with_estimate()}"
+        )
+    return scheme, MEASURES[by](scheme)
+
+
+def _with_estimate() -> str:
+    """Names of the steppers that estimate their error."""
+    return ", ".join(k for k, cls in STEPPERS.items() if getattr(cls, "estimate_order", None))
+
+
+def _relative_rate(scheme: ImplicitStepper) -> float:
+    """Rate of the last step [s-1], over the norm of the state."""
+    return scheme.motion.rate / scheme.space.norm(scheme.state)
+
+
+def _has_energy(scene: Scene) -> bool:
+    """Whether the dynamics keep the total energy, and nothing else acts."""
+    names = ("momentum-advection", "pressure-gradient")
+    if scene.forcing is not None or scene.linear:
+        return False
+    return all(scene.effect(name) is not None for name in names)

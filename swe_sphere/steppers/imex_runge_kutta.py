@@ -1,0 +1,158 @@
+"""Implicit-explicit Runge-Kutta methods: a method is its two Butcher tableaus."""
+
+import math
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.gravity_waves import GravityWaveSolver
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.imex_stepper import TOLERANCE, SplitStepper, depth_of
+from swe_sphere.steppers.stability import Complex, error_constant, tableau
+from swe_sphere.steppers.stepper import Combiner
+
+Array = NDArray[np.float64]
+Rows = tuple[tuple[float, ...], ...]
+
+
+class ImexRungeKutta(SplitStepper):
+    """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
+
+    The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is
+    one of the change; L Y_i is what the solved equation implies, and the guess for it is the one of
+    a step before.
+    """
+
+    explicit: ClassVar[Rows]
+    """Rows below the diagonal, from the second stage on."""
+    implicit: ClassVar[Rows]
+    """Rows up to and with the diagonal, from the second stage on; one diagonal for all."""
+    b: ClassVar[tuple[float, ...]]
+    """The weights of both."""
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float = TOLERANCE,
+        coriolis: str = "explicit",
+        solver: GravityWaveSolver | None = None,
+    ) -> None:
+        super().__init__(model, dt, tolerance, coriolis, solver)
+        stages, n = len(self.b), model.mesh.size
+        self._tau = dt * self.implicit[0][-1]
+        stack = self.space.stack(2 * stages)
+        self._full = [stack[i] for i in range(stages)]
+        self._linear = [stack[stages + i] for i in range(stages)]
+        real = model.device_mesh.real
+        self._slopes = wp.zeros((stages, n), dtype=real, device=model.device)
+        self._past = [self._slopes[i] for i in range(stages)]
+        self._rhs, self._change, self._stage = model.zeros(), model.zeros(), model.zeros()
+        self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
+        self._nothing = model.zeros()
+        self._depths = VectorSpace(model.mesh.area, model.device, real)
+        a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
+        self._sums = [
+            Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
+            for i, e in enumerate(a_e)
+        ]
+        self._last = Combiner(model, stack, dt * np.array(self.b))
+        self._offsets = dt * a_e.sum(axis=1)
+
+    def _begin(self, slope: wp.array) -> None:
+        self.waves.linearise(self.state)
+        self.waves.apply(self.state, self._linear[0])
+        for guess in self._past:
+            wp.copy(guess, depth_of(self._linear[0], guess.size))
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state, "slopes": self._slopes}
+
+    def _advance(self) -> None:
+        self.waves.linearise(self.state)
+        self.model.tendency(self.state, self.time, self._full[0])
+        self.waves.apply(self.state, self._linear[0])
+        for i in range(1, len(self.b)):
+            self._solve_stage(i)
+            self.space.copy(self.state, self._stage)
+            self.space.axpy(1.0, self._change, self._stage)
+            self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
+        self._last(self.state, self._stage)
+        self.motion.accept(self.state, self._stage, self.dt)
+        self.space.copy(self._stage, self.state)
+
+    def _solve_stage(self, i: int) -> None:
+        """The change Y_i - x, and L Y_i."""
+        self._sums[i](self._nothing, self._known)
+        self.space.copy(self._known, self._rhs)
+        self.space.axpy(self._tau, self._linear[0], self._rhs)
+        wp.copy(self._guess, depth_of(self._known, self._guess.size))
+        self._depths.axpy(self._tau, self._past[i], self._guess)
+        self._solve(self._tau, self._rhs, self._guess, self._change)
+        slope = self._linear[i]
+        self.space.copy(self._change, slope)
+        self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
+        wp.copy(self._past[i], depth_of(slope, self._guess.size))
+
+    @classmethod
+    def error_constant(cls) -> float:
+        """That of the implicit part."""
+        return error_constant(tableau(cls.implicit, len(cls.b)), np.array(cls.b), cls.order)
+
+    @classmethod
+    def _growth(
+        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
+    ) -> NDArray[np.float64]:
+        z_i, z_e = np.broadcast_arrays(z_implicit, z_wave + z_dissipation)
+        z_i, z_e = z_i[..., None, None], z_e[..., None, None]
+        stages = len(cls.b)
+        a_i, a_e = tableau(cls.implicit, stages), tableau(cls.explicit, stages)
+        matrix = np.eye(stages) - z_i * a_i - z_e * a_e
+        y = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
+        growth: Array = np.abs(1.0 + (z_i + z_e)[..., 0, 0] * (y @ np.array(cls.b)))
+        return growth
+
+
+class ARK2(ImexRungeKutta):
+    """Semi-implicit Runge-Kutta: second order, L-stable waves, two solves a step.
+
+    ARK2 of Giraldo, Kelly & Constantinescu 2013 (doi:10.1137/120876034), eqs. 3.9-3.11.
+    """
+
+    name, order = "ark2", 2
+    _g, _w = 1.0 - math.sqrt(0.5), 0.25 * math.sqrt(2.0)
+    _a32 = (3.0 + 2.0 * math.sqrt(2.0)) / 6.0
+    explicit = ((2.0 * _g,), (1.0 - _a32, _a32))
+    implicit = ((_g, _g), (_w, _w, _g))
+    b = (_w, _w, _g)
+
+
+class ARS343(ImexRungeKutta):
+    """Semi-implicit Runge-Kutta: third order, L-stable waves, three solves a step.
+
+    Ascher, Ruuth & Spiteri 1997 (doi:10.1016/S0168-9274(97)00056-1), section 2.7.
+    """
+
+    name, order = "ars343", 3
+    # over hills the depth differs from that of the implicit part by a third and more, and as much
+    # of the gravity waves is explicit: there this method grows (semi-implicit leapfrog does not)
+    faster = 2.5
+    _g = 0.4358665215084590
+    _b1, _b2 = -1.5 * _g**2 + 4.0 * _g - 0.25, 1.5 * _g**2 - 5.0 * _g + 1.25
+    _a42 = _a43 = 0.5529291480359398
+    _a31 = (
+        (1.0 - 4.5 * _g + 1.5 * _g**2) * _a42
+        + (2.75 - 10.5 * _g + 3.75 * _g**2) * _a43
+        - 3.5 + 13.0 * _g - 4.5 * _g**2
+    )  # fmt: skip
+    _a32 = (
+        (-1.0 + 4.5 * _g - 1.5 * _g**2) * _a42
+        + (-2.75 + 10.5 * _g - 3.75 * _g**2) * _a43
+        + 4.0 - 12.5 * _g + 4.5 * _g**2
+    )  # fmt: skip
+    explicit = ((_g,), (_a31, _a32), (1.0 - _a42 - _a43, _a42, _a43))
+    implicit = ((0.0, _g), (0.0, 0.5 * (1.0 - _g), _g), (0.0, _b1, _b2, _g))
+    b = (0.0, _b1, _b2, _g)

@@ -1,0 +1,111 @@
+"""What every stepper does: it owns its state and moves it forward by one step at a time."""
+
+import itertools
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.kernels.vectors import AT_ONCE
+
+
+class Stepper(ABC):
+    """Time integrator of a model with a fixed step dt [s].
+
+    The stepper owns the state; `memory` returns all it needs to go on from there bit for bit.
+    Raises ConfigError for a step that is not positive and finite.
+    """
+
+    name: ClassVar[str]
+    order: ClassVar[int]
+    safety: ClassVar[float] = 0.85
+    """Part of the stability limit that an automatic step uses: winds grow during a run."""
+
+    def __init__(self, model: Model, dt: float) -> None:
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ConfigError(f"the time step must be positive and finite, not {dt} s")
+        self.model, self.dt = model, float(dt)
+        self.state: wp.array = model.zeros()
+        self.steps = 0
+        self.counters: dict[str, int] = {}
+        self._origin = 0.0
+
+    @property
+    def time(self) -> float:
+        """Time of `state` [s]."""
+        return self._origin + self.steps * self.dt
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        wp.copy(self.state, state)
+        self._origin, self.steps = t, 0
+
+    def step(self) -> None:
+        """Move `state` forward by dt."""
+        self._advance()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
+        self.steps += 1
+
+    @abstractmethod
+    def _advance(self) -> None: ...
+
+    @classmethod
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for."""
+        return model.spectrum(state, t)
+
+    @classmethod
+    @abstractmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
+
+    def costs(self) -> dict[str, float]:
+        """What the steps so far have taken: counts, and seconds where the name says so."""
+        return dict(self.counters)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run."""
+        arrays = {name: array.numpy().copy() for name, array in self._remembered().items()}
+        return arrays | {"origin": np.array(self._origin)}
+
+    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `memory` returned after that many steps.
+
+        Raises ConfigError when the memory is of another stepper or another size.
+        """
+        for name, array in self._remembered().items():
+            if name not in memory or memory[name].shape != array.shape:
+                raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
+            wp.copy(array, wp.array(memory[name], dtype=array.dtype, device=self.model.device))
+        self._origin, self.steps = float(memory["origin"]), steps
+
+    def _remembered(self) -> dict[str, wp.array]:
+        return {"state": self.state}
+
+
+class Combiner:
+    """out = x + sum_s c[s] stack[s], with coefficients fixed so that launches can be recorded."""
+
+    def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
+        self._model = model
+        terms = [(stack[s], float(c)) for s, c in enumerate(coefficients) if c != 0.0]
+        self._parts = [
+            list(itertools.chain(*terms[i : i + AT_ONCE])) for i in range(0, len(terms), AT_ONCE)
+        ]
+        real = model.device_mesh.real
+        self._kernels = [combine_kernel(real, len(part) // 2) for part in self._parts]
+        model.launch.load(*self._kernels)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        if not self._parts:
+            wp.copy(out, x)
+        for kernel, part in zip(self._kernels, self._parts, strict=True):
+            self._model.launch(kernel, self._model.size, x, *part, out)
+            x = out

@@ -1,0 +1,1 @@
+"""Many runs judged together: sweeps, verification, stress trials, and their pages."""

@@ -1,0 +1,147 @@
+"""Axes of the diagrams: logarithmic, with limits marked and names in the margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from swe_sphere.studies.report import words
+from swe_sphere.studies.report.palette import Curve
+from swe_sphere.studies.report.rows import Row
+from swe_sphere.studies.report.svg import FAINT, GRID, INK, PAPER
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+
+__all__ = ["SMALLEST", "finish", "mark_limits", "name_curves", "points", "spread"]
+
+SMALLEST = 1e-17
+"""Zero is drawn here."""
+LEAST = 3.0
+LIMITS = (
+    ("gravity_limit", "gravity limit", "right"),
+    ("advective_limit", "advective limit", "left"),
+)
+"""Of the step: attribute of a row, name, side of the line on which the text ends."""
+TICKS = (
+    (0.9, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)),
+    (1.9, (1.0, 2.0, 5.0)),
+    (2.9, (1.0, 3.0)),
+    (math.inf, (1.0,)),
+)
+"""Multiples of powers of ten that have a tick, on axes up to so many decades long."""
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+GAP = 0.064
+"""Height of a name in the margin, in parts of the axes."""
+
+
+def finish(axes: Axes, x: str, y: str, scale: Literal["log", "linear"] = "log") -> None:
+    """Axes with a grid and readable numbers; x is logarithmic, y as `scale` says."""
+    axes.set_xscale("log")
+    axes.set_yscale(scale)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    _ticks(axes.xaxis)
+    if scale == "log":
+        axes.set_ylim(*_widened(*axes.get_ylim()))
+        _ticks(axes.yaxis)
+    axes.grid(color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _widened(low: float, high: float) -> tuple[float, float]:
+    """Limits at least a factor of LEAST apart, so that noise does not fill the axes."""
+    factor = math.sqrt(max(1.0, LEAST * low / high))
+    return low / factor, high * factor
+
+
+def _ticks(axis: Axis) -> None:
+    """At powers of ten and on short axes between them; plain numbers where these are short."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = sorted(axis.get_view_interval())
+    decades = math.log10(high / low) if low > 0.0 else 0.0
+    subs = next(multiples for longest, multiples in TICKS if decades <= longest)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=8 if decades > 6 else 15))
+    axis.set_minor_locator(NullLocator())
+    plain = low >= 1e-2 and high <= 1e6
+    axis.set_major_formatter(FuncFormatter(_plain if plain else _power))
+
+
+def _plain(value: float, _: object = None) -> str:
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.3g}"
+
+
+def _power(value: float, _: object = None) -> str:
+    exponent = math.floor(math.log10(value) + 1e-9)
+    factor = round(value / 10.0**exponent, 1)
+    power = "10" + str(exponent).translate(RAISED)
+    return power if factor == 1.0 else f"{factor:g}·{power}"
+
+
+def points(axes: Axes, curve: Curve, xy: Sequence[tuple[float, float]], anchor: str) -> None:
+    """A curve through its rows; each point is a link to its row, `anchor` before its number."""
+    x, y = np.array(xy, dtype=float).T
+    y = np.maximum(y, SMALLEST)
+    axes.plot(x, y, curve.line, color=curve.look.colour, linewidth=1.3)
+    dots = axes.scatter(
+        x, y, s=30, marker=curve.look.marker, zorder=3, linewidths=0.9, c=curve.look.colour,
+        edgecolors=PAPER,
+    )  # fmt: skip
+    dots.set_urls([f"#{anchor}-{row.number}" for row in curve.rows])
+
+
+def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
+    """Vertical lines at the gravity-wave and the advective limit of the step."""
+    rows = list(rows)
+    for name, title, side in LIMITS:
+        values = [v for row in rows if math.isfinite(v := float(getattr(row, name))) and v > 0.0]
+        if not values:
+            continue
+        where = float(np.median(values))
+        axes.axvline(where, color=FAINT, linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
+        axes.text(
+            where, 1.01, f" {title} \n {words.step(where)} ", va="bottom", ha=side, fontsize=7.5,
+            color=FAINT, transform=axes.get_xaxis_transform(),
+        )  # fmt: skip
+
+
+def name_curves(axes: Axes, ends: Sequence[tuple[Curve, tuple[float, float]]]) -> None:
+    """Names right of the axes in their curves' colours, at about the height of their ends."""
+    if not ends:
+        return
+    transform = axes.transData + axes.transAxes.inverted()
+    ends = [(curve, transform.transform((x, max(y, SMALLEST)))) for curve, (x, y) in ends]  # type: ignore[misc]
+    ends.sort(key=lambda end: float(end[1][1]))
+    heights = spread([float(end[1][1]) for end in ends], GAP)
+    for (curve, (x, y)), height in zip(ends, heights, strict=True):
+        axes.plot(
+            [x, 1.02], [y, height], color=curve.look.colour, linewidth=0.6, alpha=0.4,
+            transform=axes.transAxes, clip_on=False, zorder=1,
+        )  # fmt: skip
+        axes.plot(
+            [1.02, 1.05, 1.08], [height] * 3, curve.line, color=curve.look.colour,
+            linewidth=1.3, marker=curve.look.marker, markevery=[1], markersize=5.5,
+            transform=axes.transAxes, clip_on=False,
+        )  # fmt: skip
+        axes.text(
+            1.095, height, curve.label, transform=axes.transAxes, va="center", fontsize=8.5,
+            color=INK,
+        )  # fmt: skip
+
+
+def spread(heights: Sequence[float], gap: float) -> list[float]:
+    """Heights in rising order moved apart to at least `gap`, between 0 and 1 if there is room."""
+    moved: list[float] = []
+    for height in heights:
+        moved.append(max(height, moved[-1] + gap if moved else 0.0))
+    top = 1.0
+    for i in reversed(range(len(moved))):
+        moved[i] = min(moved[i], top)
+        top = moved[i] - gap
+    return moved

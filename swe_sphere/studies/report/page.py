@@ -1,0 +1,136 @@
+"""A sweep as one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from swe_sphere.durable import write_whole
+from swe_sphere.io.disk import clear_errors
+from swe_sphere.studies.report import words
+from swe_sphere.studies.report.figures import Diagram, render
+from swe_sphere.studies.report.rows import Row
+from swe_sphere.studies.report.section import Part, Section, read_sections
+from swe_sphere.studies.report.svg import inline, save_svg
+from swe_sphere.studies.report.table import cell, columns, csv_text, how_it_ended
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+    from xarray import Dataset
+
+__all__ = ["Pictures", "environment", "write_report"]
+
+DOTS_PER_INCH = 160
+
+
+def write_report(
+    datasets: Dataset | Mapping[str, Dataset],
+    out: str | os.PathLike[str],
+    *,
+    title: str = "",
+    levels: Sequence[float] = (),
+    notes: Mapping[str, str] | None = None,
+) -> Path:
+    """Write index.html, its figures as SVG and PNG, and table.csv into a folder.
+
+    datasets: what `sweep` returns, or several by name: a section each.
+    title: of the page; empty: the first dataset's.
+    levels: error levels to answer for; none given, round ones that the errors span.
+    notes: text for the section of that name, after its answer.
+    Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
+    folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
+    """
+    out = Path(out)
+    sections = read_sections(datasets, levels)
+    with clear_errors(f"cannot write the report to {out}"):
+        out.mkdir(parents=True, exist_ok=True)
+    pictures = Pictures(out, png=True)
+    text = environment(html=True).get_template("report.html.j2").render(
+        title=title or _title(datasets), sections=sections, notes=notes or {},
+        picture=pictures.inline, columns=columns, cell=cell,
+    )  # fmt: skip
+    rows = csv_text([(section.title, section.rows) for section in sections])
+    write_whole(out / "table.csv", rows)
+    page = out / "index.html"
+    write_whole(page, text)
+    return page
+
+
+def _title(datasets: Dataset | Mapping[str, Dataset]) -> str:
+    from xarray import Dataset
+
+    first = datasets if isinstance(datasets, Dataset) else next(iter(datasets.values()), None)
+    given = "" if first is None else str(first.attrs.get("title", ""))
+    return given or "What accuracy costs in time"
+
+
+class Pictures:
+    """Draws diagrams into files of a folder, and hands them on."""
+
+    def __init__(self, folder: Path, *, png: bool) -> None:
+        self._folder = folder
+        self._png = png
+
+    def file(self, section: Section, part: Part, diagram: Diagram) -> str:
+        """Draw a diagram; returns the name of its SVG file."""
+        return self._draw(section, part, diagram)[0]
+
+    def inline(self, section: Section, part: Part, diagram: Diagram) -> Markup:
+        """Draw a diagram; returns it as an element of the page, its points with explanations."""
+        from markupsafe import Markup
+
+        name, svg = self._draw(section, part, diagram)
+        tips = {f"{section.name}-{row.number}": _tip(row) for row in part.rows}
+        return Markup(inline(svg, name.removesuffix(".svg"), diagram.title, tips))
+
+    def _draw(self, section: Section, part: Part, diagram: Diagram) -> tuple[str, str]:
+        stem = f"{section.name}-{part.name}-{diagram.name}"
+        figure = render(diagram, section.name)
+        svg = save_svg(figure, stem)
+        write_whole(self._folder / f"{stem}.svg", svg)
+        if self._png:
+            png = BytesIO()
+            figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
+            write_whole(self._folder / f"{stem}.png", png.getvalue())
+        return f"{stem}.svg", svg
+
+
+def _tip(row: Row) -> str:
+    return (
+        f"row {row.number}: {row.stepper}, Δt {words.step(row.dt)} "
+        f"({words.times(row.gravity_multiple)} gravity limit), "
+        f"wall {words.seconds(row.wall_seconds)}, {how_it_ended(row)}"
+    )
+
+
+def environment(*, html: bool) -> Environment:
+    """Where the templates are, with what they need."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("swe_sphere.studies.report", "templates"), autoescape=html,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip
+    made.filters["link_rows"] = _link_rows
+    made.filters["in_table"] = _in_table
+    return made
+
+
+def _link_rows(text: str, section: str) -> Markup:
+    """Escaped text in which "row 12" leads to that row of the section's table."""
+    from markupsafe import Markup, escape
+
+    link = rf'<a href="#{section}-\1">row&nbsp;\1</a>'
+    linked = re.sub(r"\brow (\d+)\b", link, str(escape(text)))
+    return Markup(re.sub(r"(\d) (s|%)(?!\w)", r"\1&nbsp;\2", linked))
+
+
+def _in_table(text: str) -> str:
+    """Text that does not end a cell of a Markdown table."""
+    return " ".join(text.split()).replace("|", "\\|")

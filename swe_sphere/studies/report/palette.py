@@ -1,0 +1,117 @@
+"""One colour and one marker for each stepper, the same in every picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from swe_sphere.studies.report.rows import Row
+
+__all__ = ["LINES", "STATUS", "Curve", "Look", "curves", "look"]
+
+BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+AMBER, SKY, GREY = "#E69F00", "#56B4E9", "#7F7F7F"
+"""Okabe and Ito's palette without black and yellow, which vanish on dark or on light paper."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a stepper is drawn."""
+
+    colour: str
+    marker: str
+
+
+LOOKS = {
+    "rk4": Look(BLUE, "o"),
+    "leapfrog": Look(ORANGE, "s"),
+    "ssprk3": Look(SKY, "p"),
+    "kg5": Look(BLUE, "h"),
+    "semi-implicit": Look(AMBER, "D"),
+    "ark2": Look(AMBER, "v"),
+    "ars343": Look(ORANGE, "P"),
+    "implicit-euler": Look(GREY, "X"),
+    "crank-nicolson": Look(GREY, "<"),
+    "implicit-midpoint": Look(PINK, ">"),
+    "bdf2": Look(PINK, "^"),
+    "tr-bdf2": Look(GREEN, "o"),
+    "sdirk3": Look(GREEN, "v"),
+    "esdirk4": Look(SKY, "D"),
+    "gauss-legendre": Look(GREY, "*"),
+    "average-vector-field": Look(PINK, "d"),
+    "rosenbrock-w": Look(GREEN, "P"),
+}
+COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY, GREY)
+MARKERS = ("8", "H", "d", "*", "X")
+
+LINES = ("-", "--", ":", "-.")
+"""Styles of the variants of a stepper (preconditioner, precision, device, settings)."""
+
+STATUS = {
+    "completed": Look(GREEN, "o"),
+    "unstable": Look(ORANGE, "X"),
+    "timed-out": Look(AMBER, "s"),
+    "solver-failed": Look(PINK, "v"),
+    "refused": Look(GREY, "_"),
+}
+
+
+def look(stepper: str) -> Look:
+    """The colour and marker of a stepper; of one not known here, always the same for its name."""
+    if stepper in LOOKS:
+        return LOOKS[stepper]
+    place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
+    return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Rows that differ in their step only, by rising step."""
+
+    label: str
+    look: Look
+    line: str
+    rows: tuple[Row, ...]
+
+
+def curves(rows: Iterable[Row]) -> list[Curve]:
+    """Rows of one mesh as curves; a label says what tells it from the stepper's other curves."""
+    rows = list(rows)
+    only = {name: _only([row for row in rows if row.stepper == name]) for name in _names(rows)}
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        variant = (part or one for part, one in zip(_variant(row), only[row.stepper], strict=True))
+        groups.setdefault((row.stepper, *variant), []).append(row)
+    made = []
+    for key, members in sorted(groups.items()):
+        others = [other for other in sorted(groups) if other[0] == key[0]]
+        label = ", ".join([key[0], *_difference(key, others)])
+        line = LINES[others.index(key) % len(LINES)]
+        ordered = tuple(sorted(members, key=lambda row: row.dt))
+        made.append(Curve(label, look(key[0]), line, ordered))
+    return made
+
+
+def _variant(row: Row) -> tuple[str, ...]:
+    return row.preconditioner, row.precision, row.device, row.settings
+
+
+def _names(rows: list[Row]) -> set[str]:
+    return {row.stepper for row in rows}
+
+
+def _only(rows: list[Row]) -> tuple[str, ...]:
+    """What stands for an empty part of a variant: a run that never began may not have noted it."""
+    parts = [set(filter(None, values)) for values in zip(*map(_variant, rows), strict=True)]
+    return tuple(part.pop() if len(part) == 1 else "" for part in parts)
+
+
+PLAIN = {(1, "none"): "no preconditioner"}
+
+
+def _difference(key: tuple[str, ...], others: list[tuple[str, ...]]) -> list[str]:
+    return [
+        PLAIN.get((i, part), part or "default")
+        for i, part in enumerate(key)
+        if i and len({other[i] for other in others}) > 1
+    ]

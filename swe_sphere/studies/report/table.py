@@ -1,0 +1,129 @@
+"""The rows of a sweep as a table, for reading and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from io import StringIO
+
+from swe_sphere.studies.report import words
+from swe_sphere.studies.report.rows import Metric, Row
+
+__all__ = ["Cell", "Column", "cell", "columns", "csv_text", "how_it_ended"]
+
+Value = float | str
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table."""
+
+    title: str
+    value: Callable[[Row], Value]
+    text: Callable[[float], str] = words.number
+    essential: bool = False
+    """Whether short tables have it."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What stands in a column of a row."""
+
+    text: str
+    sort: str
+    """What to sort by; empty: last."""
+    numeric: bool
+
+
+def cell(column: Column, row: Row) -> Cell:
+    """A column's value for a row as text."""
+    value = column.value(row)
+    if isinstance(value, str):
+        return Cell(value, value, numeric=False)
+    return Cell(column.text(value), repr(value) if math.isfinite(value) else "", numeric=True)
+
+
+def how_it_ended(row: Row) -> str:
+    """In words: the reason where there is one, else the status."""
+    if row.completed or not row.reason:
+        return row.status
+    return f"{row.status}: {row.reason}"
+
+
+def columns(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[Column]:
+    """The columns that say something about these rows."""
+    return [
+        column
+        for column in (*_SETTINGS, *(_error_column(metric) for metric in metrics), *_COSTS)
+        if column.essential
+        or any(cell(column, row).text not in ("", words.NOTHING) for row in rows)
+    ]
+
+
+def _error_column(metric: Metric) -> Column:
+    title = f"{metric.symbol} {metric.kind}, day {metric.day:g}"
+    return Column(title, lambda row: row.error(metric), words.error, essential=True)
+
+
+def _signed(value: float) -> str:
+    return f"+{words.error(value)}" if value > 0.0 else words.error(value)
+
+
+_SETTINGS = (
+    Column("row", lambda r: float(r.number), words.count, essential=True),
+    Column("stepper", lambda r: r.stepper, essential=True),
+    Column("preconditioner", lambda r: r.preconditioner),
+    Column("mesh", lambda r: r.mesh),
+    Column("Δt", lambda r: r.dt, words.step, essential=True),
+    Column("Δt / gravity limit", lambda r: r.gravity_multiple, words.times, essential=True),
+    Column("Δt / advective limit", lambda r: r.advective_multiple, words.times, essential=True),
+    Column("how it ended", how_it_ended, essential=True),
+)
+_COSTS = (
+    Column("wall", lambda r: r.wall_seconds, words.seconds, essential=True),
+    Column("spread", lambda r: r.wall_spread, words.percent, essential=True),
+    Column("CPU", lambda r: r.cpu_seconds, words.seconds),
+    Column("right-hand-side equivalents", lambda r: r.equivalents, words.count, essential=True),
+    Column("right-hand sides", lambda r: r.rhs_evaluations, words.count),
+    Column("Newton a step", lambda r: r.per_step("newton_iterations")),
+    Column("Krylov a step", lambda r: r.per_step("krylov_iterations"), essential=True),
+    Column("rejected steps", lambda r: r.rejected_steps, words.count),
+    Column("mass drift", lambda r: r.mass_drift, _signed),
+    Column("energy drift", lambda r: r.energy_drift, _signed, essential=True),
+    Column("enstrophy drift", lambda r: r.enstrophy_drift, _signed),
+    Column("compilation", lambda r: r.compile_seconds, words.seconds),
+    Column("memory", lambda r: r.peak_memory, words.bytes_text),
+    Column("precision", lambda r: r.precision),
+    Column("device", lambda r: r.device),
+    Column("settings", lambda r: r.settings),
+    Column("days", lambda r: r.days),
+    Column("steps", lambda r: r.steps, words.count),
+    Column("role", lambda r: r.role),
+)
+
+
+def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:
+    """All that is known of the rows of named datasets, in SI units; every error in a column.
+
+    Fields that are not finite are empty.
+    """
+    names = [f.name for f in fields(Row) if f.name not in ("walls", "errors")]
+    found = {metric for _, rows in named for row in rows for metric in row.errors}
+    metrics = sorted(found, key=lambda metric: metric.name)
+    out = StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["dataset", *names, "rhs_equivalents", *(metric.name for metric in metrics)])
+    for dataset, rows in named:
+        for row in rows:
+            values = (*(getattr(row, name) for name in names), row.equivalents)
+            errors = (row.error(metric) for metric in metrics)
+            writer.writerow([dataset, *(_plain(value) for value in (*values, *errors))])
+    return out.getvalue()
+
+
+def _plain(value: object) -> object:
+    if not isinstance(value, float):
+        return value
+    return "" if not math.isfinite(value) else int(value) if value == int(value) else value

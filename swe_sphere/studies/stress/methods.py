@@ -1,0 +1,116 @@
+"""Ways to measure a trial: a plain run, one with a file, two precisions, a batch of seeds."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from swe_sphere.errors import SweError
+from swe_sphere.io.norms import errors
+from swe_sphere.simulation.execution import INTERRUPTED
+from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.run import run as run_experiment
+from swe_sphere.studies.stress.attempt import Ended, Tick, attempt, config_of, line, ready
+from swe_sphere.studies.stress.random_state import random_scene, random_setting
+from swe_sphere.studies.stress.trial import Trial
+
+__all__ = ["METHODS", "measure"]
+
+
+def measure(trial: Trial, tick: Tick | None = None) -> Ended:
+    """How the trial ended, by its own method."""
+    return METHODS[trial.method](trial, tick)
+
+
+def _with_file(trial: Trial, tick: Tick | None) -> Ended:
+    """Run as the command does, with a file, and count what is no number in it: not_finite."""
+    try:
+        dt = trial.part and trial.part * ready(trial).limit
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "trial.nc"
+            asked = {"out": path, **({"dt": dt} if dt else {})}
+            config = config_of(replace(trial, run={**trial.run, **asked}))
+            summary = run_experiment(config)
+            counted = _not_finite(path)
+    except SweError as error:
+        return Ended("refused", line(error))
+    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps", "days")}  # type: ignore[arg-type]
+    numbers |= {"not_finite": counted, "last_day": numbers.pop("days")}
+    if summary.exit_status == INTERRUPTED:
+        raise Interrupted(summary.reason)
+    if summary.completed:
+        return Ended("completed", "", numbers)
+    timed_out = "time limit" in (summary.reason or "")
+    return Ended("timed-out" if timed_out else "unstable", summary.reason or "", numbers)
+
+
+def _not_finite(path: Path) -> float:
+    """Values of the fields in a file that are no numbers, or missing."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as data:
+        fields = (data[name][:] for name in ("u", "v", "h", "vorticity", "divergence"))
+        return float(sum((~np.isfinite(np.ma.filled(x, np.nan))).sum() for x in fields))
+
+
+def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
+    """The run in float32, and apart_h, apart_v: relative l2 distance from that in float64."""
+    exact = attempt(replace(trial, run={**trial.run, "precision": "float64"}), tick)
+    if exact.status != "completed":
+        return replace(exact, reason=f"in float64: {exact.reason}")
+    rough = attempt(replace(trial, run={**trial.run, "precision": "float32"}), tick)
+    if rough.status == "completed" and rough.mesh is not None:
+        apart = errors(rough.mesh, rough.fields, exact.fields)
+        rough.numbers |= {"apart_h": apart["l2_h"], "apart_v": apart["l2_v"]}
+    rough.numbers["seconds"] += exact.numbers["seconds"]
+    return rough
+
+
+ADVECTIVE = 2.0
+"""The advective Courant number at which the model chooses the step of implicit steppers."""
+WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
+"""Of a batch of runs the largest of these is told."""
+
+
+def _seeds(trial: Trial, tick: Tick | None) -> Ended:
+    """Each seed by itself: how many `stopped`, and the worst numbers of all."""
+    batch = Ended(numbers={"seeds": float(len(trial.seeds)), "stopped": 0.0, "seconds": 0.0})
+    for seed in trial.seeds:
+        if tick is not None:
+            tick(f"seed {seed}")
+        _add(batch, seed, attempt(_of_seed(trial, seed)))
+    return batch
+
+
+def _of_seed(trial: Trial, seed: int) -> Trial:
+    run, length = random_setting(seed)
+    one = replace(trial, run={**trial.run, **run}, scene=partial(random_scene, seed))
+    return replace(one, part=length.part, courant=length.courant, advective=ADVECTIVE)
+
+
+def _add(batch: Ended, seed: int, ended: Ended) -> None:
+    numbers = batch.numbers
+    numbers["seconds"] += ended.numbers["seconds"]
+    for name in WORST:
+        if name in ended.numbers:
+            numbers[name] = max(numbers.get(name, -math.inf), ended.numbers[name])
+    if ended.status != "completed":
+        numbers["stopped"] += 1.0
+        batch.reason = batch.reason or f"seed {seed}: {ended.status}: {ended.reason}"
+    if ended.status in ("timed-out", "crashed"):
+        batch.status = ended.status
+
+
+METHODS: dict[str, Callable[[Trial, Tick | None], Ended]] = {
+    "run": attempt,
+    "file": _with_file,
+    "precisions": _two_precisions,
+    "seeds": _seeds,
+}
+"""All ways to measure by name."""

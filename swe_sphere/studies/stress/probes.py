@@ -1,0 +1,75 @@
+"""What is watched during a trial besides integrals and errors: symmetries of the flow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.io.norms import area_mean
+from swe_sphere.simulation.snapshot import Moment
+
+if TYPE_CHECKING:
+    from swe_sphere.mesh import Mesh
+
+__all__ = ["PROBES", "Probe"]
+
+Array = NDArray[np.float64]
+Probe = Callable[[Moment], dict[str, float]]
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""A quarter turn about the axis of the planet."""
+MIRROR = np.diag([1.0, 1.0, -1.0])
+"""South for north."""
+CLOSE = 1e-9
+
+
+class Fourfold:
+    """How much of the northward wind has a zonal wavenumber that is no multiple of four.
+
+    off_wave: part of the mean of v² that is lost when v is averaged over quarter turns, which take
+    nodes to nodes on an unturned, unstretched mesh.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._area, once = mesh.area, _images(mesh, QUARTER)
+        self._turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
+
+    def __call__(self, moment: Moment) -> dict[str, float]:
+        """off_wave at that moment."""
+        v = moment.fields["v"]
+        rest = v - sum(v[turn] for turn in self._turns) / 4.0
+        whole = area_mean(self._area, v**2) or 1.0
+        return {"off_wave": area_mean(self._area, rest**2) / whole}
+
+
+class Mirrored:
+    """How far the depth is from being the same on both sides of the equator.
+
+    off_mirror: rms of h less its mirror image, over the rms of its deviation from the mean.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._area, self._other = mesh.area, _images(mesh, MIRROR)
+
+    def __call__(self, moment: Moment) -> dict[str, float]:
+        """off_mirror at that moment."""
+        h = moment.fields["h"]
+        spread = area_mean(self._area, (h - area_mean(self._area, h)) ** 2) or 1.0
+        return {"off_mirror": np.sqrt(area_mean(self._area, (h - h[self._other]) ** 2) / spread)}
+
+
+PROBES: dict[str, Callable[[Mesh], Probe]] = {"fourfold": Fourfold, "mirror": Mirrored}
+"""All probes by name; each is made for a mesh."""
+
+
+def _images(mesh: Mesh, map_: Array) -> NDArray[np.intp]:
+    """For each node the one that it is mapped to; ValueError where there is none."""
+    from scipy.spatial import KDTree
+
+    apart, found = KDTree(mesh.xyz).query(mesh.xyz @ map_.T)
+    if apart.max() > CLOSE:
+        raise ValueError("the mesh does not have this symmetry: leave out stretch, centre and spin")
+    return np.asarray(found)

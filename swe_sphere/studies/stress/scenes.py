@@ -1,0 +1,136 @@
+"""Scenes that only a stress trial wants: steps in the bottom, noise, thin water, other planets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from swe_sphere.equations.effects import DYNAMICS, Rotation
+from swe_sphere.equations.scene import Array, Scalar, Scene
+from swe_sphere.planet import Planet
+from swe_sphere.testcases import get_scene
+from swe_sphere.testcases.formulas import cone, coriolis, distance
+from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+
+__all__ = [
+    "PLANETS", "dry_spot", "eddies", "flow_over", "lake_over", "mesa", "noise", "noisy", "peak",
+    "thin_layer", "zonal",
+]  # fmt: skip
+
+PLACE = (1.5 * np.pi, np.pi / 6.0)
+"""Where the mountain of williamson5 stands [rad]."""
+RADIUS = np.pi / 9.0
+
+PLANETS = {
+    "mars": (Planet(3.3895e6, 3.71, 7.088e-5), 3000.0),
+    "jupiter": (Planet(7.1492e7, 24.79, 1.7585e-4), 1.0e5),
+    "venus": (Planet(6.0518e6, 8.87, -2.9924e-7), 3000.0),
+    "still": (Planet(6.37122e6, 9.80616, 0.0), 3000.0),
+}
+"""Planets that are not the Earth, and the mean depth of their water here [m]."""
+
+
+def noise(shape: tuple[int, ...], seed: int) -> Array:
+    """Three fields of independent normal numbers: as rough as a mesh can show."""
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
+
+
+def mesa(lon: Array, lat: Array) -> Array:
+    """A mountain with vertical sides: 2000 m within 20 degrees of its centre, else nothing."""
+    return np.where(distance(lon, lat, *PLACE) < RADIUS, 2000.0, 0.0)
+
+
+def peak(lon: Array, lat: Array) -> Array:
+    """The cone of williamson5, 5000 m high: 960 m below the surface at rest."""
+    height: Array = 2.5 * cone(lon, lat)
+    return height
+
+
+def lake_over(bottom: Scalar) -> Scene:
+    """The lake at rest over another bottom."""
+    lake: Scene = get_scene("lake-at-rest")
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        still = 0.0 * (lon + lat)
+        return still, still.copy(), 5960.0 - bottom(lon, lat)
+
+    return replace(lake, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, bottom=bottom)
+
+
+def flow_over(bottom: Scalar) -> Scene:
+    """The flow of williamson5 over another bottom."""
+    base: Scene = get_scene("williamson5")
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, h = base.initial(lon, lat)
+        return u, v, h + cone(lon, lat) - bottom(lon, lat)
+
+    return replace(base, initial=initial, bottom=bottom)
+
+
+def noisy(name: str, wind: float = 1.0, depth: float = 10.0, seed: int = 1) -> Scene:
+    """The scene with noise from node to node: rms of the winds [m s-1] and of the depth [m]."""
+    base: Scene = get_scene(name)
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, h = base.initial(lon, lat)
+        du, dv, dh = noise(lon.shape, seed)
+        return u + wind * du, v + wind * dv, h + depth * dh
+
+    return replace(base, initial=initial, exact=None)
+
+
+def thin_layer(outside: float) -> Scene:
+    """A dam of 1000 m that breaks onto water of another depth [m]."""
+    base: Scene = get_scene("dam-break")
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, h = base.initial(lon, lat)
+        return u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0
+
+    return replace(base, initial=initial)
+
+
+def dry_spot() -> Scene:
+    """The flow of williamson5 with a mountain that looks out of the water."""
+    return flow_over(lambda lon, lat: 3.5 * cone(lon, lat))
+
+
+def zonal(name: str, speed: float = 40.0) -> Scene:
+    """Steady zonal flow as in williamson2 on another planet (exact)."""
+    planet, depth = PLANETS[name]
+    fall = (planet.radius * planet.rotation * speed + 0.5 * speed**2) / planet.gravity
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        h = depth + fall * (1.0 / 3.0 - np.sin(lat) ** 2)
+        return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), h + 0.0 * lon
+
+    base: Scene = get_scene("williamson2")
+    return replace(
+        base,
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        planet=planet,
+        coriolis=lambda lon, lat: coriolis(lon, lat, planet),
+    )
+
+
+def eddies(name: str, speed: float = 10.0) -> Scene:
+    """A random balanced flow on another planet, without any dissipation."""
+    planet, depth = PLANETS[name]
+    psi = random_streamfunction(_falling, 8, speed, planet.radius, seed=3)
+    flow = BalancedFlow(psi, planet, depth)
+    base: Scene = get_scene("williamson2")
+    return replace(
+        base,
+        initial=flow.state,
+        exact=None,
+        planet=planet,
+        effects=(*DYNAMICS, Rotation()),
+        coriolis=lambda lon, lat: coriolis(lon, lat, planet),
+    )
+
+
+def _falling(n: Array) -> Array:
+    return 1.0 / n**2

@@ -1,0 +1,107 @@
+"""A run as a series of samples, and what is made of it: extremes, ends, days, growth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.plan import TimePlan
+from swe_sphere.simulation.sampler import Sampler
+from swe_sphere.simulation.snapshot import Moment
+from swe_sphere.studies.stress.probes import Probe
+
+__all__ = ["Series"]
+
+SAMPLES = 120
+"""About how many samples of a run are taken."""
+BROKEN = 1e-2
+"""Part of v² off the symmetry that counts as its loss."""
+DRIFTS = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity")
+ERRORS = ("l2_h", "l2_v", "linf_h")
+GROWING = ("l2_h", "l2_v")
+
+
+class Series:
+    """An observer that samples integrals, errors and probes about `SAMPLES` times."""
+
+    def __init__(self, sampler: Sampler, plan: TimePlan, probes: Sequence[Probe]) -> None:
+        self._sampler, self._probes = sampler, probes
+        self._every = max(1, plan.steps // SAMPLES)
+        self._days: list[float] = []
+        self._rows: list[dict[str, float]] = []
+
+    def due(self, step: int) -> bool:
+        """Every so many steps."""
+        return step % self._every == 0
+
+    def observe(self, moment: Moment) -> None:
+        """Take a sample."""
+        row = self._sampler(moment)
+        for probe in self._probes:
+            row |= probe(moment)
+        self._days.append(moment.time / DAY)
+        self._rows.append(row)
+
+    def numbers(self) -> dict[str, float]:
+        """What the series comes to; nothing of a run that had no sample.
+
+        Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
+        min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
+        max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  Errors
+        are those at the end; growth_v and growth_h say how errors went with time, see `_growth`.
+        symmetry_day: see `_lost`.
+        """
+        if not self._rows:
+            return {}
+        found = {name: float(np.abs(self._of(name)).max()) for name in DRIFTS}
+        winds, gains = self._of("max_wind"), self._of("energy_drift")
+        found |= {
+            "max_wind": float(winds.max()),
+            "wind_growth": float(winds.max() / winds[0]) if winds[0] > 0.0 else math.nan,
+            "froude": float((winds / self._of("max_wave")).max()),
+            "min_depth": float(self._of("min_depth").min()),
+            "energy_gain": float(gains.max()),
+            "last_day": self._days[-1],
+        }
+        return found | self._error_numbers() | self._symmetries() | self._tracers()
+
+    def _of(self, name: str) -> np.ndarray:
+        return np.array([row[name] for row in self._rows])
+
+    def _error_numbers(self) -> dict[str, float]:
+        last = self._rows[-1]
+        if "l2_h" not in last:
+            return {}
+        ends = {name: last[name] for name in ERRORS if name in last}
+        growth = {f"growth_{name[-1]}": self._growth(name) for name in GROWING if name in last}
+        return ends | growth
+
+    def _growth(self, name: str) -> float:
+        """Largest error of the last third over three times that of the first third.
+
+        It is 1 for an error that grows linearly, 3 for a quadratic one, 1/3 for a constant one.
+        """
+        errors, third = self._of(name), len(self._rows) // 3
+        early, late = errors[: third + 1].max(), errors[-third - 1 :].max()
+        return float(late / (3.0 * early)) if early > 0.0 else math.nan
+
+    def _symmetries(self) -> dict[str, float]:
+        last = self._rows[-1]
+        found = {name: last[name] for name in ("off_wave", "off_mirror") if name in last}
+        return found | ({"symmetry_day": self._lost()} if "off_wave" in last else {})
+
+    def _lost(self) -> float:
+        """The first day on which `BROKEN` of v² is off the symmetry; infinite if there is none."""
+        broken = self._of("off_wave") > BROKEN
+        return self._days[int(np.argmax(broken))] if broken.any() else math.inf
+
+    def _tracers(self) -> dict[str, float]:
+        """Least and largest mixing ratios over the run, and the largest drift of a mass."""
+        last = self._rows[-1]
+        low = {n: float(self._of(n).min()) for n in last if n.startswith("min_q_")}
+        high = {n: float(self._of(n).max()) for n in last if n.startswith("max_q_")}
+        masses = [np.abs(self._of(n)).max() for n in last if n.startswith("mass_drift_q_")]
+        return low | high | ({"tracer_mass_drift": float(max(masses))} if masses else {})

@@ -1,0 +1,183 @@
+"""What a sweep is asked to do: one frozen object, from flags, a recipe, or Python."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from swe_sphere.equations.scene_checks import MOST_ELEMENTS
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.config import (
+    Days,
+    FileName,
+    Number,
+    Positive,
+    RunConfig,
+    Whole,
+    first_complaint,
+    make_config,
+)
+from swe_sphere.simulation.setup import make_mesh, make_scene
+
+__all__ = ["SweepPlan", "check_plan", "make_plan"]
+
+
+def _listed(value: object) -> object:
+    """A comma-separated list, one value or several of them, as a tuple."""
+    if isinstance(value, str):
+        return tuple(part.strip() for part in value.split(",") if part.strip())
+    if isinstance(value, list | tuple):
+        return tuple(part for item in value for part in _each(item))
+    return (value,)
+
+
+def _each(item: object) -> tuple[object, ...]:
+    parts = _listed(item) if isinstance(item, str) else (item,)
+    assert isinstance(parts, tuple)
+    return parts
+
+
+def _counted(value: object) -> object:
+    """A list of numbers; ValueError for a switch among them, which pydantic would take for 1."""
+    values = _listed(value)
+    assert isinstance(values, tuple)
+    if any(isinstance(each, bool) for each in values):
+        raise ValueError("must be numbers")
+    return values
+
+
+def _steps(value: object) -> object:
+    if isinstance(value, str) and value.strip().lower() == "auto":
+        return "auto"
+    try:
+        steps = tuple(float(step) for step in _counted(value))  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        steps = ()
+    if not steps or not all(math.isfinite(step) and step > 0.0 for step in steps):
+        raise ValueError("must be positive numbers of seconds or 'auto'")
+    return steps
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_counted)]
+Count = Annotated[int, Field(ge=0, le=MOST_ELEMENTS)]
+Counts = Annotated[tuple[Count, ...], BeforeValidator(_counted)]
+Steps = Annotated[Literal["auto"] | tuple[float, ...], BeforeValidator(_steps)]
+Paths = Annotated[tuple[FileName, ...], BeforeValidator(_listed)]
+Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
+
+RUN_OPTIONS = (
+    "scene", "alpha", "settings", "stretch", "centre_lon", "centre_lat", "spin", "device", "launch",
+)  # fmt: skip
+"""Options that all runs of a sweep share, as `swe-sphere run` has them."""
+
+
+class SweepPlan(BaseModel):
+    """A grid of runs, or a search, on one scene; empty and None mean: as the scene recommends.
+
+    The names are those of the flags of `swe-sphere sweep` and of the keys of a recipe, with `_` for
+    `-` (`settings` is `--set`).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    scene: str
+    steppers: Annotated[Names, Field(min_length=1)]
+    dt: Steps = "auto"
+    """Time steps [s] of every stepper, or a ladder for each."""
+    levels: Annotated[Whole, Field(ge=1, le=20)] = 6
+    """Steps of an automatic ladder."""
+    ne: Counts = ()
+    np: Counts = ()
+    precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
+    preconditioner: Names = ()
+    """Of the implicit steppers."""
+    tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
+    """Of the solves of the implicit steppers."""
+    days: Days | None = None
+    report_days: Numbers = ()
+    """Times at which errors are taken [days]; the end always is one."""
+    repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
+    """Runs of each setting that are timed."""
+    time_limit: Positive | None = None
+    """Wall time of the steps of one run [s]."""
+    find_limit: bool = False
+    """Also search for the longest stable step of every stepper, to 2 %."""
+    target_error: Positive | None = None
+    """Search for the longest step with this error instead of running a grid."""
+    target_kind: Literal["auto", "time", "total", "slow"] = "auto"
+    """Which error; auto: the total one where it is known, else that in time."""
+    target_field: Literal["h", "v", "vorticity"] = "h"
+    target_norm: Literal["l1", "l2", "linf"] = "l2"
+    reference: Paths = ()
+    """Reference solutions on latitude-longitude grids, each for a report day."""
+    finer: Whole | None = None
+    """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
+    converged_stepper: str = "rk4"
+    """Explicit stepper of the time-converged run."""
+    converged_part: Annotated[Number, Field(gt=0.0, le=0.5)] = 0.25
+    """Its step as a part of its stability limit; a run of twice the step checks it."""
+    slow: bool | None = None
+    """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
+    alpha: Number | None = None
+    settings: Names = ()
+    stretch: Number = 1.0
+    centre_lon: Number = 0.0
+    centre_lat: Number = 0.0
+    spin: Number = 0.0
+    device: str = "cpu"
+    launch: Literal["element", "node"] | None = None
+
+    def run_config(self, **values: object) -> RunConfig:
+        """The configuration of one run of the sweep; None among the values is left out."""
+        shared = {name: getattr(self, name) for name in RUN_OPTIONS}
+        given = shared | values
+        return make_config({name: value for name, value in given.items() if value is not None})
+
+    def given(self) -> dict[str, Any]:
+        """The values that differ from the defaults, as JSON can hold them."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+
+def make_plan(values: Mapping[str, object]) -> SweepPlan:
+    """The plan of these values, checked as far as it can be without computing anything.
+
+    Raises:
+        ConfigError: an unknown name or an unfit value, in one line that says which.
+    """
+    try:
+        plan = SweepPlan.model_validate(dict(values))
+    except ValidationError as error:
+        raise ConfigError(first_complaint(error, SweepPlan)) from None
+    check_plan(plan)
+    return plan
+
+
+def check_plan(plan: SweepPlan) -> None:
+    """ConfigError for what no run could begin with: names, meshes, times, files."""
+    from swe_sphere.equations.effects import unknown_name
+    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+    from swe_sphere.steppers import get_stepper
+
+    scene = make_scene(plan.run_config())
+    for name in (*plan.steppers, plan.converged_stepper):
+        get_stepper(name)
+    for name in plan.preconditioner:
+        if name not in PRECONDITIONERS:
+            raise unknown_name("preconditioner", name, PRECONDITIONERS)
+    for ne in plan.ne or (scene.ne,):
+        for points in plan.np or (scene.np,):
+            make_mesh(plan.run_config(ne=ne, np=points), scene)
+    _check_times(plan, scene.days if plan.days is None else plan.days)
+    for path in plan.reference:
+        if not path.is_file():
+            raise ConfigError(f"reference: there is no file {path}")
+
+
+def _check_times(plan: SweepPlan, days: float) -> None:
+    late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
+    if late:
+        raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")

@@ -1,7 +1,0 @@
-"""Many runs of one scene: what accuracy costs in time, by stepper and step."""
-
-from swe_sphere.sweep.api import run_plan, sweep
-from swe_sphere.sweep.plan import SweepPlan, make_plan
-from swe_sphere.sweep.watcher import SweepWatcher
-
-__all__ = ["SweepPlan", "SweepWatcher", "make_plan", "run_plan", "sweep"]
