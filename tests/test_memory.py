@@ -10,7 +10,7 @@ import pytest
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.simulation import memory
+from swe_sphere.simulation import memory_guard
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.memory_guard import PROGRAM, VECTORS, check_memory, needed_memory
 from swe_sphere.simulation.setup import make_scene
@@ -57,7 +57,7 @@ def test_every_stepper_has_an_estimate() -> None:
 
 
 def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:
-    monkeypatch.setattr(memory, "available_memory", lambda: 2.0 * 2**30)
+    monkeypatch.setattr(memory_guard, "available_memory", lambda: 2.0 * 2**30)
     config = make_config({"scene": "williamson5", "stepper": "fully-implicit"})
     scene = make_scene(config)
     check_memory(config, scene, 30, 4)
