@@ -1,0 +1,103 @@
+"""What a study has found, in a folder: records in files of their own, whole or not there at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from swe_sphere.durable import take_lock, write_whole
+from swe_sphere.errors import ConfigError
+
+__all__ = ["Record", "Store", "locked", "read_record"]
+
+
+class Record(BaseModel):
+    """What is kept in a file of JSON; nothing is taken for what it is not, NaN is null."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    def as_text(self) -> str:
+        """The contents of the file."""
+        return self.model_dump_json(indent=1) + "\n"
+
+
+R = TypeVar("R", bound=Record)
+
+
+class Store(Generic[R]):
+    """Records of one form in numbered files, in the order in which they were made.
+
+    A kill at any moment leaves all of them whole.  Raises ConfigError where a file is damaged.
+    """
+
+    def __init__(self, folder: Path, form: type[R]) -> None:
+        self.folder, self._form = folder, form
+        paths = sorted(folder.glob("[0-9]*.json"))
+        self._last = max((int(path.stem) for path in paths if path.stem.isdigit()), default=0)
+        self.records: list[R] = [read_record(path, form) for path in paths]
+
+    def add(self, record: R) -> R:
+        """Write a record through to the disk, and return it as it will be read again.
+
+        Raises:
+            RunFailed: the disk does not take it.
+        """
+        text = record.as_text()
+        write_whole(self.folder / f"{self._last + 1:06d}.json", text)
+        self._last += 1
+        self.records.append(self._form.model_validate_json(text))
+        return self.records[-1]
+
+
+def read_record(path: Path, form: type[R]) -> R:
+    """The record in a file; ConfigError, in one line, where there is none of that form."""
+    try:
+        return form.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except ValidationError as error:
+        raise ConfigError(
+            f"{path} is no record of this version ({_complaint(error)}): delete it, and its run is"
+            " made again, or choose another folder"
+        ) from None
+
+
+def _complaint(error: ValidationError) -> str:
+    first = error.errors(include_url=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].replace("Input should", "must")
+    return f"{where}: {message}" if where else message
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make a folder and hold it within the block; however the process ends, the system lets it go.
+
+    Reading stays possible.  Where the system or the file system has no locks, nothing is held.
+
+    Raises:
+        ConfigError: another process holds it, or it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"out: {folder} cannot be made: {error.strerror}") from None
+    try:
+        file = os.open(folder, os.O_RDONLY)
+    except OSError:  # a system that opens no folders has no locks either
+        yield
+        return
+    try:
+        if not take_lock(file):
+            raise ConfigError(
+                f"out: another process is at work in {folder}: wait for its end, or choose another"
+                " folder"
+            )
+        yield
+    finally:
+        os.close(file)
