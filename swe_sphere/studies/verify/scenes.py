@@ -204,3 +204,13 @@ def _harmonic(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
     east = -3.0 * c**2 * np.sin(3.0 * lon) + 15.0 * s * c * np.cos(2.0 * lon)
     north = -3.0 * c**2 * s * np.cos(3.0 * lon) + 7.5 * (c**3 - 2.0 * s**2 * c) * np.sin(2.0 * lon)
     return value, east, north
+
+
+SCENES = {
+    "decay": decay,
+    "friction": friction,
+    "driven": driven,
+    "homme-mountain": homme_mountain,
+    "homme-wave": homme_wave,
+}
+"""By the names in files of cases; their keyword parameters are those of the scene."""

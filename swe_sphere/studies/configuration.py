@@ -1,0 +1,86 @@
+"""One run of a study: what `swe-sphere run` can be told, and scenes that only studies want."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import unknown_name
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
+from swe_sphere.simulation.setup import make_scene
+from swe_sphere.testcases.parameters import checked
+from swe_sphere.toml_file import read_toml
+
+__all__ = ["Configuration", "merged", "read_tables"]
+
+FIELDS = {"set": "settings"}
+"""Keys of a configuration file whose fields are called otherwise."""
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A run as the keys of a `--config` file tell it.
+
+    The scene may also be that of a study, "verify:decay": the function `decay` in
+    `swe_sphere.studies.verify.scenes`, with `set.scene` as its parameters.
+    """
+
+    table: Mapping[str, Any] = field(default_factory=dict)
+
+    def changed(self, changes: Mapping[str, Any]) -> Configuration:
+        """The configuration with other values, tables in it merged."""
+        return replace(self, table=merged(self.table, changes))
+
+    @property
+    def config(self) -> RunConfig:
+        """All of it, checked; ConfigError for an unknown key or an unfit value."""
+        names = {key: FIELDS.get(key, key.replace("-", "_")) for key in self.table}
+        return make_config({names[key]: value for key, value in self.table.items()})
+
+    def make_scene(self) -> Scene:
+        """The scene with its parameters, and with its effects as the settings have them."""
+        config = self.config
+        study, colon, name = config.scene.partition(":")
+        if not colon:
+            return make_scene(config)
+        factory = _own_scenes(study).get(name)
+        if factory is None:
+            raise unknown_name(f"scene of {study}", name, _own_scenes(study))
+        parameters = checked(config.scene, factory, settings_of(config.settings, SCENE))
+        return apply_settings(factory(**parameters), effect_settings(config.settings))
+
+
+def _own_scenes(study: str) -> Mapping[str, Callable[..., Scene]]:
+    module = import_module(f"swe_sphere.studies.{study}.scenes")
+    scenes: Mapping[str, Callable[..., Scene]] = module.SCENES
+    return scenes
+
+
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The table with the changes, those of tables in it in depth."""
+    deep = {
+        key: merged(table[key], value)
+        for key, value in changes.items()
+        if isinstance(value, Mapping) and isinstance(table.get(key), Mapping)
+    }
+    return {**table, **changes, **deep}
+
+
+def read_tables(path: Path, name: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """A file of a study: the keys of the whole file, and the tables [[name]] merged into `shared`.
+
+    Raises:
+        ConfigError: the file cannot be read, or has no such tables.
+    """
+    whole = read_toml(path)
+    shared, tables = whole.pop("shared", {}), whole.pop(name, None)
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{path}: there must be tables [[{name}]]")
+    return whole, [merged(shared, table) for table in tables]

@@ -1,0 +1,84 @@
+"""What studies share: bounds and configurations; for results on disk see test_study_store."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.studies.bounds import Bound, Check, read_bounds
+from swe_sphere.studies.configuration import Configuration, merged, read_tables
+
+HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "holds", "used"),
+    [
+        (HIGH, 0.9, True, 0.9),
+        (HIGH, 1.01, False, 1.01),
+        (HIGH, math.nan, False, math.inf),
+        (HIGH, math.inf, False, math.inf),
+        (LOW, 2.0, True, 0.5),
+        (LOW, 0.5, False, 2.0),
+        (LOW, -1.0, False, math.inf),
+        (BAND, 1.1, True, 1.0),
+        (BAND, 1.0, True, 0.0),
+        (BAND, 1.2, False, 2.0),
+        (Bound("x", 0.0), 0.0, True, 0.0),
+        (Bound("x", 0.0), 1.0, False, math.inf),
+    ],
+)
+def test_how_much_of_a_bound_is_used(bound, value, holds, used) -> None:
+    check = Check(bound, value)
+    assert check.holds is holds
+    assert check.used == pytest.approx(used, abs=1e-12)
+
+
+def test_bounds_in_words_and_from_tables() -> None:
+    high, low, band = read_bounds({"a": 2.0, "b": {"low": 0.5}, "c": {"low": 1.0, "high": 3.0}})
+    assert [str(bound) for bound in (high, low, band)] == ["a ≤ 2", "b ≥ 0.5", "1 ≤ c ≤ 3"]
+    assert str(Check(band, 4.0)) == "c is 4, not 1 ≤ c ≤ 3"
+    (always,) = read_bounds({"a": 2.0}, always=True)
+    assert always == Bound("a", 2.0, always=True)
+
+
+# --- configurations
+
+
+def test_changes_go_into_tables() -> None:
+    table = {"ne": 4, "set": {"scene": {"alpha": 0.1}, "viscosity": {"nu": 1.0}}}
+    changes = {"np": 6, "set": {"scene": {"alpha": 0.2}}}
+    expected = {"ne": 4, "np": 6, "set": {"scene": {"alpha": 0.2}, "viscosity": {"nu": 1.0}}}
+    assert merged(table, changes) == expected
+    assert table["set"]["scene"] == {"alpha": 0.1}
+
+
+def test_a_configuration_is_that_of_a_run() -> None:
+    run = Configuration({"scene": "williamson1", "set": {"scene": {"gaussian": True}}, "np": 6})
+    assert (run.config.np, run.config.settings) == (6, ("scene.gaussian=True",))
+    assert run.make_scene().parameters["gaussian"] is True
+    damped = run.changed({"set": {"hyperviscosity": {"nu": "default"}}}).make_scene()
+    assert damped.effect("hyperviscosity") is not None
+    with pytest.raises(ConfigError, match="there is no option 'nodes'"):
+        _ = run.changed({"nodes": 3}).config
+
+
+def test_scenes_of_a_study() -> None:
+    run = Configuration({"scene": "verify:decay", "set": {"scene": {"nu": 2e6}}})
+    assert run.make_scene().parameters["nu"] == 2e6
+    with pytest.raises(ConfigError, match="did you mean 'decay'"):
+        run.changed({"scene": "verify:decya"}).make_scene()
+    with pytest.raises(ConfigError, match="no parameter 'mu'"):
+        run.changed({"set": {"scene": {"mu": 1.0}}}).make_scene()
+
+
+def test_tables_share_what_stands_before_them(tmp_path) -> None:
+    file = tmp_path / "cases.toml"
+    file.write_text('title = "T"\nshared.run = {ne = 4}\n[[case]]\nrun = {np = 6}\n[[case]]\n')
+    whole, tables = read_tables(file, "case")
+    assert whole == {"title": "T"}
+    assert tables == [{"run": {"ne": 4, "np": 6}}, {"run": {"ne": 4}}]
+    with pytest.raises(ConfigError, match=r"must be tables \[\[trial\]\]"):
+        read_tables(file, "trial")
