@@ -1,6 +1,8 @@
 """What can go wrong in a way the user can mend: one line each, no traceback."""
 
+import difflib
 import reprlib
+from collections.abc import Iterable
 
 
 class SweError(Exception):
@@ -47,3 +49,11 @@ class _Short(reprlib.Repr):
 def shown(value: object) -> str:
     """The value as an error message shows it: in Python's notation, shortened where it is long."""
     return _Short().repr(value)
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
+    """The error for a name that is not among the known ones: the nearest of them, then all."""
+    names = list(known)
+    near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return ConfigError(f"unknown {kind} {shown(name)}; {hint}There are: {', '.join(names)}")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from swe_sphere.equations.effects import unknown_name
 from swe_sphere.equations.scene import Parameter, Scene
+from swe_sphere.errors import unknown_name
 from swe_sphere.testcases.galewsky import galewsky
 from swe_sphere.testcases.lake import lake_at_rest
 from swe_sphere.testcases.lauter import lauter

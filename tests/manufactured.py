@@ -6,15 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from cartesian import Cartesian
-from support import make_scene
+from support import EXPLICIT, make_scene
 
 from swe_sphere.equations.effects import Forcing
 from swe_sphere.mesh import build_mesh
-from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.imex_stepper import SplitStepper
-from swe_sphere.steppers.implicit import ImplicitStepper
 
-IMPLICIT = tuple(n for n, cls in STEPPERS.items() if issubclass(cls, ImplicitStepper))
 MESH = build_mesh(2, 4, spin=0.3)
 OMEGA = 2.0 * np.pi / 14400.0
 DURATION = 5400.0
@@ -59,5 +55,5 @@ def manufactured(*names: str):
 
 def tight(name: str, tolerance: float = 1e-9) -> dict[str, float]:
     """The option that has equations solved to a tolerance, where the stepper solves any."""
-    solves = issubclass(STEPPERS[name], ImplicitStepper | SplitStepper)
+    solves = name not in EXPLICIT
     return {"tolerance": tolerance} if solves else {}

@@ -21,6 +21,11 @@ from swe_sphere.equations.effects import (
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, Stepper
 
+EXPLICIT, IMEX, IMPLICIT = (
+    tuple(name for name, cls in STEPPERS.items() if cls.family == family)
+    for family in ("explicit", "imex", "implicit")
+)
+
 EFFECTS = {
     "advection": MomentumAdvection(),
     "pressure": PressureGradient(),

@@ -232,9 +232,9 @@ def test_mass_is_kept_to_round_off(moving) -> None:
 def test_a_restarted_run_is_the_same_to_the_bit(moving, name: str, by: str) -> None:
     through = make(moving, name, 1e-5, outer=2400.0, by=by)
     through.step()
-    memory = through.memory()
+    memory = through.state_dict()
     again = AdaptiveStepper(STEPPERS[name](moving.model, 2400.0), 1e-5, by=by)
-    again.restore(memory, 1)
+    again.load_state_dict(memory, 1)
     for _ in range(2):
         through.step()
         again.step()
@@ -247,7 +247,7 @@ def test_memory_of_fixed_steps_is_refused(moving) -> None:
     fixed = STEPPERS["tr-bdf2"](moving.model, OUTER)
     fixed.start(moving.state)
     with pytest.raises(ConfigError, match="of a run with fixed steps"):
-        make(moving, "tr-bdf2", 1e-5).restore(fixed.memory(), 1)
+        make(moving, "tr-bdf2", 1e-5).load_state_dict(fixed.state_dict(), 1)
 
 
 # --- what cannot be

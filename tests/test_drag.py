@@ -8,8 +8,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cartesian import Cartesian
-from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
-from support import advance, make_scene, random_state, relative, tangent, tendency
+from manufactured import DURATION, MESH, STEPS, answer, manufactured, tight
+from support import (
+    EXPLICIT,
+    IMPLICIT,
+    advance,
+    make_scene,
+    random_state,
+    relative,
+    tangent,
+    tendency,
+)
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
@@ -17,7 +26,6 @@ from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS, leapfrog
-from swe_sphere.steppers.imex_stepper import SplitStepper
 from swe_sphere.testcases import get_scene
 
 SHAPES = ("element", "node")
@@ -103,7 +111,7 @@ def test_energy_falls_by_the_work_of_drag(small_mesh, drag) -> None:
     assert abs(rate + work) < 1e-13 * size
 
 
-@pytest.mark.parametrize("name", [n for n in STEPPERS if not issubclass(STEPPERS[n], SplitStepper)])
+@pytest.mark.parametrize("name", (*EXPLICIT, *IMPLICIT))
 def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
     """v/v0 = e^(-rt) / (1 + c |v0| (1 - e^(-rt)) / r), and depth goes to equilibrium as e^(-t/T).
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cartesian import Cartesian
-from manufactured import DURATION, IMPLICIT, MESH, STEPS, answer, manufactured, tight
-from support import advance, make_scene, random_state, relative, tangent, tendency
+from manufactured import DURATION, MESH, STEPS, answer, manufactured, tight
+from support import IMPLICIT, advance, make_scene, random_state, relative, tangent, tendency
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Forcing

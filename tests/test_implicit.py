@@ -175,17 +175,17 @@ def test_restart_is_exact_to_the_last_bit(name: str) -> None:
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
     whole = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
     whole.start(whole.model.initial_state(), 123.0)
-    memories = [whole.memory()]
+    memories = [whole.state_dict()]
     for _ in range(6):
         whole.step()
-        memories.append(whole.memory())
+        memories.append(whole.state_dict())
     for steps in (0, 1, 4):
         resumed = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
-        resumed.restore(memories[steps], steps)
+        resumed.load_state_dict(memories[steps], steps)
         assert resumed.time == 123.0 + 7200.0 * steps
         for _ in range(6 - steps):
             resumed.step()
-        for key, value in resumed.memory().items():
+        for key, value in resumed.state_dict().items():
             assert value.tobytes() == memories[-1][key].tobytes(), key
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support import advance, make_scene
+from support import IMPLICIT, advance, make_scene
 
 from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
@@ -17,7 +17,6 @@ from swe_sphere.steppers.rosenbrock import RosenbrockW
 from swe_sphere.testcases import get_scene
 
 DIAGONAL = tuple(n for n, cls in STEPPERS.items() if issubclass(cls, DiagonallyImplicit))
-IMPLICIT = (*DIAGONAL, "bdf2", "gauss-legendre", "average-vector-field", "rosenbrock-w")
 TABLEAUS = (*DIAGONAL, "gauss-legendre")
 EMBEDDED = {"tr-bdf2": 3, "esdirk4": 3, "rosenbrock-w": 2}
 DAMPING = ("implicit-euler", "tr-bdf2", "sdirk3", "esdirk4")

@@ -12,11 +12,10 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation import memory_guard
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.memory_guard import PROGRAM, VECTORS, check_memory, needed_memory
+from swe_sphere.simulation.memory_guard import PROGRAM, check_memory, needed_memory
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
 MEASURE = """
@@ -50,10 +49,6 @@ def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
     estimate = needed_memory(config, make_scene(config), ne, np_) - PROGRAM
     assert 0.9 * measured < estimate < 1.4 * measured
     assert measured < (900.0 if stepper == "rk4" else 2000.0) * 6 * (ne * np_) ** 2
-
-
-def test_every_stepper_has_an_estimate() -> None:
-    assert VECTORS.keys() == STEPPERS.keys()
 
 
 def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:

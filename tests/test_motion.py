@@ -6,18 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import advance, make_scene
+from support import IMPLICIT, advance, make_scene
 
 from swe_sphere.equations import Model
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers import ARK2, ARS343, SDIRK3, STEPPERS, TRBDF2, SemiImplicit
-from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.dirk import SDIRK3, TRBDF2
+from swe_sphere.steppers.imex_runge_kutta import ARK2, ARS343
 from swe_sphere.steppers.motion import Motion
+from swe_sphere.steppers.semi_implicit import SemiImplicit
 from swe_sphere.testcases import get_scene
 
-IMPLICIT = tuple(name for name, cls in STEPPERS.items() if issubclass(cls, ImplicitStepper))
 TURN = 1e-4
 """Angular velocity of inertial oscillations [s-1]."""
 SOLVER_PARTS = {
@@ -70,7 +71,7 @@ def test_second_frequency_is_of_the_change_of_the_bend() -> None:
 def test_motion_goes_on_from_what_it_remembers() -> None:
     whole, part = observed([0.0, 0.3, 0.4, 1.0]), observed([0.0, 0.3, 0.4])
     resumed = Motion(VectorSpace(np.ones(3)))
-    resumed.restore(part.state_dict())
+    resumed.load_state_dict(part.state_dict())
     space = VectorSpace(np.ones(3))
     old, new = space.zeros(), space.zeros()
     old.assign(polynomial(0.4))
@@ -99,13 +100,13 @@ def test_solver_is_given_a_part_of_what_the_step_is_wrong_by(turning, name: str)
     """On an oscillation: a step from exact states, solved exactly, against its tolerance."""
     dt, none = 0.1 / TURN, {"preconditioner": "none"}
     start = turning.device_mesh.upload(turned(turning, 0.0))
-    memory = advance(name, turning, start, dt, 2.0 * dt, tolerance=0.0, **none).memory()
+    memory = advance(name, turning, start, dt, 2.0 * dt, tolerance=0.0, **none).state_dict()
     exact = {"state": turned(turning, 0.2), "previous": turned(turning, 0.1)}
     memory |= {key: value for key, value in exact.items() if key in memory}
     found = []
     for tolerance in (0.0, 0.5):
         found.append(STEPPERS[name](turning, dt, tolerance=tolerance, **none))
-        found[-1].restore(memory, 2)
+        found[-1].load_state_dict(memory, 2)
         found[-1].step()
     after = turned(turning, 0.3)
     error = np.linalg.norm(found[0].state.numpy() - after)

@@ -27,9 +27,10 @@ from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces
 from swe_sphere.solvers.preconditioners.inner import Direct
 from swe_sphere.solvers.preconditioners.schwarz import Schwarz
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers import RK4, get_stepper
+from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.steppers.implicit import StageProblem
+from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.testcases import get_scene
 
 ELIMINATING = [name for name in PRECONDITIONERS if name != "none"]
@@ -207,7 +208,7 @@ def test_nothing_stale_after_a_new_set_up(small, name: str) -> None:
     old = applied(used, model)
     used.setup(deeper(state, 1.5), 900.0)
     fresh.setup(deeper(state, 1.5), 900.0)
-    restored.restore(used.memory())
+    restored.load_state_dict(used.state_dict())
     new = applied(used, model)
     assert relative(new, old, 3) > 1e-3
     assert np.array_equal(new, applied(fresh, model))
@@ -217,7 +218,7 @@ def test_nothing_stale_after_a_new_set_up(small, name: str) -> None:
 def test_nothing_to_restore_before_the_first_set_up(small) -> None:
     model, _ = small
     made, other = (make_preconditioner("helmholtz", model) for _ in range(2))
-    made.restore(other.memory())
+    made.load_state_dict(other.state_dict())
     assert made.setups == 0
 
 

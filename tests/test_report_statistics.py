@@ -1,9 +1,11 @@
 """What a report concludes from rows, on datasets small enough to check by eye."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
@@ -11,7 +13,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.report.answer import answers, noise_sentence, saturation_sentence
 from swe_sphere.studies.report.axes import spread
 from swe_sphere.studies.report.loss import largest_step, threshold
-from swe_sphere.studies.report.palette import LOOKS, curves, look
+from swe_sphere.studies.report.palette import curves, look
 from swe_sphere.studies.report.rows import Metric, metrics, read_rows
 from swe_sphere.studies.report.saturation import plateau
 from swe_sphere.studies.report.statistics import (
@@ -313,9 +315,32 @@ def test_a_step_that_fails_ends_the_search_one_cut_short_does_not(status, dt):
 # curves
 
 
-def test_every_stepper_has_a_look_of_its_own():
-    assert set(LOOKS) == set(STEPPERS)
-    assert len(set(LOOKS.values())) == len(LOOKS)
+VISIONS = (
+    np.eye(3),
+    [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+     [-0.003882, -0.048116, 1.051998]],
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+     [-0.011820, 0.042940, 0.968881]],
+)  # fmt: skip
+"""Ordinary vision, protanopia and deuteranopia, of linear RGB (Machado et al. 2009)."""
+
+
+def lab(colour: str, vision) -> np.ndarray:
+    """CIE L*a*b* of a colour as it is seen."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_xyz = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    xyz = to_xyz @ np.clip(vision @ linear, 0.0, 1.0) / [0.9505, 1.0, 1.089]
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+def test_every_stepper_has_a_colour_and_a_marker_of_its_own():
+    looks = [look(name) for name in STEPPERS]
+    assert len({found.marker for found in looks}) == len(looks)
+    for vision in VISIONS:
+        seen = [lab(found.colour, np.array(vision)) for found in looks]
+        assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 12.0
     assert look("mine") == look("mine")
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
-from support import advance, make_scene, random_state, relative
+from support import IMEX, advance, make_scene, random_state, relative
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
@@ -23,7 +23,6 @@ from swe_sphere.steppers import leapfrog as leapfrog_module
 from swe_sphere.steppers.stability import tableau
 from swe_sphere.testcases import get_scene
 
-NAMES = ("semi-implicit", "ark2", "ars343")
 RUNGE_KUTTA = ("ark2", "ars343")
 WAVES = ("advection", "pressure", "rotation", "orography")
 
@@ -179,7 +178,7 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
     stepper.start(model.initial_state())
     for _ in range(3):
         stepper.step()
-    memory = stepper.memory()
+    memory = stepper.state_dict()
     past, now = memory["previous"], memory["state"]
     upload, linear, rate, loss = model.device_mesh.upload, model.zeros(), model.zeros(), None
     loss = model.zeros()
@@ -192,7 +191,7 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
 
     stepper.step()
     # undo the filter: with d = nu/2 (x- - 2x + x+) the two levels are x + a d and x+ - (1 - a) d
-    d = (stepper.memory()["previous"] - now) / leapfrog_module.SHARE
+    d = (stepper.state_dict()["previous"] - now) / leapfrog_module.SHARE
     new = stepper.state.numpy() + (1.0 - leapfrog_module.SHARE) * d
     left = new - dt * wave(new)
     right = past + 2 * dt * (rate.numpy() + loss.numpy() - wave(now)) + dt * wave(past)
@@ -203,7 +202,7 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
 # --- properties of runs
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", IMEX)
 def test_mass_is_kept_to_round_off_whatever_the_tolerance(name: str) -> None:
     model = Model(build_mesh(3, 5), get_scene("williamson5"))
     state = model.initial_state()
@@ -213,23 +212,23 @@ def test_mass_is_kept_to_round_off_whatever_the_tolerance(name: str) -> None:
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", IMEX)
 def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
     """Interrupted at any step, with dissipation and an odd start time."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
     whole = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
     whole.start(whole.model.initial_state(), 123.0)
-    memories = [whole.memory()]
+    memories = [whole.state_dict()]
     for _ in range(5):
         whole.step()
-        memories.append(whole.memory())
+        memories.append(whole.state_dict())
     for steps in (0, 1, 3):
         resumed = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
-        resumed.restore(memories[steps], steps)
+        resumed.load_state_dict(memories[steps], steps)
         for _ in range(5 - steps):
             resumed.step()
         assert resumed.time == whole.time
-        for key, value in resumed.memory().items():
+        for key, value in resumed.state_dict().items():
             assert value.tobytes() == memories[-1][key].tobytes(), key
 
 
@@ -259,7 +258,7 @@ def test_unstable_above_the_limit_that_it_names(mountain) -> None:
         advance("semi-implicit", model, state, dt, 60 * dt)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", IMEX)
 def test_steady_flow_stays_at_large_steps(name: str) -> None:
     """Williamson 2 after a day in steps of half an hour: the error is that of the mesh."""
     model = Model(build_mesh(4, 6), get_scene("williamson2"))

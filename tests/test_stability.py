@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import make_scene, random_state
+from support import EXPLICIT, make_scene, random_state
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
@@ -12,7 +12,6 @@ from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
-EXPLICIT = ("rk4", "ssprk3", "kg5", "leapfrog")
 WAVES = ("advection", "pressure", "rotation")
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support import harmonic, make_scene, random_state, relative
+from support import EXPLICIT, harmonic, make_scene, random_state, relative
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
@@ -15,8 +15,6 @@ from swe_sphere.io.diagnostics import integrals
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.testcases import get_scene
-
-EXPLICIT = ("rk4", "ssprk3", "kg5", "leapfrog")
 
 
 def advance(name: str, model: Model, state, dt: float, duration: float, **options):
@@ -126,18 +124,18 @@ def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
     model = Model(build_mesh(2, 4), scene, precision=precision)
     whole = STEPPERS[name](model, 300.0)
     whole.start(model.initial_state(), 123.0)
-    memories = [whole.memory()]
+    memories = [whole.state_dict()]
     for _ in range(6):
         whole.step()
-        memories.append(whole.memory())
+        memories.append(whole.state_dict())
     for steps in (0, 1, 4):
         resumed = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 300.0)
-        resumed.restore(memories[steps], steps)
+        resumed.load_state_dict(memories[steps], steps)
         assert resumed.time == 123.0 + 300.0 * steps
         for _ in range(6 - steps):
             resumed.step()
         assert resumed.steps == whole.steps and resumed.time == whole.time
-        for key, value in resumed.memory().items():
+        for key, value in resumed.state_dict().items():
             assert value.tobytes() == memories[-1][key].tobytes(), key
 
 
@@ -184,6 +182,7 @@ def test_bad_steps_and_strange_memories_are_refused(small_mesh) -> None:
         with pytest.raises(ConfigError, match="positive and finite"):
             STEPPERS["rk4"](model, dt)
     with pytest.raises(ConfigError, match="leapfrog"):
-        STEPPERS["leapfrog"](model, 1.0).restore(STEPPERS["rk4"](model, 1.0).memory(), 0)
+        other = STEPPERS["rk4"](model, 1.0).state_dict()
+        STEPPERS["leapfrog"](model, 1.0).load_state_dict(other, 0)
     with pytest.raises(ConfigError, match="did you mean 'leapfrog'"):
         get_stepper("leap-frog")

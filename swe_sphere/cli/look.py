@@ -22,12 +22,12 @@ Day = Annotated[
 
 def list_all() -> None:
     """List the scenes and steppers, one line each."""
-    from swe_sphere.steppers import ALIASES, STEPPERS
+    from swe_sphere.steppers import STEPPERS
     from swe_sphere.testcases import SCENES
 
     _list("Scenes", {name: _first_line(scene) for name, scene in SCENES.items()})
     steppers = {name: _first_line(stepper) for name, stepper in STEPPERS.items()}
-    aliases = {name: f"The recommended scheme: {scheme}." for name, scheme in ALIASES.items()}
+    aliases = {n: f"The recommended scheme: {scheme}." for n, scheme in STEPPERS.aliases.items()}
     _list("Steppers", steppers | aliases)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 
-from swe_sphere.equations.effects import EFFECTS, Effect, unknown_name
+from swe_sphere.equations.effects import EFFECTS, Effect
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 
 __all__ = ["apply_settings"]
 

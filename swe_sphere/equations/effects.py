@@ -6,13 +6,11 @@ To add one: write its class here and list it in `EFFECTS`; the kernels then bran
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
-from swe_sphere.errors import ConfigError, shown
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH
 
@@ -37,7 +35,6 @@ __all__ = [
     "Tracers",
     "Viscosity",
     "hyperviscosity_default",
-    "unknown_name",
 ]
 
 
@@ -338,14 +335,6 @@ def _refinement(mesh: Mesh) -> float:
         return 1.0
     plain = build_mesh(mesh.ne, mesh.np, mesh.radius)
     return plain.spacing()[0] / mesh.spacing()[0]
-
-
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:
-    """The error for a name that is not among the known ones: the nearest of them, then all."""
-    names = list(known)
-    near = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return ConfigError(f"unknown {kind} {shown(name)}; {hint}There are: {', '.join(names)}")
 
 
 def _check_coefficient(label: str, value: float) -> None:

@@ -6,7 +6,6 @@ libraries, measured (docs/memory.md); a test holds their sum against runs.
 
 from __future__ import annotations
 
-import math
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -20,25 +19,14 @@ if TYPE_CHECKING:
 
 GROUPS = Path("/sys/fs/cgroup")
 
-__all__ = ["VECTORS", "available_memory", "check_memory", "needed_memory"]
+__all__ = ["available_memory", "check_memory", "needed_memory"]
 
 PROGRAM = 2.5e8
 """Interpreter, libraries and compiled kernels."""
-VECTORS = {
-    "leapfrog": 11, "rk4": 7, "ssprk3": 6, "kg5": 8,
-    "semi-implicit": 49, "ark2": 23, "ars343": 25,
-    "implicit-euler": 21, "crank-nicolson": 23, "implicit-midpoint": 20, "bdf2": 34, "tr-bdf2": 25,
-    "sdirk3": 25, "esdirk4": 31, "gauss-legendre": 35, "average-vector-field": 28,
-    "rosenbrock-w": 29,
-}  # fmt: skip
-"""State vectors of each stepper and of its Newton solver, without the Krylov basis; those of
-semi-implicit with the room of its second set-up."""
 SPECTRUM = 25
 """Vectors of wind and depth, in float64, while the stability limit is found."""
 KRYLOV = 14
 """Vectors of an ordinary Krylov basis, preconditioned ones included."""
-COUPLED = {"gauss-legendre": 2}
-"""Stages that are solved for together, each with a preconditioner and a Krylov basis."""
 
 
 class _Size:
@@ -65,19 +53,19 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
 
     A Krylov basis that grows beyond the ordinary takes more: see docs/memory.md.
     """
+    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+    from swe_sphere.solvers.preconditioners.preconditioner import elimination_memory
     from swe_sphere.steppers import get_stepper
-    from swe_sphere.steppers.imex_stepper import SplitStepper
-    from swe_sphere.steppers.implicit import ImplicitStepper
 
     kind, size = get_stepper(config.stepper), _Size(config, scene, ne, np)
-    stepping = VECTORS[kind.name] * size.vector + _sampling(size)
-    stages = COUPLED.get(kind.name, 1)
-    if issubclass(kind, SplitStepper):
-        stepping += _elimination(size, 8) + _preconditioner(size)
-    elif issubclass(kind, ImplicitStepper):
-        stepping += stages * KRYLOV * size.vector
-        if scene.wind is None and config.preconditioner != "none":
-            stepping += stages * (_preconditioner(size) + _patches(size, config.preconditioner))
+    stepping = kind.state_vectors() * size.vector + _sampling(size)
+    preconditioner = PRECONDITIONERS.find(config.preconditioner or "helmholtz")
+    if kind.family == "imex":
+        stepping += elimination_memory(ne, np, 8) + preconditioner.memory_estimate(ne, np)
+    elif kind.family == "implicit":
+        one = KRYLOV * size.vector
+        one += preconditioner.memory_estimate(ne, np) if scene.wind is None else 0.0
+        stepping += kind.coupled_stages * one
     spectrum = SPECTRUM * 8 * size.fluid * size.unique
     return PROGRAM + _model(size, scene) + max(spectrum, stepping)
 
@@ -97,25 +85,6 @@ def _model(size: _Size, scene: Scene) -> float:
 def _sampling(size: _Size) -> float:
     """Vorticity, divergence and the integrals."""
     return 60 * size.element + 100 * size.unique
-
-
-def _elimination(size: _Size, real: int) -> float:
-    """Block elimination on the device, in a number type of its own."""
-    return (4 + 8 * real) * size.element + (32 + 10 * real) * size.unique
-
-
-def _preconditioner(size: _Size) -> float:
-    """The coarse spaces and their operators while these are made, by node and by vertex."""
-    return _elimination(size, 4) + (540 + 4000 / (size.np - 1) ** 2) * size.unique
-
-
-def _patches(size: _Size, preconditioner: str | None) -> float:
-    """What the inverses of patches, or the factors of the whole matrix, take more."""
-    if preconditioner == "helmholtz-schwarz":
-        return 8.0 * (3 * size.np - 2) ** 2 * size.unique
-    if preconditioner == "helmholtz-direct":
-        return 30.0 * (size.np - 1) * size.unique * math.sqrt(size.unique)
-    return 0.0
 
 
 def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:

@@ -176,7 +176,7 @@ def _begin(stepper: Stepper, state: wp.array, checkpoint: Checkpoint | None) -> 
         stepper.start(state)
         return {}
     counts = carried_counts(checkpoint)
-    stepper.restore(checkpoint.memory, checkpoint.steps)
+    stepper.load_state_dict(checkpoint.memory, checkpoint.steps)
     return counts
 
 

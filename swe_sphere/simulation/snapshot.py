@@ -43,7 +43,7 @@ class Moment:
 
     def memory(self) -> dict[str, NDArray[np.generic]]:
         """All arrays of the stepper."""
-        return self._stepper.memory()
+        return self._stepper.state_dict()
 
 
 class Observer(Protocol):

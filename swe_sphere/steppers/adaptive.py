@@ -111,21 +111,21 @@ class AdaptiveStepper(Stepper):
         """What the steps so far have taken."""
         return self._scheme.costs()
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs, the controller's included."""
         control = {"adaptive": np.array([self._next, self._before])}
-        return self._scheme.memory() | control
+        return self._scheme.state_dict() | control
 
-    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `memory` returned after that many outer steps.
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many outer steps.
 
-        Raises ConfigError when the memory is not that of an adaptive stepper.
+        Raises ConfigError when the state is not that of an adaptive stepper.
         """
-        if "adaptive" not in memory:
+        if "adaptive" not in state:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
-        self._scheme.restore(memory, steps)
-        self._origin, self.steps = float(memory["origin"]), steps
-        self._next, self._before = (float(value) for value in memory["adaptive"])
+        self._scheme.load_state_dict(state, steps)
+        self._origin, self.steps = float(state["origin"]), steps
+        self._next, self._before = (float(value) for value in state["adaptive"])
 
     def _advance(self) -> None:
         done = 0.0

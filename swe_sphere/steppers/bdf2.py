@@ -20,12 +20,19 @@ class BDF2(ImplicitStepper):
     """
 
     name, order = "bdf2", 2
+    style = ("#516CF6", "^")
+    expected_error = ((900.0, 4.102155e-05, 7.407046e-04), (450.0, 1.169645e-05, 2.008829e-04))
     default_tolerance = 1e-2
 
     @classmethod
     def error_constant(cls) -> float:
         """For equal steps (Hairer, Norsett & Wanner 1993, III.2)."""
         return 2.0 / 9.0
+
+    @classmethod
+    def state_vectors(cls) -> int:
+        """Its own and its starter's."""
+        return TRBDF2.state_vectors() + 9
 
     def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()
@@ -43,14 +50,14 @@ class BDF2(ImplicitStepper):
         super().start(state, t)
         self._previous_dt = 0.0
 
-    def memory(self) -> dict[str, np.ndarray]:
+    def state_dict(self) -> dict[str, np.ndarray]:
         """Copies of all that a bitwise exact restart needs."""
-        return super().memory() | {"previous_dt": np.array(self._previous_dt)}
+        return super().state_dict() | {"previous_dt": np.array(self._previous_dt)}
 
-    def restore(self, memory: dict[str, np.ndarray], steps: int) -> None:
-        """Go on from what `memory` returned after that many steps."""
-        super().restore(memory, steps)
-        self._previous_dt = float(memory["previous_dt"])
+    def load_state_dict(self, state: dict[str, np.ndarray], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
+        self._previous_dt = float(state["previous_dt"])
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}

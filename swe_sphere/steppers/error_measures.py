@@ -8,9 +8,8 @@ import warp as wp
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
-from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.implicit import ImplicitStepper
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stepper import STEPPERS, Stepper
 
 __all__ = ["MEASURES", "EnergyDrift", "LocalError", "Measure", "make_measure"]
 
@@ -116,7 +115,7 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
 
 def _with_estimate() -> str:
     """Names of the steppers that estimate their error."""
-    return ", ".join(k for k, cls in STEPPERS.items() if getattr(cls, "estimate_order", None))
+    return ", ".join(k for k, cls in STEPPERS.items() if cls.estimate_order)
 
 
 def _relative_rate(scheme: ImplicitStepper) -> float:

@@ -25,7 +25,7 @@ DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
 """Of the lower triangle LD in A = L D U: 1/4 and 1/3."""
 
 
-class ForwardElimination:
+class ForwardElimination(Preconditioner):
     """Approximate inverse of I - dt A (x) J for a pair of stages in one vector (2n,).
 
     It keeps of A = L D U the lower triangle LD, which A differs from by a factor with eigenvalues 1
@@ -38,20 +38,10 @@ class ForwardElimination:
         """space: of one stage; parts: one preconditioner for each of the two implicit steps."""
         self._space, self._parts, self._work = space, parts, model.zeros()
 
-    @property
-    def setup_seconds(self) -> float:
-        """Wall time spent in `setup` so far [s]."""
-        return sum(part.setup_seconds for part in self._parts)
-
-    @property
-    def setups(self) -> int:
-        """Set-ups so far, of one implicit step each."""
-        return sum(part.setups for part in self._parts)
-
-    @property
-    def applications(self) -> int:
-        """Applications so far, to one stage each."""
-        return sum(part.applications for part in self._parts)
+    def costs(self) -> dict[str, float]:
+        """What both have taken, each set-up and application being one of a stage."""
+        first, second = (part.costs() for part in self._parts)
+        return {name: cost + second[name] for name, cost in first.items()}
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the time step tau [s] at a state (n,)."""
@@ -67,16 +57,17 @@ class ForwardElimination:
         space.axpy(-factor, r[:n], self._work)
         self._parts[1].apply(self._work, out[n:])
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """What the set-ups in use were made for."""
-        numbered = enumerate(part.memory() for part in self._parts)
+        numbered = enumerate(part.state_dict() for part in self._parts)
         return {f"{name}_{i}": value for i, mine in numbered for name, value in mine.items()}
 
-    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Make those set-ups again."""
         for i, part in enumerate(self._parts):
             end = f"_{i}"
-            part.restore({k.removesuffix(end): v for k, v in memory.items() if k.endswith(end)})
+            mine = {k.removesuffix(end): v for k, v in state.items() if k.endswith(end)}
+            part.load_state_dict(mine)
 
 
 class CoupledStages:
@@ -135,12 +126,20 @@ class GaussLegendre(ImplicitStepper):
     """
 
     name, order = "gauss-legendre", 4
+    style = ("#5229A3", (6, 1, 0))
+    expected_error = ((900.0, 4.778152e-08, 4.285903e-07), (450.0, 3.042596e-09, 2.722186e-08))
     default_tolerance = 1e-4
+    coupled_stages = len(C)
 
     @classmethod
     def error_constant(cls) -> float:
         """From the tableau."""
         return error_constant(np.array(A), np.array(B), cls.order)
+
+    @classmethod
+    def state_vectors(cls) -> int:
+        """Those of pairs count twice."""
+        return 35
 
     def _allocate(self, model: Model) -> None:
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()

@@ -98,6 +98,11 @@ class ImexRungeKutta(SplitStepper):
         wp.copy(self._past[i], depth_of(slope, self._guess.size))
 
     @classmethod
+    def state_vectors(cls) -> int:
+        """Both slopes of each stage, and those of the solver."""
+        return 17 + 2 * len(cls.b)
+
+    @classmethod
     def error_constant(cls) -> float:
         """That of the implicit part."""
         return error_constant(tableau(cls.implicit, len(cls.b)), np.array(cls.b), cls.order)
@@ -123,6 +128,8 @@ class ARK2(ImexRungeKutta):
     """
 
     name, order = "ark2", 2
+    style = ("#832121", "v")
+    expected_error = ((900.0, 8.218760e-06, 1.424297e-04), (450.0, 2.087072e-06, 3.482898e-05))
     _g, _w = 1.0 - math.sqrt(0.5), 0.25 * math.sqrt(2.0)
     _a32 = (3.0 + 2.0 * math.sqrt(2.0)) / 6.0
     explicit = ((2.0 * _g,), (1.0 - _a32, _a32))
@@ -137,6 +144,8 @@ class ARS343(ImexRungeKutta):
     """
 
     name, order = "ars343", 3
+    style = ("#C44931", "P")
+    expected_error = ((900.0, 1.496418e-06, 1.643251e-05), (450.0, 1.957739e-07, 2.168509e-06))
     # over hills the depth differs from that of the implicit part by a third and more, and as much
     # of the gravity waves is explicit: there this method grows (semi-implicit leapfrog does not)
     faster = 2.5

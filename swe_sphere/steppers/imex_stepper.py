@@ -30,6 +30,7 @@ class SplitStepper(SolvingStepper):
     of range and for a scene without gravity waves.
     """
 
+    family = "imex"
     safety = 0.45
     faster: ClassVar[float] = 8.0
     """How many times faster than the explicit waves the implicit ones are at least in the analysis

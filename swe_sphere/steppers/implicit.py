@@ -70,11 +70,10 @@ class StageProblem:
 class ImplicitStepper(SolvingStepper):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
+    family = "implicit"
     default_tolerance: ClassVar[float] = 1e-3
     """For steps that do not resolve the motion: where the error of the solver is well below that of
     the scheme (docs/steppers.md)."""
-    estimate_order: ClassVar[int | None] = None
-    """The power of dt that `error_estimate` goes with; None where the method has none."""
 
     def __init__(
         self,
@@ -110,7 +109,7 @@ class ImplicitStepper(SolvingStepper):
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
         if self.problem.preconditioner is not None:
-            self.problem.preconditioner.restore({})
+            self.problem.preconditioner.load_state_dict({})
         super().start(state, t)
 
     @classmethod
@@ -121,25 +120,19 @@ class ImplicitStepper(SolvingStepper):
     def costs(self) -> dict[str, float]:
         """Counts of the solver and its preconditioner, and seconds of the latter's set-up."""
         made = self.problem.preconditioner
-        if made is None:
-            return super().costs()
-        return super().costs() | {
-            "preconditioner_applications": made.applications,
-            "setups": made.setups,
-            "setup_seconds": made.setup_seconds,
-        }
+        return super().costs() | ({} if made is None else made.costs())
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs, a set-up in use included."""
         made = self.problem.preconditioner
-        in_use = {} if made is None else made.memory()
-        return super().memory() | in_use
+        in_use = {} if made is None else made.state_dict()
+        return super().state_dict() | in_use
 
-    def restore(self, memory: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `memory` returned after that many steps."""
-        super().restore(memory, steps)
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
         if self.problem.preconditioner is not None:
-            self.problem.preconditioner.restore(memory)
+            self.problem.preconditioner.load_state_dict(state)
 
     def error_estimate(self) -> float:
         """Norm [m s-1] of the error of the step last attempted, if `estimate_order` is not None."""

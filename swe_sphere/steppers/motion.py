@@ -78,7 +78,7 @@ class Motion:
         vectors = {"mean_slope": self._slope, "bend": self.bend}
         return {"motion": numbers} | {k: v.numpy().copy() for k, v in vectors.items()}
 
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go on from what `state_dict` returned."""
         numbers = (float(number) for number in saved["motion"])
         self.rate, self._dt, *frequencies = numbers

@@ -24,6 +24,8 @@ class RosenbrockW(ImplicitStepper):
     """
 
     name, order = "rosenbrock-w", 3
+    style = ("#A55E50", (3, 1, 0))
+    expected_error = ((900.0, 1.264198e-06, 1.320438e-05), (450.0, 1.673914e-07, 1.818855e-06))
     estimate_order = 3
     gamma = 0.4358665215084590
     alpha = (
@@ -46,6 +48,11 @@ class RosenbrockW(ImplicitStepper):
         """From the tableau."""
         a = np.array(cls.alpha) + np.array(cls.lower) + cls.gamma * np.eye(len(cls.b))
         return error_constant(a, np.array(cls.b), cls.order)
+
+    @classmethod
+    def state_vectors(cls) -> int:
+        """Stages of this step and of the last, and those of the solver."""
+        return 21 + 2 * len(cls.b)
 
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)

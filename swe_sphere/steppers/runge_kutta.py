@@ -41,11 +41,18 @@ class RungeKutta(Stepper):
         growth: Any = runge_kutta_growth(tableau(cls.a, stages), np.array(cls.b))
         return largest_step(growth, wave, dissipation, reach=2.0 * stages)
 
+    @classmethod
+    def state_vectors(cls) -> int:
+        """Slopes, a stage and the state, with what the model holds."""
+        return 3 + len(cls.b)
+
 
 class RK4(RungeKutta):
     """Classical Runge-Kutta: four stages, fourth order; stable to 2.83 times the leapfrog limit."""
 
     name, order = "rk4", 4
+    style = ("#0072B2", "o")
+    expected_error = ((900.0, 2.941341e-07, 2.534993e-06), (450.0, 1.867172e-08, 1.596877e-07))
     a = ((1 / 2,), (0, 1 / 2), (0, 0, 1))
     b = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
@@ -54,6 +61,8 @@ class SSPRK3(RungeKutta):
     """Strong-stability-preserving Runge-Kutta: three stages, third order (Shu & Osher 1988)."""
 
     name, order = "ssprk3", 3
+    style = ("#56B4E9", "p")
+    expected_error = ((900.0, 2.025637e-06, 2.439406e-05), (450.0, 2.618428e-07, 3.111915e-06))
     a = ((1,), (1 / 4, 1 / 4))
     b = (1 / 6, 1 / 6, 2 / 3)
 
@@ -65,5 +74,7 @@ class KG5(RungeKutta):
     """
 
     name, order = "kg5", 3
+    style = ("#0C0CE9", "h")
+    expected_error = ((900.0, 3.951576e-07, 4.755524e-06), (450.0, 5.184853e-08, 6.174662e-07))
     a = ((1 / 5,), (0, 1 / 5), (0, 0, 1 / 3), (0, 0, 0, 2 / 3))
     b = (1 / 4, 0, 0, 0, 3 / 4)

@@ -24,6 +24,8 @@ class SemiImplicit(SplitStepper):
     """
 
     name, order = "semi-implicit", 2
+    style = ("#E69F00", "D")
+    expected_error = ((900.0, 3.986228e-05, 1.060878e-03), (450.0, 9.255843e-06, 3.349328e-04))
 
     def __init__(
         self,
@@ -52,6 +54,11 @@ class SemiImplicit(SplitStepper):
     def error_constant(cls) -> float:
         """That of leapfrog: dt^3/3 of the third derivative, of a change of 2 dt the first."""
         return 1.0 / 6.0
+
+    @classmethod
+    def state_vectors(cls) -> int:
+        """With its starter's and the room of the second set-up."""
+        return ARK2.state_vectors() + 26
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous, "guess": self._guess}

@@ -52,14 +52,14 @@ class SolvingStepper(Stepper):
         with one_thread():
             super().step()
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs."""
-        return super().memory() | self.motion.state_dict()
+        return super().state_dict() | self.motion.state_dict()
 
-    def restore(self, memory: dict[str, NDArray[np.generic]], steps: int) -> None:
-        """Go on from what `memory` returned after that many steps."""
-        super().restore(memory, steps)
-        self.motion.restore(memory)
+    def load_state_dict(self, state: dict[str, NDArray[np.generic]], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
+        self.motion.load_state_dict(state)
 
     def _goal(self, dt: float) -> float:
         """Residual to solve a step of dt [s] to, relative to the change over it."""

@@ -129,7 +129,7 @@ VARIABLE_STEP = _edits(
         "the last step of BDF2 lost in restarts",
         BDF2,
         _RESTART,
-        'self._previous_dt = float(memory["previous_dt"])',
+        'self._previous_dt = float(state["previous_dt"])',
         "self._previous_dt = 0.0",
     ),
 )

@@ -164,8 +164,8 @@ STEPPERS = (
     _stepper("dirk", "TRBDF2.a", _tableau(2, 0), "tr-bdf2"),
     _stepper("dirk", "SDIRK3.a", _tableau(1, 0), "sdirk3"),
     _stepper("dirk", "ESDIRK4.a", _tableau(4, 2), "esdirk4"),
-    _stepper("imex", "ARK2.explicit", _tableau(1, 1), "ark2"),
-    _stepper("imex", "ARS343.implicit", _tableau(1, 1), "ars343"),
+    _stepper("imex_runge_kutta", "ARK2.explicit", _tableau(1, 1), "ark2"),
+    _stepper("imex_runge_kutta", "ARS343.implicit", _tableau(1, 1), "ars343"),
     _stepper("rosenbrock", "RosenbrockW.b", _entry(2), "rosenbrock-w"),
 )
 

@@ -1,8 +1,8 @@
 """Preconditioning by block elimination with the consistent Helmholtz operator."""
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -12,8 +12,10 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.schur import SchurOperator
-from swe_sphere.solvers.preconditioners.inner import InnerSolver
+from swe_sphere.solvers.preconditioners.inner import Direct, InnerSolver, Jacobi, Multilevel
+from swe_sphere.solvers.preconditioners.preconditioner import Preconditioner, elimination_memory
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
+from swe_sphere.solvers.preconditioners.schwarz import Schwarz
 
 Array = NDArray[np.float64]
 
@@ -22,30 +24,32 @@ DEPTH_CHANGE = 0.1
 """Relative changes of tau and of depth anywhere from which a new set-up pays."""
 
 
-class Helmholtz:
+class BlockElimination(Preconditioner):
     """(I - tau L)^-1 with gravity waves about the current depth, advection left out.
 
-    See `SchurOperator`; `inner` makes the approximate inverse of S.  All vectors inside have the
-    number type `real`, float32 by default: a preconditioner needs no more.
+    See `SchurOperator`; a subclass says by what S is inverted, about.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        inner: Callable[[SchurOperator, SchurMatrix], InnerSolver],
-        real: Any = wp.float32,
-    ) -> None:
+    inner_solver: ClassVar[type[InnerSolver]]
+    real: ClassVar[Any] = wp.float32
+    """Number type of all vectors inside: a preconditioner needs no more."""
+
+    def __init__(self, model: Model) -> None:
         if model.scene.wind is not None:
             raise ConfigError("a scene with prescribed wind has no gravity waves to precondition")
         self._model = model
-        mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
+        mesh = DeviceMesh(model.mesh, model.device, self.real, model.shape)
         gravity, outer = model.scene.planet.gravity, model.device_mesh.real
         self.operator = SchurOperator(mesh, model.launch, gravity, model.coriolis, outer)
         self.matrix = SchurMatrix(model.mesh, gravity, model.coriolis)
-        self.inner = inner(self.operator, self.matrix)
+        self.inner = self.inner_solver(self.operator, self.matrix)
         self._b, self._h = self.operator.vector(), self.operator.vector()
         self._tau, self._depth = 0.0, np.zeros(model.mesh.size)
-        self.setup_seconds, self.setups, self.applications = 0.0, 0, 0
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """Memory [bytes] that it takes on that mesh, about."""
+        return elimination_memory(ne, np) + cls.inner_solver.memory_estimate(ne, np)
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
@@ -55,15 +59,15 @@ class Helmholtz:
             return
         self._make(tau, depth)
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """Step and depth that the set-up in use was made for."""
         return {"setup_tau": np.array(self._tau), "setup_depth": self._depth.copy()}
 
-    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Make that set-up again; where there was none, forget the present one."""
-        self._tau = float(memory.get("setup_tau", np.zeros(())))
+        self._tau = float(state.get("setup_tau", np.zeros(())))
         if self._tau > 0.0:
-            self._make(self._tau, np.array(memory["setup_depth"]))
+            self._make(self._tau, np.array(state["setup_depth"]))
 
     def _make(self, tau: float, depth: Array) -> None:
         start = time.perf_counter()
@@ -82,3 +86,27 @@ class Helmholtz:
 
     def _is_near(self, depth: Array) -> bool:
         return bool(np.all(np.abs(depth - self._depth) <= DEPTH_CHANGE * np.abs(depth)))
+
+
+class JacobiElimination(BlockElimination):
+    """The Schur complement by its diagonal."""
+
+    name, inner_solver = "jacobi", Jacobi
+
+
+class Helmholtz(BlockElimination):
+    """The Schur complement by a coarse correction and Chebyshev steps."""
+
+    name, inner_solver = "helmholtz", Multilevel
+
+
+class SchwarzElimination(BlockElimination):
+    """The Schur complement by overlapping patches."""
+
+    name, inner_solver = "helmholtz-schwarz", Schwarz
+
+
+class DirectElimination(BlockElimination):
+    """The Schur complement by sparse factors."""
+
+    name, inner_solver, real = "helmholtz-direct", Direct, wp.float64

@@ -11,6 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
+from swe_sphere.solvers.preconditioners.preconditioner import coarse_memory, unique_nodes
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
 Array = NDArray[np.float64]
@@ -33,6 +34,11 @@ class InnerSolver(ABC):
 
     def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
         self.operator, self.matrix = operator, matrix
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """Memory [bytes] that it takes on that mesh; rather too much."""
+        return coarse_memory(ne, np)
 
     @abstractmethod
     def setup(self, tau: float, depth: Array) -> None:
@@ -84,6 +90,12 @@ class Direct(InnerSolver):
                 f"{bytes_ / 1e9:.0f} GB; choose the preconditioner helmholtz (multilevel) instead "
                 "of helmholtz-direct"
             )
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """With the factors of the whole matrix."""
+        factors: float = 30.0 * (np - 1) * unique_nodes(ne, np) ** 1.5
+        return super().memory_estimate(ne, np) + factors
 
     def setup(self, tau: float, depth: Array) -> None:
         """Factorise for the implicit step tau [s] and the depth (N,) [m]."""

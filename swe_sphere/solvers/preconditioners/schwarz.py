@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.patches import patch_kernel
 from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY, InnerSolver
+from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
 
 Array = NDArray[np.float64]
 
@@ -17,6 +18,11 @@ class Schwarz(InnerSolver):
     The rows of the patch inverses that are kept are computed once, so that a sweep is a product
     with a sparse matrix of fixed row length (Cai & Sarkis 1999, doi:10.1137/S106482759732678X).
     """
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """With the inverses of the patches."""
+        return super().memory_estimate(ne, np) + 8.0 * (3 * np - 2) ** 2 * unique_nodes(ne, np)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Invert the patches for the implicit step tau [s] and the depth (N,) [m].

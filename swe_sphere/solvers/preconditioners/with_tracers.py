@@ -10,7 +10,7 @@ from swe_sphere.operators.transport_operator import MixingRatio
 from swe_sphere.solvers.preconditioners.preconditioner import Preconditioner
 
 
-class WithTracers:
+class WithTracers(Preconditioner):
     """A preconditioner for wind and depth, which tracers then follow: z_hq = r_hq + q (z_h - r_h).
 
     That is block elimination with the gravity waves of the depth, -div(hq V) being q times
@@ -22,20 +22,9 @@ class WithTracers:
     def __init__(self, flow: Preconditioner, ratio: MixingRatio) -> None:
         self._flow, self._ratio = flow, ratio
 
-    @property
-    def setup_seconds(self) -> float:
-        """Wall time spent in `setup` so far [s]."""
-        return self._flow.setup_seconds
-
-    @property
-    def setups(self) -> int:
-        """Set-ups so far, of the flow."""
-        return self._flow.setups
-
-    @property
-    def applications(self) -> int:
-        """Applications so far."""
-        return self._flow.applications
+    def costs(self) -> dict[str, float]:
+        """What the flow's has taken so far."""
+        return self._flow.costs()
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; mixing ratios are always its own."""
@@ -47,10 +36,10 @@ class WithTracers:
         self._flow.apply(r, out)
         self._ratio.follow(r, out)
 
-    def memory(self) -> dict[str, NDArray[Any]]:
+    def state_dict(self) -> dict[str, NDArray[Any]]:
         """What the set-up in use was made for."""
-        return self._flow.memory()
+        return self._flow.state_dict()
 
-    def restore(self, memory: Mapping[str, NDArray[Any]]) -> None:
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Make that set-up again."""
-        self._flow.restore(memory)
+        self._flow.load_state_dict(state)

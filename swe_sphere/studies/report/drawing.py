@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from swe_sphere.studies.report.axes import SMALLEST, finish, mark_limits, name_curves, points
-from swe_sphere.studies.report.palette import LOOKS, STATUS, Curve, curves
+from swe_sphere.studies.report.palette import STATUS, Curve, curves
 from swe_sphere.studies.report.rows import Metric, Row
 from swe_sphere.studies.report.statistics import Cost, candidates, pareto, time_interval
 from swe_sphere.studies.report.svg import FAINT, INK, PAPER
@@ -77,7 +77,9 @@ def _draw_uncertainty(axes: Axes, drawn: Sequence[Curve], metric: Metric, noise:
 
 def draw_map(rows: Sequence[Row], axes: Axes, anchor: str) -> None:
     """How every run ended, by stepper and step."""
-    order = {name: i for i, name in enumerate(LOOKS)}
+    from swe_sphere.steppers import STEPPERS
+
+    order = {name: i for i, name in enumerate(STEPPERS)}
     drawn = sorted(curves(rows), key=lambda c: order.get(c.rows[0].stepper, len(order)))[::-1]
     for height, curve in enumerate(drawn):
         _draw_ends(axes, curve, height, anchor)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from swe_sphere.studies.report.rows import Row
+
+if TYPE_CHECKING:
+    from swe_sphere.steppers.stepper import Marker
 
 __all__ = ["LINES", "STATUS", "Curve", "Look", "curves", "look"]
 
@@ -19,28 +23,9 @@ class Look:
     """How a stepper is drawn."""
 
     colour: str
-    marker: str
+    marker: Marker
 
 
-LOOKS = {
-    "rk4": Look(BLUE, "o"),
-    "leapfrog": Look(ORANGE, "s"),
-    "ssprk3": Look(SKY, "p"),
-    "kg5": Look(BLUE, "h"),
-    "semi-implicit": Look(AMBER, "D"),
-    "ark2": Look(AMBER, "v"),
-    "ars343": Look(ORANGE, "P"),
-    "implicit-euler": Look(GREY, "X"),
-    "crank-nicolson": Look(GREY, "<"),
-    "implicit-midpoint": Look(PINK, ">"),
-    "bdf2": Look(PINK, "^"),
-    "tr-bdf2": Look(GREEN, "o"),
-    "sdirk3": Look(GREEN, "v"),
-    "esdirk4": Look(SKY, "D"),
-    "gauss-legendre": Look(GREY, "*"),
-    "average-vector-field": Look(PINK, "d"),
-    "rosenbrock-w": Look(GREEN, "P"),
-}
 COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY, GREY)
 MARKERS = ("8", "H", "d", "*", "X")
 
@@ -57,9 +42,12 @@ STATUS = {
 
 
 def look(stepper: str) -> Look:
-    """The colour and marker of a stepper; of one not known here, always the same for its name."""
-    if stepper in LOOKS:
-        return LOOKS[stepper]
+    """The colour and marker of a stepper; of one without, always the same for its name."""
+    from swe_sphere.steppers import STEPPERS
+
+    style = STEPPERS[stepper].style if stepper in STEPPERS else None
+    if style is not None:
+        return Look(*style)
     place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
     return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.stepper import Family
+
 __all__ = ["EXPLICIT", "IMPLICIT", "SPLIT"]
 
-EXPLICIT = ("rk4", "ssprk3", "kg5", "leapfrog")
-SPLIT = ("semi-implicit", "ark2", "ars343")
-IMPLICIT = (
-    "implicit-euler", "crank-nicolson", "implicit-midpoint", "bdf2", "tr-bdf2", "sdirk3",
-    "esdirk4", "gauss-legendre", "average-vector-field", "rosenbrock-w",
-)  # fmt: skip
+
+def _of(family: Family) -> tuple[str, ...]:
+    return tuple(name for name, kind in STEPPERS.items() if kind.family == family)
+
+
+EXPLICIT, SPLIT, IMPLICIT = _of("explicit"), _of("imex"), _of("implicit")

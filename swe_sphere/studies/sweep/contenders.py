@@ -64,9 +64,7 @@ class Contender:
 
     def ladder(self, levels: int) -> list[float]:
         """Steps to try [s], the longest first."""
-        from swe_sphere.steppers.imex_stepper import SplitStepper
-
-        explicit = math.isfinite(self.stable_dt) and not issubclass(self.kind, SplitStepper)
+        explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
         gravity = self.bench.limits.gravity
         return ladder(self.usable_dt, explicit, gravity, self.schedule.interval, levels)
 

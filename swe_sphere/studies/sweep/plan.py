@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -158,7 +158,6 @@ def make_plan(values: Mapping[str, object]) -> SweepPlan:
 
 def check_plan(plan: SweepPlan) -> None:
     """ConfigError for what no run could begin with: names, meshes, times, files."""
-    from swe_sphere.equations.effects import unknown_name
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
     from swe_sphere.steppers import get_stepper
 

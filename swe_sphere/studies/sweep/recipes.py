@@ -8,8 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from swe_sphere.equations.effects import unknown_name
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.studies.sweep.plan import SweepPlan, make_plan
 from swe_sphere.toml_file import read_toml
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from swe_sphere.equations.effects import unknown_name
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.studies.stress.groups.bottoms import BOTTOMS, DEPTH, MOUNTAIN
 from swe_sphere.studies.stress.groups.hard_states import (
     GUARDS,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from swe_sphere.equations.effects import unknown_name
+from swe_sphere.errors import unknown_name
 from swe_sphere.studies.verify.case import Case
 from swe_sphere.studies.verify.cases import (
     conservation,
