@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from swe_sphere.equations.effect_settings import apply_settings
-from swe_sphere.equations.effects import unknown_name
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.setup import make_scene
