@@ -1,5 +1,7 @@
 """Writes a short run again and again, killed at every call that changes its files in turn.
 
+Once as a new file; once as a run that goes on in its file, which has a frame after its checkpoint.
+
 Started by test_kills.py with the library made of kills.c preloaded; prints what it found as JSON.
 """
 
@@ -19,7 +21,7 @@ import numpy as np
 import xarray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import build_mesh
@@ -47,32 +49,46 @@ def numbers(k: float) -> dict[str, float]:
     return {"mass": 1.0 + k, "energy": 2.0 + k}
 
 
-def write(path: Path, progress: int) -> None:
-    """A run of three frames with samples between them; a letter for all that is finished."""
-    with FrameWriter(path, MESH, {"scene": "x"}, samples=9) as writer:
-        for k in range(FRAMES):
+def write(path: Path, progress: int, first: int = 0, last: int = FRAMES) -> None:
+    """Frames of a run with samples between them; a letter for all that is finished."""
+    start = 60.0 * first if first else None
+    with FrameWriter(path, MESH, {"scene": "x"}, samples=9, append_from=start) as writer:
+        for k in range(first, last):
             writer.write(60.0 * k, frame(k), numbers(k))
             os.write(progress, b"f")
             writer.checkpoint(memory(k), 60.0 * k, k, "rk4")
             os.write(progress, b"c")
             writer.record(60.0 * k + 30.0, numbers(k + 0.5))
-        writer.finish({"completed": True, "steps": FRAMES})
+        writer.finish({"completed": True, "steps": last})
         os.write(progress, b"e")
 
 
-def killed(path: Path, call: int, half: bool) -> tuple[str, bool]:
+def unfinished(path: Path) -> None:
+    """Three frames, with the checkpoint of the second."""
+    silent = os.open(os.devnull, os.O_WRONLY)
+    write(path, silent, last=FRAMES - 1)
+    early = checkpoint_path(path).read_bytes()
+    write(path, silent, FRAMES - 1)
+    checkpoint_path(path).write_bytes(early)
+    os.close(silent)
+
+
+def killed(path: Path, call: int, half: bool, appends: bool) -> tuple[str, bool]:
     """What a process had finished when it was killed at that call, and whether it was."""
     shim = ctypes.CDLL(None)
     reading, progress = os.pipe()
     child = os.fork()
     if child == 0:
         shim.kill_at(os.fsencode(path.parent), ctypes.c_long(call), int(half))
-        write(path, progress)
+        write(path, progress, *((FRAMES - 2, FRAMES + 1) if appends else ()))
         os._exit(0)
     os.close(progress)
     with os.fdopen(reading) as pipe:
         done = pipe.read()
     status = os.waitpid(child, 0)[1]
+    if appends:  # what was there before; of it, one frame and its checkpoint are written again
+        new = done.partition("fc")[2]
+        done = "fc" * (FRAMES - 1) + (new if new.startswith("fc") else "f")
     return done, os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL
 
 
@@ -124,18 +140,22 @@ def examine(path: Path, done: str, found: Counter[str]) -> None:
 
 def main(folder: Path) -> None:
     found: Counter[str] = Counter()
-    for half in (False, True):
+    begun, empty = folder / "begun", folder / "empty"
+    begun.mkdir()
+    empty.mkdir()
+    unfinished(begun / "run.nc")
+    for half, appends in ((False, False), (True, False), (False, True), (True, True)):
         call, alive = 0, False
         while not alive:
-            call += 1
-            place = folder / f"{call}{half}"
-            place.mkdir()
-            done, was_killed = killed(place / "run.nc", call, half)
+            call += 1 + 2 * (half and appends)
+            place = folder / f"{call}{half}{appends}"
+            shutil.copytree(begun if appends else empty, place)
+            done, was_killed = killed(place / "run.nc", call, half, appends)
             alive = not was_killed
             examine(place / "run.nc", done, found)
             found["positions"] += was_killed
             shutil.rmtree(place)
-        found["runs_to_the_end"] += done == "fc" * FRAMES + "e"
+        found["runs_to_the_end"] += done == "fc" * (FRAMES + appends) + "e"
     print(json.dumps({name: found[name] for name in COUNTED}))  # noqa: T201
 
 

@@ -51,7 +51,7 @@ def test_the_index_has_every_page():
 INDENTED = re.compile(r"^ {4}(?:.*/)?swe-sphere ([a-z].*?)(?: {2,}.*)?$", re.MULTILINE)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMANDS = {page: found for page in PAGES if (found := INDENTED.findall(page.read_text()))}
-INSTEAD = {"--restart jet.nc --days 8": "--restart jet.nc --days 0.1", "--time 4": "--time 0"}
+INSTEAD = {"--out jet.nc --days 8": "--out jet.nc --days 0.1", "--time 4": "--time 0"}
 """Times that are in the files of shortened runs."""
 SHORTER = {
     "run": "--days 0.05",

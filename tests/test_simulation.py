@@ -238,8 +238,6 @@ def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
         ({"settings": ["viscosity.nu=1"]}, "effects is"),
         ({"dt": 100.0}, "goes on with the step of its file"),
         ({"days": 0.25}, "already"),
-        ({"out": "part.nc"}, "write to another file"),
-        ({"restart": "part.nc.restart", "out": "part.nc"}, "write to another file"),
         ({"restart": "moved.nc"}, "moved.nc has no checkpoint: there is no file moved.nc.restart"),
     ],
 )

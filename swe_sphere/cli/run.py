@@ -90,6 +90,9 @@ def run(
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE.nc", help="Write frames here.")] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace that file if it is there already.")
+    ] = False,
     every: Annotated[
         float | None, _number("--every", "HOURS", "Time between frames (about a day).")
     ] = None,
@@ -97,7 +100,8 @@ def run(
         Path | None, typer.Option(metavar="FILE.png", help="Draw the last frame.")
     ] = None,
     restart: Annotated[
-        Path | None, typer.Option(metavar="FILE.nc", help="Go on where that run stopped.")
+        Path | None,
+        typer.Option(metavar="FILE.nc", help="Go on where that run stopped; --out may name it too."),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.nc", help="Lat-lon reference for the errors.")

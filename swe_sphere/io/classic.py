@@ -36,6 +36,8 @@ class Header:
     """Where the value of each global attribute stands, and its bytes."""
     begins: dict[str, int]
     """Where each variable begins; one with records, in the first of them."""
+    recorded: frozenset[str]
+    """Which variables have records."""
     end: int
     """Where the last variable ends."""
 
@@ -100,7 +102,8 @@ def read_header(file: BinaryIO) -> Header:
     record_bytes = sum(bytes_of[name] for name in counted)
     before = {name: (records - 1) * record_bytes if name in counted else 0 for name in begins}
     ends = [begins[name] + before[name] + bytes_of[name] for name in begins]
-    return Header(records, record_bytes, lengths, texts, begins, max(ends, default=0))
+    end = max(ends, default=0)
+    return Header(records, record_bytes, lengths, texts, begins, frozenset(counted), end)
 
 
 def check_length(path: Path) -> None:

@@ -39,16 +39,22 @@ class GrowingFile:
         self._file, self._header = file, read_header(file)
         self._length_at = self._header.lengths.get(series)
         self._room = 0 if self._length_at is None else self._number(self._length_at)
+        self.recorded = self._header.recorded
+        """Names of the variables that have records."""
         self.records = self.samples = 0
         """How many there are."""
 
-    def add_record(self, values: Mapping[str, ArrayLike]) -> None:
-        """Add a record, given every variable that has records, and put it on the disk."""
+    def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
+        """Add a record, given every variable that has records, and put it on the disk.
+
+        sync: wait until it is there, which a file that nobody looks at yet need not.
+        """
         done = self.records * self._header.record_bytes
         try:
             for name, value in values.items():
                 self._write(self._header.begins[name] + done, _stored(value))
-            self.sync()
+            if sync:
+                self.sync()
         except OSError:
             with suppress(OSError):  # makes room for what is to be said of the failure
                 self._file.truncate(self._end)

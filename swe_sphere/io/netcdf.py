@@ -20,6 +20,7 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.disk import allocate, claim, clear_errors, part_of, put_in_place
+from swe_sphere.io.earlier_frames import EarlierFrames
 from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
@@ -45,11 +46,14 @@ class FrameWriter:
     from then on at every moment.  attributes: the resolved configuration, written as global
     attributes (nested tables as JSON); the parameters of the mesh and a run_id are added.  bottom
     (N,) [m]: height of the orography, zero where None.  tracers: their names.  samples: how many
-    times diagnostics are given, at the most.
+    times diagnostics are given, at the most.  append_from: a time [s] from which the run in the
+    file that is there goes on, under its run_id; its frames and samples before that time are
+    copied first, and it stays in its place until the new file has as many frames.
 
-    Raises ConfigError if the file cannot be made, if another run writes it or if there is no room
-    for a first frame.  Every method raises RunFailed if the disk is full or refuses, or if another
-    program has removed or changed the file; what was written before stays readable.
+    Raises ConfigError if the file cannot be made, if another run writes it, if there is no room
+    for a first frame, or if the run in it cannot be gone on with.  Every method raises RunFailed if
+    the disk is full or refuses, or if another program has removed or changed the file; what was
+    written before stays readable.
     """
 
     def __init__(
@@ -60,19 +64,25 @@ class FrameWriter:
         bottom: ArrayLike | None = None,
         tracers: Iterable[str] = (),
         samples: int = SAMPLES,
+        append_from: float | None = None,
     ) -> None:
         self.path = Path(path)
         self._place = self.path.resolve() if self.path.is_symlink() else self.path
         self._mesh, self._bottom, self._samples = mesh, bottom, samples
         self._fields = frame_fields(tracers)
+        self._earlier = None if append_from is None else EarlierFrames(self.path, append_from)
         values = {**attributes, "run_id": uuid.uuid4().hex}
+        if self._earlier is not None:
+            values |= self._earlier.attributes
         self._attributes = {name: attribute(value) for name, value in values.items()}
         self._growing: GrowingFile | None = None
+        self._in_place = False
         self._series: tuple[str, ...] = ()
         with clear_errors(f"cannot write {self.path}"):
             self._file = claim(self._place)
             try:
                 size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
+                size += 0 if self._earlier is None else self._earlier.all_bytes
                 allocate(self._file.fileno(), self._place, size)
             except OSError:
                 self.close()
@@ -101,9 +111,9 @@ class FrameWriter:
             growing.add_record(values)
             if diagnostics:
                 growing.add_sample(self._sample(time, diagnostics))
-            if self._growing is None:
-                put_in_place(self._file.fileno(), self._place)
-                self._growing = growing
+            self._growing = growing
+            if self._earlier is None or growing.records >= self._earlier.all_frames:
+                self._put_in_place()
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
         """Add numbers at time [s] to the series along `diagnostic_time`, after a first frame.
@@ -136,10 +146,11 @@ class FrameWriter:
             kept.popitem()
         with self._writing():
             self._begun.set_text(SUMMARY, text)
+            self._put_in_place()
 
     def close(self) -> None:
         """Close the file; may be called again, and after a failure."""
-        if self._growing is None and not self._file.closed:
+        if not (self._in_place or self._file.closed):
             part_of(self._place).unlink(missing_ok=True)
         self._file.close()
 
@@ -157,15 +168,25 @@ class FrameWriter:
             raise ValueError("a file begins with a frame")
         return self._growing
 
+    def _put_in_place(self) -> None:
+        """The file takes its name, unless it has it already."""
+        if not self._in_place:
+            put_in_place(self._file.fileno(), self._place)
+            self._in_place = True
+
     def _make(self, diagnostics: Iterable[str]) -> GrowingFile:
-        """Everything but frames and samples, by the netCDF library, in the file claimed."""
+        """Everything but new frames and samples, by the netCDF library, in the file claimed."""
         self._series = tuple(diagnostics)
+        if self._earlier is not None:
+            self._samples += self._earlier.samples
         with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
             dataset.set_fill_off()
             dataset.setncatts(self._attributes)
             add_layout(dataset, self._mesh, self._bottom, self._fields, self._series, self._samples)
         growing = GrowingFile(self._file, SERIES)
         growing.set_text(SUMMARY, json.dumps({"completed": False}))
+        if self._earlier is not None:
+            self._earlier.copy(growing, self._series)
         return growing
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
@@ -180,6 +201,6 @@ class FrameWriter:
     def _writing(self) -> Iterator[None]:
         """RunFailed for what the disk says in the block, or others did to the file before."""
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
-            if self._growing is not None:
+            if self._growing is not None and self._in_place:
                 self._growing.check(self.path)
             yield

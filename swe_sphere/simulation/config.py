@@ -114,6 +114,8 @@ class RunConfig(BaseModel):
     settings: tuple[str, ...] = ()
     """"effect.parameter=value", "scene.parameter=value" and "stepper.option=value"."""
     out: FileName | None = None
+    overwrite: bool = False
+    """Replace the file `out` if it is there already."""
     every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
     """Time between frames [h]."""
     plot: FileName | None = None

@@ -12,6 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.output import appends, check_out
 from swe_sphere.simulation.plan import TimePlan, continued_plan, time_plan
 from swe_sphere.simulation.restart import (
     adopt,
@@ -111,6 +112,7 @@ def prepare(config: RunConfig) -> Prepared:
     days = scene.days if config.days is None else config.days
     mesh = make_mesh(config, scene)
     _check_paths(config)
+    check_out(config)
     if checkpoint is not None:
         check_identity(config, checkpoint, identity(config, scene, mesh))
     reference = _reference(config, scene, days)
@@ -181,16 +183,11 @@ def _begin(stepper: Stepper, state: wp.array, checkpoint: Checkpoint | None) -> 
 
 
 def _read(config: RunConfig) -> Checkpoint:
-    from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
+    from swe_sphere.io.checkpoint import read_checkpoint
 
-    assert config.restart is not None
-    checkpoint = read_checkpoint(config.restart)
-    for place in () if config.out is None else (config.out, checkpoint_path(config.out)):
-        if place.exists() and place.samefile(config.restart):
-            raise ConfigError(
-                f"out={config.out} would replace the restart file {place}: write to another file"
-            )
-    return checkpoint
+    place = config.out if appends(config) else config.restart
+    assert place is not None
+    return read_checkpoint(place)
 
 
 def _reference(config: RunConfig, scene: Scene, days: float) -> ReferenceErrors | None:

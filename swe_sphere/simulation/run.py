@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from swe_sphere.errors import RunFailed, SweError
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.execution import Execution
+from swe_sphere.simulation.output import appends
 from swe_sphere.simulation.prepare import Prepared, prepare
 from swe_sphere.simulation.recorder import most_samples
 from swe_sphere.simulation.summary import Summary
@@ -63,7 +64,11 @@ def _writer(prepared: Prepared, out: Path) -> FrameWriter:
     model = prepared.model
     tracers = model.scene.tracers or ()
     samples = most_samples(prepared.plan, prepared.stepper.steps)
-    return FrameWriter(out, model.mesh, prepared.attributes(), model.bottom, tracers, samples)
+    now = prepared.plan.time(prepared.stepper.steps)
+    return FrameWriter(
+        out, model.mesh, prepared.attributes(), model.bottom, tracers, samples,
+        append_from=now if appends(prepared.config) else None,
+    )  # fmt: skip
 
 
 def _noted(writer: FrameWriter, summary: Summary) -> Summary:

@@ -1,0 +1,47 @@
+"""The file that a run writes to, where there is one of that name already."""
+
+from __future__ import annotations
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import RunConfig
+
+__all__ = ["appends", "check_out"]
+
+
+def appends(config: RunConfig) -> bool:
+    """Whether the run goes on in the file of frames that it restarts from."""
+    out, restart = config.out, config.restart
+    if out is None or restart is None or config.overwrite or not out.is_file():
+        return False
+    from swe_sphere.io.checkpoint import checkpoint_path
+
+    places = (place for place in (out, checkpoint_path(out)) if place.exists())
+    return restart.exists() and any(place.samefile(restart) for place in places)
+
+
+def check_out(config: RunConfig) -> None:
+    """ConfigError if the run would replace a file that has something in it, unasked."""
+    out = config.out
+    if out is None or config.overwrite or appends(config):
+        return
+    if out.is_file() and out.stat().st_size:
+        raise ConfigError(f"out: {out} {_contents(config)}, or replace it with --overwrite")
+
+
+def _contents(config: RunConfig) -> str:
+    """What is in the file, and what to do about it."""
+    from swe_sphere.io.runfile import RunFile
+
+    assert config.out is not None
+    try:
+        run = RunFile(config.out)
+        scene, day = run.attributes["scene"], run.nearest(None) / DAY
+    except (ConfigError, KeyError):
+        return "is there already and no whole file of a run: choose another name"
+    if run.attributes.get("completed"):
+        return f"holds a finished run of {scene}: choose another name"
+    return (
+        f"holds a run of {scene} that stopped at day {day:.4g}: go on with it"
+        f" (--restart {config.out}), choose another name"
+    )

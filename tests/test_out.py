@@ -1,0 +1,158 @@
+"""A file that is there already: what a run does not replace unasked, and how it goes on in it."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import xarray
+
+from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.planet import HOUR
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
+
+SMALL = {"scene": "williamson6", "ne": 2, "np": 4, "dt": 1800.0, "every": 3.0, "days": 0.5}
+
+
+def small(**values):
+    return run(make_config(SMALL | values))
+
+
+def go_on(file, **values):
+    return run(make_config({"scene": SMALL["scene"], "restart": file, "out": file, **values}))
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A finished run."""
+    file = tmp_path_factory.mktemp("kept") / "jet.nc"
+    assert small(out=file).completed
+    return file
+
+
+@pytest.fixture
+def finished(kept, tmp_path):
+    """A copy of a finished run."""
+    for file in (kept, checkpoint_path(kept)):
+        shutil.copy(file, tmp_path)
+    return tmp_path / kept.name
+
+
+# --- what is not replaced
+
+
+def test_a_finished_run_is_replaced_only_when_asked(finished):
+    before = finished.read_bytes()
+    with pytest.raises(ConfigError, match=r"holds a finished run of williamson6: .*--overwrite"):
+        small(scene="williamson2", out=finished)
+    assert finished.read_bytes() == before
+    assert small(scene="williamson2", out=finished, overwrite=True).completed
+    assert RunFile(finished).attributes["scene"] == "williamson2"
+
+
+def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):
+    file = tmp_path / "jet.nc"
+    unstable = {"scene": "williamson2", "days": 20.0, "dt": 28800.0, "every": 8.0}
+    assert not small(**unstable, out=file).completed
+    with pytest.raises(ConfigError, match=rf"stopped at day .*go on with it \(--restart {file}\)"):
+        small(out=file)
+
+
+@pytest.mark.parametrize("content", [b"my only copy", b"CDF\x02" + bytes(100)])
+def test_what_is_no_run_is_not_replaced(tmp_path, content):
+    file = tmp_path / "thesis.nc"
+    file.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"no whole file of a run: .*--overwrite") as error:
+        small(out=file)
+    assert "\n" not in str(error.value) and file.read_bytes() == content
+    assert small(out=file, overwrite=True).completed
+
+
+def test_an_empty_file_is_taken(tmp_path):
+    (tmp_path / "new.nc").touch()
+    assert small(out=tmp_path / "new.nc").completed
+
+
+def test_the_program_refuses_in_one_line(finished, capsys):
+    command = ["run", "williamson2", "--ne=2", "--days=0.1", "--quiet", f"--out={finished}"]
+    for flags, status in (([], 2), (["--overwrite"], 0)):
+        with pytest.raises(SystemExit) as end:
+            main([*command, *flags])
+        assert end.value.code == status
+        assert capsys.readouterr().err.count("\n") == bool(status)
+
+
+# --- going on in the same file
+
+
+def contents(file):
+    """Fields by name, and times, of all frames."""
+    with xarray.open_dataset(file, decode_times=False) as data:
+        return {name: data[name].values for name in ("time", "u", "v", "h", "vorticity")}
+
+
+@pytest.mark.parametrize("beside", [False, True], ids=["frames", "checkpoint"])
+def test_a_run_goes_on_in_its_own_file(finished, tmp_path, beside):
+    """Frame by frame as if it had never stopped; the summary is that of the whole."""
+    run_id = RunFile(finished).attributes["run_id"]
+    file = checkpoint_path(finished) if beside else finished
+    longer = run(
+        make_config({"scene": "williamson6", "restart": file, "out": finished, "days": 1.0})
+    )
+    whole = small(days=1.0, out=tmp_path / "whole.nc")
+    expected = contents(tmp_path / "whole.nc")
+    assert expected["time"].tolist() == [3.0 * HOUR * k for k in range(9)]
+    for name, values in contents(finished).items():
+        assert values.tobytes() == expected[name].tobytes(), name
+    found = RunFile(finished)
+    assert found.attributes["run_id"] == run_id == read_checkpoint(finished).attributes["run_id"]
+    assert (found.attributes["completed"], found.attributes["days"]) == (True, 1.0)
+    for name in ("steps", "rhs_evaluations", "energy_drift"):
+        assert longer[name] == whole[name] == found.attributes[name]
+    times, series = found.series()
+    assert np.all(np.diff(times) > 0.0) and times[-1] == 24.0 * HOUR
+    assert np.isfinite(series["energy"]).all()
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "jet.nc", "jet.nc.restart", "whole.nc", "whole.nc.restart"
+    ]  # fmt: skip
+
+
+def test_frames_after_the_checkpoint_are_written_again(finished, tmp_path):
+    """As a run leaves them that is killed between a frame and its checkpoint."""
+    early = checkpoint_path(finished).read_bytes()
+    go_on(finished, days=1.0)
+    expected, samples = contents(finished), RunFile(finished).series()[0]
+    checkpoint_path(finished).write_bytes(early)
+    go_on(finished, days=1.0)
+    for name, values in contents(finished).items():
+        assert values.tobytes() == expected[name].tobytes(), name
+    assert RunFile(finished).series()[0].tolist() == samples.tolist()
+
+
+def test_with_overwrite_a_new_file_begins_at_the_checkpoint(finished):
+    go_on(finished, days=0.75, overwrite=True)
+    assert RunFile(finished).times.tolist() == [12.0 * HOUR, 15.0 * HOUR, 18.0 * HOUR]
+
+
+def test_a_checkpoint_of_another_run_is_refused(finished, tmp_path):
+    other = tmp_path / "other.nc"
+    small(days=0.25, out=other)
+    checkpoint_path(other).replace(checkpoint_path(finished))
+    before = finished.read_bytes()
+    for file in (finished, checkpoint_path(finished)):
+        with pytest.raises(ConfigError, match="checkpoint of another run"):
+            run(make_config({"scene": "williamson6", "restart": file, "out": finished}))
+    assert finished.read_bytes() == before
+
+
+def test_a_mistake_leaves_the_file_alone(finished):
+    before = finished.read_bytes()
+    for values in ({"days": 0.25}, {"days": 1.0, "dt": 900.0}, {"days": 1.0, "scene": "lauter"}):
+        with pytest.raises(ConfigError):
+            go_on(finished, **values)
+    assert finished.read_bytes() == before
+    assert json.loads(xarray.open_dataset(finished).attrs["summary"])["completed"] is True
