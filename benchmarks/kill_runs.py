@@ -98,7 +98,7 @@ def frames(out: Path, whole: xarray.Dataset) -> int:
 
 
 def goes_on(out: Path, whole: xarray.Dataset) -> bool:
-    """Whether a run that goes on in its file leaves in it all frames of the whole one, bit for bit."""
+    """Whether a run that goes on in its file ends with all frames of the whole one, bit for bit."""
     run(make_config({"scene": SCENE["scene"], "restart": out, "out": out}))
     with xarray.open_dataset(out) as data:
         return all(data[name].values.tobytes() == whole[name].values.tobytes() for name in FIELDS)

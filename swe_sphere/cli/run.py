@@ -101,7 +101,7 @@ def run(
     ] = None,
     restart: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.nc", help="Go on where that run stopped; --out may name it too."),
+        typer.Option(metavar="FILE.nc", help="Go on where that run stopped; --out may name it."),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.nc", help="Lat-lon reference for the errors.")
