@@ -75,10 +75,10 @@ def price() -> Section:
                 continue
             made = make_preconditioner(name, model)
             made.setup(state, 3600.0)
-            out = model.zeros()
+            out, jacobian = model.zeros(), model.linearise(state, 0.0)
             rhs, tangent, apply = interleaved(
                 lambda m=model, s=state, o=out: m.tendency(s, 0.0, o),
-                lambda m=model, s=state, o=out: m.tangent(s, o),
+                lambda j=jacobian, s=state, o=out: j(s, o),
                 lambda p=made, s=state, o=out: p.apply(s, o),
             )
             rows.append(
@@ -121,7 +121,6 @@ def _spun_up(mesh: Mesh, *settings: str) -> tuple[Model, wp.array]:
     stepper.start(model.initial_state())
     for _ in range(steps):
         stepper.step()
-    model.linearise(stepper.state, 0.0)
     return model, stepper.state
 
 
@@ -133,8 +132,10 @@ def _newton_system(model: Model, state: wp.array, name: str, tau: float) -> tupl
     if made is not None:
         made.setup(state, tau)
 
+    jacobian = model.linearise(state, 0.0)
+
     def operator(d: wp.array, out: wp.array) -> None:
-        model.tangent(d, out)
+        jacobian(d, out)
         space.axpby(1.0, d, -tau, out)
 
     rhs, d = space.zeros(), space.zeros()

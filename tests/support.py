@@ -130,8 +130,8 @@ def tendency(model: Model, state: np.ndarray, t: float = 0.0) -> np.ndarray:
 def tangent(model: Model, state: np.ndarray, direction: np.ndarray, t: float = 0.0) -> np.ndarray:
     """The model's Jacobian at a state times a direction, as float64."""
     out = model.zeros()
-    model.linearise(model.device_mesh.upload(state), t)
-    model.tangent(model.device_mesh.upload(direction), out)
+    jacobian = model.linearise(model.device_mesh.upload(state), t)
+    jacobian(model.device_mesh.upload(direction), out)
     return out.numpy().astype(np.float64)
 
 

@@ -77,9 +77,9 @@ def source(kernel: wp.Kernel) -> str:
     return re.split(r"\w+_cpu_(?:block_payload_forward|forward_tasks)", text)[0]  # no launch code
 
 
-def code_of(scene, shape: str, part: str = "all") -> Code:
+def code_of(scene, shape: str, component: str = "all") -> Code:
     model = Model(MESH, scene, shape=shape)
-    operator = model._part(part)._operator
+    operator = model.component(component).operator
     kernels = [operator.compiled.kernel, operator.assembly, *operator._flux_kernels]
     return Code("\n".join(source(kernel) for kernel in kernels))
 
@@ -163,7 +163,7 @@ def test_dynamics_do_not_know_of_effects_that_are_taken_apart(effects, shape) ->
 @pytest.mark.parametrize("effects", [("pressure",), ("pressure", "rotation"), ("wind",)])
 def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> None:
     """And with the arguments of one that never heard of forcing, drag and relaxation."""
-    operator = Model(MESH, make_scene(*effects))._part("all")._operator
+    operator = Model(MESH, make_scene(*effects)).component("all").operator
     plain = assembly_kernel(operator.terms.unknowns, operator.mesh.real, "rotation" in effects)
     assert operator.assembly is plain
     assert len(plain.adj.args) == 6 + 2 * ("rotation" in effects)
@@ -171,14 +171,14 @@ def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> No
 
 @pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])
 def test_pointwise_effects_alone_assemble_nothing(effects) -> None:
-    operator = Model(MESH, make_scene(*effects))._part("all")._operator
+    operator = Model(MESH, make_scene(*effects)).component("all").operator
     code = Code(source(operator.kernel))
     assert not any(code.has(name) for name in ("places", "inverse_area", "local"))
 
 
 def test_momentum_has_no_arrays_under_a_prescribed_wind() -> None:
     model = Model(MESH, get_scene("williamson1"))
-    operator = model._part("all")._operator
+    operator = model.component("all").operator
     assert model.zeros().shape == (MESH.size,)
     assert operator.local.shape[-1] == 1
     assert operator.assembly.key.endswith("assemble_depth")

@@ -61,6 +61,12 @@ class Effect:
     """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
     it at the past level."""
 
+    @property
+    def polynomial(self) -> bool:
+        """Whether it is a polynomial of the state, of second degree at most: then the derivative is
+        a difference of any size."""
+        return True
+
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
         """Names of the parameters."""
@@ -252,6 +258,11 @@ class Drag(Effect):
     def __post_init__(self) -> None:
         _check_coefficient(f"{self.name}.linear", self.linear)
         _check_coefficient(f"{self.name}.quadratic", self.quadratic)
+
+    @property
+    def polynomial(self) -> bool:
+        """Not with the modulus of the wind in it."""
+        return self.quadratic == 0.0
 
     @property
     def absent(self) -> bool:

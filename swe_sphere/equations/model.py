@@ -1,17 +1,16 @@
 """The right-hand side of a scene on a mesh and a device."""
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.difference import DifferenceProduct
-from swe_sphere.equations.prescribed import GivenForcing, GivenWind
+from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
+from swe_sphere.equations.prescribed import ForcingField, WindField
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
-from swe_sphere.equations.tendencies import Part, device_parameters
-from swe_sphere.equations.tracer_equations import TracerPart, mixing_ratios
+from swe_sphere.equations.tendencies import TendencyComponent
+from swe_sphere.equations.tracer_equations import TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
@@ -47,34 +46,32 @@ class Model:
     ) -> None:
         if precision not in REALS:
             raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+        if jacobian not in JACOBIANS:
+            raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         self.mesh, self.scene, self.precision = mesh, scene, precision
         self.device = find_device(device)
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-        if jacobian not in JACOBIANS:
-            raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         self.launch = Launcher(self.device)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
-        fluid = ("h",) if scene.wind else ("u", "v", "h")
-        self.names = (*fluid, *(f"hq_{name}" for name in scene.tracers or ()))
-        self.size = len(self.names) * mesh.size
-        self.fluid_size = len(fluid) * mesh.size
-        """Length of the part of a state that is wind and depth; tracers come behind it."""
-        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
-        self.bottom = _on_nodes(scene.bottom, mesh)
-        self.coriolis = _on_nodes(scene.coriolis, mesh)
-        self.parameters = device_parameters(self)
+        made = Discretisation(mesh, scene, self.device_mesh, self.launch)
+        self.discretisation = made
+        self.names, self.size = made.names, made.size
+        self.fluid_size = made.fluid_size
+        """Length of wind and depth in a state; tracers come behind them."""
+        self.bottom, self.coriolis = made.bottom, made.coriolis
+        self.parameters = made.parameters
         """Coefficients and fields of the effects, on the device."""
-        self._wind = GivenWind(self)
-        self._forcing = GivenForcing(self)
+        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
+        self._exact = jacobian == "exact"
+        self._wind, self._forcing = WindField(made), ForcingField(made)
         self.set_time(0.0)  # a function that fails does so before anything is computed
-        self._parts: dict[str, Part] = {}
-        self._part("all")
-        self.tracers = TracerPart(self) if scene.tracers else None
+        self._components: dict[str, TendencyComponent] = {}
+        self.component("all")
+        self.tracers = TracerEquations(made) if scene.tracers else None
         self.limiter = None if self.tracers is None else self.tracers.limiter()
         """What steppers have to apply to the state after every step, if anything."""
-        self._difference = DifferenceProduct(self) if jacobian == "difference" else None
 
     @property
     def compile_seconds(self) -> float:
@@ -90,7 +87,7 @@ class Model:
 
     def zeros(self) -> wp.array:
         """A state of zeros."""
-        return wp.zeros(self.size, dtype=self.device_mesh.real, device=self.device)
+        return self.discretisation.zeros()
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
@@ -147,7 +144,7 @@ class Model:
         """out = d state / dt at time t [s], after DSS; counted as one right-hand side."""
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
-        self._part("all")(state, out)
+        self.component("all")(state, out)
         if self.tracers is not None:
             self.tracers.tendency(state, out)
 
@@ -161,7 +158,7 @@ class Model:
         """That of wind and depth alone, also for vectors that hold nothing else."""
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
-        self._part("conservative")(state, out)
+        self.component("conservative")(state, out)
 
     def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
         """The dissipation alone, for schemes that step it apart."""
@@ -171,49 +168,31 @@ class Model:
 
     def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
         """That of wind and depth alone, also for vectors that hold nothing else."""
-        self._part("dissipative")(state, out)
+        self.component("dissipative")(state, out)
 
-    def linearise(self, state: wp.array, t: float) -> None:
-        """Make `tangent` the derivative of the right-hand side at this state."""
-        if self._difference is not None:
-            self._difference.linearise(state, t)
-            return
-        self._wind.set_time(t)
-        self._linearise_part("tangent", state)
-        if self.tracers is not None:
-            self.tracers.linearise(state)
+    def jacobian(self) -> Jacobian:
+        """A Jacobian to be kept and brought to one state after the other by its `update`."""
+        if self._exact:
+            tangent = self.component("tangent")
+            return ExactJacobian(
+                self.discretisation, tangent, self.tracers, self._wind, self.counters
+            )
+        return DifferenceJacobian(self.discretisation, self.tendency, self.counters)
 
-    def tangent(self, direction: wp.array, out: wp.array) -> None:
-        """out = J direction, with J the Jacobian at the state of `linearise`."""
-        self.counters["tangent_evaluations"] += 1
-        if self._difference is not None:
-            self._difference(direction, out)
-            return
-        self._part("tangent")(direction, out)
-        if self.tracers is not None:
-            self.tracers.tangent(direction, out)
+    def linearise(self, state: wp.array, t: float) -> Jacobian:
+        """The derivative of the right-hand side at a state and time t [s]."""
+        return self.jacobian().update(state, t)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
         self.set_time(t)
-        dissipation = self.damping(state) if self.dissipative else None
-        return estimate_spectrum(self, state, self._part("conservative"), dissipation)
-
-    def damping(self, state: wp.array) -> Part:
-        """An operator whose differences are those of the dissipation linearised at the state."""
-        part = self._part("dissipative")
-        return part if part.affine else self._linearise_part("dissipative-tangent", state)
+        dissipation = self.fluid_dissipation if self.dissipative else None
+        waves = self.component("conservative")
+        return estimate_spectrum(self.discretisation, state, waves, dissipation)
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
         return self.parameters.get("base", state)
-
-    def _linearise_part(self, name: str, state: wp.array) -> Part:
-        """A part that is a derivative, taken at the state."""
-        part = self._part(name)
-        if part.base is not None and self.scene.base is None:
-            wp.copy(part.base, state)
-        return part
 
     # --- what changes in time
 
@@ -223,22 +202,17 @@ class Model:
         self._forcing.set_time(t)
 
     def mean_source(self, t: float) -> float:
-        """Mean of the given rate of change of depth at time t [m s-1], which alone moves mass."""
+        """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
         self._forcing.set_time(t)
         return self._forcing.mean_depth_rate
 
-    def _part(self, name: str) -> Part:
-        """The named part of the right-hand side, compiled when first called for."""
+    def component(self, name: str) -> TendencyComponent:
+        """The named component of the right-hand side, compiled when first called for."""
         if not self.dissipative and name == "conservative":
             name = "all"
-        if name not in self._parts:
-            self._parts[name] = Part(self, name)
-        return self._parts[name]
-
-
-def _on_nodes(formula: Any, mesh: Mesh) -> Array:
-    """The field on the nodes, zeros where the scene has none."""
-    return np.zeros(mesh.size) if formula is None else np.asarray(formula(mesh.lon, mesh.lat))
+        if name not in self._components:
+            self._components[name] = TendencyComponent(self.discretisation, name)
+        return self._components[name]
 
 
 def _check_depth(name: str, flow: State, mesh: Mesh) -> None:

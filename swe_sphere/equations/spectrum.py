@@ -2,17 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.arnoldi import Product, largest_modulus
+from swe_sphere.equations.discretisation import Discretisation
 from swe_sphere.errors import ConfigError
-
-if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
 
 Operator = Callable[[wp.array, wp.array], None]
 
@@ -28,42 +25,62 @@ class Spectrum:
 
 
 def estimate_spectrum(
-    model: "Model", state: wp.array, waves: Operator, dissipation: Operator | None = None
+    discretisation: Discretisation,
+    state: wp.array,
+    waves: Operator,
+    dissipation: Operator | None = None,
 ) -> Spectrum:
     """Spectral radii of the two parts of the right-hand side at a state, to about 1 %.
 
-    The largest eigenvalue is found by Arnoldi iteration on the exact Jacobian-vector product
-    [F(u+d) - F(u-d)]/2 (F is a quadratic polynomial of the state).  Raises ConfigError where the
-    right-hand side is not finite.
+    The largest eigenvalue is found by Arnoldi iteration on the Jacobian-vector product
+    [F(u+d) - F(u-d)]/2, exact for a d of any size where F is a quadratic polynomial of the state;
+    else d is small.  Raises ConfigError where the right-hand side is not finite.
     """
-    wave = _radius(model, state, waves)
-    damping = 0.0 if dissipation is None else _radius(model, state, dissipation)
-    model.launch.forget()
+    wave = _radius(discretisation, state, waves, _reach(discretisation, dissipative=False))
+    damping = 0.0
+    if dissipation is not None:
+        reach = _reach(discretisation, dissipative=True)
+        damping = _radius(discretisation, state, dissipation, reach)
+    discretisation.launch.forget()
     return Spectrum(wave, damping)
 
 
-def _radius(model: "Model", state: wp.array, operator: Operator) -> float:
-    product = _scaled_product(model, state, operator)
-    start = np.random.default_rng(0).standard_normal(model.fluid_size)
+def _reach(discretisation: Discretisation, dissipative: bool) -> float:
+    """Size of the differences, relative to the state."""
+    effects = [e for e in discretisation.scene.effects if e.dissipation == dissipative]
+    if all(effect.polynomial for effect in effects):
+        return 1.0
+    return float(np.cbrt(np.finfo(discretisation.device_mesh.numpy_real).eps))
+
+
+def _radius(
+    discretisation: Discretisation, state: wp.array, operator: Operator, reach: float
+) -> float:
+    product = _scaled_product(discretisation, state, operator, reach)
+    start = np.random.default_rng(0).standard_normal(discretisation.fluid_size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
     if found is None:
         return _power_iteration(product, start)
     if not np.isfinite(found):
         raise ConfigError(
-            f"{model.scene.name}: the equations overflow at the start: its fields or the"
+            f"{discretisation.scene.name}: the equations overflow at the start: its fields or the"
             " coefficients of its effects are too large, or too small to divide by"
         )
     return found
 
 
-def _scaled_product(model: "Model", state: wp.array, operator: Operator) -> Product:
+def _scaled_product(
+    discretisation: Discretisation, state: wp.array, operator: Operator, reach: float
+) -> Product:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
-    base = state.numpy()[: model.fluid_size].astype(np.float64)
-    scale = _units(model, base)
-    size = np.abs(base / scale).max() or 1.0
-    real = model.device_mesh.real
-    moved, plus, minus = (wp.zeros(base.size, dtype=real, device=model.device) for _ in range(3))
+    base = state.numpy()[: discretisation.fluid_size].astype(np.float64)
+    scale = _units(discretisation, base)
+    size = reach * (np.abs(base / scale).max() or 1.0)
+    mesh = discretisation.device_mesh
+    moved, plus, minus = (
+        wp.zeros(base.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
+    )
     room = np.empty(base.size)
 
     def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -81,13 +98,13 @@ def _scaled_product(model: "Model", state: wp.array, operator: Operator) -> Prod
     return product
 
 
-def _units(model: "Model", base: NDArray[np.float64]) -> NDArray[np.float64]:
+def _units(discretisation: Discretisation, base: NDArray[np.float64]) -> NDArray[np.float64]:
     """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
-    n = model.mesh.size
-    scale = np.ones(model.fluid_size)
-    if model.scene.wind is None:
-        depth = np.average(base[-n:], weights=model.mesh.area)
-        scale[-n:] = np.sqrt(depth / model.scene.planet.gravity)
+    n = discretisation.mesh.size
+    scale = np.ones(discretisation.fluid_size)
+    if discretisation.scene.wind is None:
+        depth = np.average(base[-n:], weights=discretisation.mesh.area)
+        scale[-n:] = np.sqrt(depth / discretisation.scene.planet.gravity)
     return scale
 
 

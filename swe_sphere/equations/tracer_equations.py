@@ -1,13 +1,13 @@
 """Passive tracers: the blocks of mass hq that a state carries behind wind and depth."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.equations.discretisation import Discretisation
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.tendencies import element_terms
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import pointwise_kernels
 from swe_sphere.mesh import Mesh
@@ -15,10 +15,7 @@ from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
 
-if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
-
-__all__ = ["TracerPart", "mixing_ratios"]
+__all__ = ["TracerEquations", "mixing_ratios"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +26,7 @@ def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
     return {name: formula(mesh.lon, mesh.lat) for name, formula in formulas.items()}
 
 
-class TracerPart:
+class TracerEquations:
     """What the right-hand side does to tracers: d(hq)/dt = -div(hq V) + diffusion.
 
     The wind V is that of the state, or the prescribed one.  The equation is that of the depth with
@@ -38,21 +35,20 @@ class TracerPart:
     constant then too.  Sources of fluid bring no tracer with them.
     """
 
-    def __init__(self, model: "Model") -> None:
-        self._launch, self._mesh = model.launch, model.device_mesh
-        self.first = model.fluid_size
+    def __init__(self, discretisation: Discretisation) -> None:
+        self._discretisation = discretisation
+        self._launch, self._mesh = discretisation.launch, discretisation.device_mesh
+        self.first = discretisation.fluid_size
         """Where the first tracer begins in a state vector."""
-        self.count = len(model.names) - model.fluid_size // model.mesh.size
-        self.depth = self.first - model.mesh.size
+        self.count = len(discretisation.names) - len(discretisation.fluid)
+        self.depth = self.first - discretisation.mesh.size
         """Where the depth begins."""
-        self._wind: wp.array | None = model.parameters.get("wind")
+        self._wind: wp.array | None = discretisation.parameters.get("wind")
         self._transport = TracerTransport(
             self._mesh, self._launch, self.count, self._wind is not None
         )
-        diffuses = any(model.scene.effect(name) for name in ("viscosity", "hyperviscosity"))
-        self._diffusion = _Diffusion(self, model) if diffuses else None
-        self._base: wp.array | None = None
-        self._model = model
+        terms = element_terms(discretisation.scene, "dissipative")
+        self._diffusion = _Diffusion(self, discretisation, terms) if terms.diffuses else None
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
         """The tracers' part of the whole right-hand side at the state x."""
@@ -75,20 +71,14 @@ class TracerPart:
         if self._diffusion is not None:
             self._diffusion(x, out)
 
-    def linearise(self, state: wp.array) -> None:
-        """Make `tangent` the derivative at this state."""
-        if self._base is None:
-            self._base = self._model.zeros()
-        wp.copy(self._base, state)
-
-    def tangent(self, direction: wp.array, out: wp.array) -> None:
-        """The derivative of `tendency` along a direction."""
+    def tangent(self, base: wp.array, direction: wp.array, out: wp.array) -> None:
+        """The derivative of `tendency` at the state `base` along a direction."""
         if self._wind is None:
-            self._transport.tangent(self._base, direction, self.first, out)
+            self._transport.tangent(base, direction, self.first, out)
         else:
             self.transport(direction, out)
         if self._diffusion is not None:
-            self._diffusion.tangent(self._base, direction, out)
+            self._diffusion.tangent(base, direction, out)
 
     def mixing_ratio(self) -> MixingRatio:
         """New room for the mixing ratios of a state."""
@@ -96,10 +86,11 @@ class TracerPart:
 
     def limiter(self) -> Limiter | None:
         """A limiter with the bounds of the initial mixing ratios, if the scene asks for it."""
-        effect = self._model.scene.effect("tracers")
+        mesh, scene = self._discretisation.mesh, self._discretisation.scene
+        effect = scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
-        ratios = np.stack([*mixing_ratios(self._model.scene, self._model.mesh).values()])
+        ratios = np.stack([*mixing_ratios(scene, mesh).values()])
         lower, upper = ratios.min(axis=1), ratios.max(axis=1)
         return Limiter(self._mesh, self._launch, self.depth, self.first, lower, upper)
 
@@ -107,19 +98,23 @@ class TracerPart:
 class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
-    def __init__(self, part: TracerPart, model: "Model") -> None:
-        mesh, size, real = model.device_mesh, model.mesh.size, model.device_mesh.real
-        self._launch, self._kernels = model.launch, pointwise_kernels(real)
-        self._dim, self._first = (part.count, size), part.first
-        self._offsets = (part.depth, part.first, size)
-        self._bottom = mesh.upload(model.bottom) if model.scene.bottom else None
+    def __init__(
+        self, tracers: TracerEquations, discretisation: Discretisation, terms: Terms
+    ) -> None:
+        mesh, size = discretisation.device_mesh, discretisation.mesh.size
+        count, real = tracers.count, mesh.real
+        self._launch, self._kernels = discretisation.launch, pointwise_kernels(real)
+        self._dim, self._first = (count, size), tracers.first
+        self._offsets = (tracers.depth, tracers.first, size)
+        raised = discretisation.scene.bottom is not None
+        self._bottom = mesh.upload(discretisation.bottom) if raised else None
         self._raised, self._rate = (
-            wp.zeros(part.count * size, dtype=real, device=mesh.device) for _ in range(2)
+            wp.zeros(count * size, dtype=real, device=mesh.device) for _ in range(2)
         )
-        blocks = [slice(k * size, (k + 1) * size) for k in range(part.count)]
+        blocks = [slice(k * size, (k + 1) * size) for k in range(count)]
         self._fields = [(self._raised[block], self._rate[block]) for block in blocks]
         self._laplacian = wp.zeros(size, dtype=real, device=mesh.device)
-        self._operators = self._make_operators(model)
+        self._operators = self._make_operators(discretisation, terms)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Add the diffusion at the state x to `out`."""
@@ -150,14 +145,17 @@ class _Diffusion:
         *_, size = self._offsets
         self._launch(self._kernels.add, self._dim, self._rate, self._first, size, out)
 
-    def _make_operators(self, model: "Model") -> list[TendencyOperator]:
+    def _make_operators(
+        self, discretisation: Discretisation, of_fluid: Terms
+    ) -> list[TendencyOperator]:
         """The diffusion of a field; before it, for hyperviscosity, its Laplacian."""
-        mesh, launch, parameters = model.device_mesh, model.launch, model.parameters
+        mesh, launch = discretisation.device_mesh, discretisation.launch
+        parameters = discretisation.parameters
         terms = Terms(
             wind=True,
             still=True,
-            diffusion=model.scene.effect("viscosity") is not None,
-            biharmonic=model.scene.effect("hyperviscosity") is not None,
+            diffusion=of_fluid.diffusion,
+            biharmonic=of_fluid.biharmonic,
         )
         last = TendencyOperator(mesh, terms, launch, parameters | {"laplacian": self._laplacian})
         if not terms.biharmonic:

@@ -1,6 +1,7 @@
 """Terms that act at a point, where there is nothing to differentiate and so nothing to assemble."""
 
-from typing import Any
+import copy
+from typing import Any, Self
 
 import warp as wp
 
@@ -25,8 +26,15 @@ class PointwiseOperator:
     ) -> None:
         self.point, self._launch, self._size = point, launch, mesh.mesh.size
         made = pointwise_kernel(unknowns, mesh.real, point)
+        self._parameters = parameters
         self.kernel, self.structure = made.alone, fill(made.structure, parameters)
         launch.load(self.kernel)
+
+    def at(self, base: wp.array) -> Self:
+        """This derivative at another state (unknowns*N,), whose array is kept."""
+        other = copy.copy(self)
+        other.structure = fill(type(self.structure), self._parameters | {"base": base})
+        return other
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""

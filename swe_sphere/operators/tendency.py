@@ -1,6 +1,7 @@
 """A compiled set of terms: local tendencies of the elements, then DSS."""
 
-from typing import Any
+import copy
+from typing import Any, Self
 
 import warp as wp
 
@@ -34,11 +35,21 @@ class TendencyOperator:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
         build = element_kernel if mesh.shape == "element" else node_kernel
         self.compiled = build(terms, mesh.mesh.np, mesh.real)
-        self.assembly, self._own = self._make_assembly(parameters)
-        self.geometry = self._fill_geometry(parameters)
+        if "fluxes" in self.compiled.geometry.vars:
+            parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
+        self._fill(parameters)
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
         self._places = mesh.places(terms.unknowns)
         launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
+
+    def at(self, base: wp.array) -> Self:
+        """This derivative at another state (unknowns*N,), whose array is kept.
+
+        Kernels and work arrays are shared with it.
+        """
+        other = copy.copy(self)
+        other._fill(self._parameters | {"base": base})
+        return other
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
@@ -46,6 +57,12 @@ class TendencyOperator:
             self._launch(flux, self.mesh.dim, self.geometry, x)
         self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local)
         self._assemble(x, out)
+
+    def _fill(self, parameters: dict[str, Any]) -> None:
+        """Put the parameters into the arguments of the kernels."""
+        self._parameters = parameters
+        self.assembly, self._own = self._make_assembly(parameters)
+        self.geometry = self.mesh.geometry(self.compiled.geometry, parameters)
 
     def _make_assembly(self, parameters: dict[str, Any]) -> tuple[Any, tuple[Any, ...]]:
         """The kernel for DSS and pointwise terms, and its arguments beside those for DSS."""
@@ -70,10 +87,3 @@ class TendencyOperator:
     def _flux_kernels(self) -> list[Any]:
         flux = getattr(self.compiled, "flux_kernel", None)
         return [] if flux is None else [flux]
-
-    def _fill_geometry(self, parameters: dict[str, Any]) -> Any:
-        kind = self.compiled.geometry
-        if "fluxes" in kind.vars:
-            fluxes, _ = self.mesh.local(4, self.compiled.value)
-            parameters = parameters | {"fluxes": fluxes}
-        return self.mesh.geometry(kind, parameters)

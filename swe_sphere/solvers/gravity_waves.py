@@ -110,9 +110,8 @@ class GravityWaves:
             self.apply_to_fluid(x, linear)
             space.axpy(-1.0, linear, out)
 
-        return estimate_spectrum(
-            model, state, rest, model.damping(state) if model.dissipative else None
-        )
+        dissipation = model.fluid_dissipation if model.dissipative else None
+        return estimate_spectrum(model.discretisation, state, rest, dissipation)
 
 
 class GravityWaveSolver:

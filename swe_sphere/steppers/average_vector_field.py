@@ -30,7 +30,7 @@ class AverageProblem(StageProblem):
 
     def linearise(self, x: wp.array) -> None:
         """Fix the mean state at which the tangent is taken."""
-        self._model.linearise(self._mean_of(x), self.time)
+        self._operator.update(self._mean_of(x), self.time)
 
     def _slope_between(self, x: wp.array) -> None:
         if self._average is None:

@@ -73,8 +73,7 @@ class ForwardElimination(Preconditioner):
 class CoupledStages:
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
-    Jacobian products are exact: the model is linearised anew at each stage for each of them.  That
-    is a copy of the state beside a tangent, and keeps Newton quadratic at any step.
+    Jacobian products are exact, each stage has its own: that keeps Newton quadratic at any step.
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
@@ -87,7 +86,7 @@ class CoupledStages:
         self.preconditioner = pair
         self.precondition: Operator | None = pair.apply if pair else None
         self._slopes = single.stack(len(C))
-        self._point = self.space.zeros()
+        self._jacobians = [model.jacobian() for _ in C]
         self.time, self.dt = 0.0, 0.0
         self.start: wp.array = None
 
@@ -100,15 +99,15 @@ class CoupledStages:
             self._single.axpy(-1.0, self.start, mine)
 
     def linearise(self, x: wp.array) -> None:
-        """Fix the stages at which the tangents are taken."""
-        self.space.copy(x, self._point)
+        """Fix the stages at which the derivatives are taken."""
+        for jacobian, stage, c in zip(self._jacobians, self.split(x), C, strict=True):
+            jacobian.update(stage, self.time + c * self.dt)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
         directions = self.split(d)
-        for i, stage in enumerate(self.split(self._point)):
-            self._model.linearise(stage, self.time + C[i] * self.dt)
-            self._model.tangent(directions[i], self._slopes[i])
+        for i, jacobian in enumerate(self._jacobians):
+            jacobian(directions[i], self._slopes[i])
         for i, mine in enumerate(self.split(out)):
             self._single.combine(directions[i], self._slopes, -self.dt * np.array(A[i]), mine)
 

@@ -46,7 +46,7 @@ class StageProblem:
         self._model, self.space = model, space
         self.preconditioner = make_preconditioner(preconditioner_name, model)
         self.precondition = self.preconditioner.apply if self.preconditioner else None
-        self._slope = model.zeros()
+        self._slope, self._operator = model.zeros(), model.jacobian()
         self.tau, self.time = 0.0, 0.0
         self.rhs: wp.array = None
 
@@ -59,11 +59,11 @@ class StageProblem:
 
     def linearise(self, x: wp.array) -> None:
         """Fix the state of the Jacobian."""
-        self._model.linearise(x, self.time)
+        self._operator.update(x, self.time)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """out = d - tau J d."""
-        self._model.tangent(d, out)
+        self._operator(d, out)
         self.space.axpby(1.0, d, -self.tau, out)
 
 

@@ -88,10 +88,9 @@ class RosenbrockW(ImplicitStepper):
         self._prepare(tau)
         self._differentiate(t, dt)
         self.problem.time = t
+        self.problem.linearise(self.state)
         for i in range(len(self.b)):
-            # before the tangent, for which the wind has to be that of the start
             self._right_hand_side(i, t, dt)
-            self.model.linearise(self.state, t)
             result = self._solve_stage(i, tau, dt)
             if not result.converged:
                 return result

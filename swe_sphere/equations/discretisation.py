@@ -1,0 +1,112 @@
+"""A scene on a mesh and a device: what all components of its right-hand side are made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.effects import Drag, Effect, Hyperviscosity, Relaxation, Viscosity
+from swe_sphere.equations.scene import Scene
+from swe_sphere.mesh import Mesh
+from swe_sphere.operators import DeviceMesh, Launcher
+
+__all__ = ["Discretisation"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """The scene, where its nodes are, and its coefficients and fields on the device."""
+
+    mesh: Mesh
+    scene: Scene
+    device_mesh: DeviceMesh
+    launch: Launcher
+
+    @cached_property
+    def fluid(self) -> tuple[str, ...]:
+        """Names of the blocks (N,) of wind and depth in a state."""
+        return ("h",) if self.scene.wind else ("u", "v", "h")
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all blocks (N,) of a state; tracers come behind the fluid."""
+        return (*self.fluid, *(f"hq_{name}" for name in self.scene.tracers or ()))
+
+    @property
+    def fluid_size(self) -> int:
+        """Length of wind and depth in a state."""
+        return len(self.fluid) * self.mesh.size
+
+    @property
+    def size(self) -> int:
+        """Length of a state."""
+        return len(self.names) * self.mesh.size
+
+    def zeros(self) -> wp.array:
+        """A state of zeros."""
+        real, device = self.device_mesh.real, self.device_mesh.device
+        return wp.zeros(self.size, dtype=real, device=device)
+
+    @cached_property
+    def bottom(self) -> Array:
+        """Height of the bottom (N,) [m]."""
+        return self._on_nodes(self.scene.bottom)
+
+    @cached_property
+    def coriolis(self) -> Array:
+        """Coriolis parameter (N,) [s-1]."""
+        return self._on_nodes(self.scene.coriolis)
+
+    @cached_property
+    def parameters(self) -> dict[str, Any]:
+        """Coefficients and fields of the effects, by the names that the kernels have for them."""
+        mesh, scene, upload = self.mesh, self.scene, self.device_mesh.upload
+        parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
+        if scene.bottom:
+            parameters["bottom"] = upload(self.bottom - self._surface_level())
+        if scene.coriolis:
+            parameters["coriolis"] = upload(self.coriolis)
+        if scene.wind:
+            parameters["wind"] = upload(np.zeros(2 * mesh.size))
+        if scene.forcing:
+            parameters["forcing"] = upload(np.zeros(self.fluid_size))
+        if scene.equilibrium:
+            parameters["equilibrium"] = upload(scene.equilibrium(mesh.lon, mesh.lat))
+        if scene.base:
+            parameters["base"] = upload(np.concatenate(scene.base(mesh.lon, mesh.lat)))
+        for effect in scene.effects:
+            parameters |= _coefficients(effect, mesh)
+        return parameters
+
+    def _on_nodes(self, formula: Callable[[Array, Array], Array] | None) -> Array:
+        """The field on the nodes, zeros where the scene has none."""
+        mesh = self.mesh
+        return np.zeros(mesh.size) if formula is None else formula(mesh.lon, mesh.lat)
+
+    def _surface_level(self) -> float:
+        """Mean surface height of the initial state [m], exact in float32.
+
+        Bottoms are measured from there.  Gradients do not notice, but h + b is then a small number
+        that does not lose the digits of a float32: a lake at rest stays at rest bit for bit.
+        """
+        _, _, depth = self.scene.initial(self.mesh.lon, self.mesh.lat)
+        return float(np.float32(np.average(depth + self.bottom, weights=self.mesh.area)))
+
+
+def _coefficients(effect: Effect, mesh: Mesh) -> dict[str, float]:
+    """The numbers a kernel needs of an effect, by the names they have there."""
+    if isinstance(effect, Viscosity):
+        return {"nu": effect.nu}
+    if isinstance(effect, Hyperviscosity):
+        return {"nu4": effect.coefficient(mesh)}
+    if isinstance(effect, Drag):
+        return {"linear_drag": effect.linear, "quadratic_drag": effect.quadratic}
+    if isinstance(effect, Relaxation):
+        return {"relaxation_rate": 1.0 / effect.time}
+    return {}

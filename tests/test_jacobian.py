@@ -1,0 +1,97 @@
+"""Jacobians as operators, and the difference of two right-hand sides against the exact one."""
+
+import numpy as np
+import pytest
+from support import make_scene, random_state, relative, tangent
+
+from swe_sphere.equations import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.steppers import get_stepper
+from swe_sphere.testcases import get_scene
+
+MESH = build_mesh(3, 4)
+
+
+def products(precision: str) -> tuple[np.ndarray, np.ndarray]:
+    """J d by both ways for a random direction at williamson5's start."""
+    found = []
+    for jacobian in ("exact", "difference"):
+        model = Model(MESH, get_scene("williamson5"), precision=precision, jacobian=jacobian)
+        state, out = model.initial_state(), model.zeros()
+        direction = np.random.default_rng(1).standard_normal(model.size)
+        direction[-MESH.size :] *= 100.0
+        model.linearise(state, 0.0)(model.device_mesh.upload(direction), out)
+        found.append(out.numpy().astype(np.float64))
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize(("precision", "bound"), [("float64", 1e-6), ("float32", 2e-2)])
+def test_has_half_the_digits_of_the_exact_product(precision: str, bound: float) -> None:
+    exact, difference = products(precision)
+    for a, b in zip(exact.reshape(3, -1), difference.reshape(3, -1), strict=True):
+        error = np.linalg.norm(b - a) / np.linalg.norm(a)
+        assert np.finfo(precision).eps < error < bound
+
+
+def test_of_no_direction_is_zero() -> None:
+    model = Model(MESH, get_scene("williamson2"), jacobian="difference")
+    out = model.initial_state()
+    model.linearise(model.initial_state(), 0.0)(model.zeros(), out)
+    assert not out.numpy().any()
+
+
+def test_newton_takes_the_same_steps_with_it() -> None:
+    ends = []
+    for jacobian in ("exact", "difference"):
+        model = Model(MESH, get_scene("williamson5"), jacobian=jacobian)
+        stepper = get_stepper("implicit-midpoint")(model, 3600.0, tolerance=1e-6)
+        stepper.start(model.initial_state())
+        for _ in range(4):
+            stepper.step()
+        ends.append((stepper.state.numpy(), stepper.counters["newton_iterations"]))
+    (exact, newton), (difference, newton_too) = ends
+    np.testing.assert_allclose(difference, exact, rtol=0.0, atol=1e-4 * np.abs(exact).max())
+    assert abs(newton - newton_too) <= 1
+
+
+@pytest.mark.parametrize("kind", ["exact", "difference"])
+@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize(
+    "effects",
+    [("advection", "pressure"), ("pressure", "quadratic-drag", "hyperviscosity"), ("wind",)],
+    ids="+".join,
+)
+def test_two_linearisations_are_used_in_turns(effects, shape: str, kind: str) -> None:
+    """At states and times of their own: neither knows of the other, nor of later tendencies."""
+    scene, times = make_scene(*effects), (0.0, 0.25)
+    alone = Model(MESH, scene, shape=shape, jacobian=kind)
+    states = [random_state(alone, seed) for seed in (1, 2)]
+    direction = random_state(alone, seed=3)
+    expected = [tangent(alone, *at) for at in zip(states, 2 * [direction], times, strict=True)]
+    model = Model(MESH, scene, shape=shape, jacobian=kind)
+    points, d, out = map(model.device_mesh.upload, states), model.device_mesh.upload(direction), []
+    both = [model.linearise(point, t) for point, t in zip(points, times, strict=True)]
+    for jacobian in (*both, *both):
+        result = model.zeros()
+        jacobian(d, result)
+        model.tendency(result, 7.0, model.zeros())
+        out.append(result.numpy())
+    assert all((found == again).all() for found, again in zip(expected * 2, out, strict=True))
+    assert relative(expected[0], expected[1]) > 1e-3
+
+
+def test_an_update_moves_the_same_operator_and_products_are_counted() -> None:
+    model = Model(MESH, get_scene("williamson5"))
+    first, second = (random_state(model, seed) for seed in (1, 2))
+    direction, out = random_state(model, seed=3), model.zeros()
+    jacobian = model.linearise(model.device_mesh.upload(first), 0.0)
+    assert jacobian.update(model.device_mesh.upload(second), 0.0) is jacobian
+    jacobian(model.device_mesh.upload(direction), out)
+    assert model.counters["tangent_evaluations"] == 1
+    np.testing.assert_array_equal(out.numpy(), tangent(model, second, direction))
+
+
+def test_unknown_kind() -> None:
+    with pytest.raises(ConfigError, match="exact or difference"):
+        Model(MESH, get_scene("williamson2"), jacobian="guessed")
