@@ -26,14 +26,14 @@ class PointwiseOperator:
     ) -> None:
         self.point, self._launch, self._size = point, launch, mesh.mesh.size
         made = pointwise_kernel(unknowns, mesh.real, point)
-        self._parameters = parameters
+        self._kind, self._parameters = made.structure, parameters
         self.kernel, self.structure = made.alone, fill(made.structure, parameters)
         launch.load(self.kernel)
 
     def at(self, base: wp.array) -> Self:
         """This derivative at another state (unknowns*N,), whose array is kept."""
         other = copy.copy(self)
-        other.structure = fill(type(self.structure), self._parameters | {"base": base})
+        other.structure = fill(self._kind, self._parameters | {"base": base})
         return other
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
