@@ -103,7 +103,7 @@ def test_files_pictures_and_comparison(swe, tmp_path):
     status, out, _ = swe("compare", "a.nc", "a.nc", "--time", 0)
     assert status == 0 and out.startswith("h at day 0\n") and "0.000000e+00" in out
     assert swe("plot", "a.nc", "--field", "vorticity")[0] == 0
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "a_vorticity.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_picture_without_a_file(swe, tmp_path):

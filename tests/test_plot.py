@@ -60,9 +60,15 @@ def test_the_frame_asked_for_is_drawn(run, tmp_path):
     assert not np.array_equal(colours(early), colours(late))
 
 
-def test_the_picture_lies_beside_the_file(run):
-    assert plot_file(run) == run.with_suffix(".png")
-    assert run.with_suffix(".png").stat().st_size > 5000
+def test_pictures_beside_the_file_are_named_after_field_and_day(run):
+    """So that none takes the place of another."""
+    asked = {
+        "run_surface.png": (), "run_u.png": ("u",), "run_v.png": ("v",),
+        "run_v_day1.png": ("v", DAY),
+    }  # fmt: skip
+    for name, arguments in asked.items():
+        assert plot_file(run, *arguments) == run.with_name(name)
+    assert len({run.with_name(name).read_bytes() for name in asked}) == 4
 
 
 def test_panels_hold_errors_and_drifts(run):

@@ -33,8 +33,9 @@ def nodal(mesh):
     return smooth(mesh.lon, mesh.lat) | {"divergence": np.zeros(mesh.size)}
 
 
-def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY):
-    with FrameWriter(path, mesh, {"title": "smooth"}, bottom) as writer:
+def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY, scene="smooth"):
+    attributes = {"title": "smooth", "scene": scene}
+    with FrameWriter(path, mesh, attributes, bottom) as writer:
         writer.write(0.0, {name: 0.5 * values for name, values in fields.items()})
         writer.write(time, fields)
     return path
@@ -167,6 +168,26 @@ def test_time_is_that_asked_for(runs):
     assert compare(runs["first"], runs["grid"], "h", time=0.0)["l2"] == pytest.approx(0.5, rel=1e-4)
     with pytest.raises(ConfigError, match="no frame at day 3: the last ones are at day 0, 5"):
         compare(runs["first"], runs["second"], time=3.0 * DAY)
+
+
+def test_runs_of_different_scenes_are_compared_only_when_asked(runs, tmp_path):
+    mesh = build_mesh(6, 6)
+    other = write_run(tmp_path / "other.nc", mesh, nodal(mesh), scene="rough")
+    with pytest.raises(ConfigError, match=r"first.nc is a run of smooth, .* one of rough: .*"):
+        compare(runs["first"], other)
+    assert compare(runs["first"], other, across_scenes=True)["linf"] == 0.0
+
+
+def test_the_time_is_the_last_that_both_runs_have(runs, tmp_path):
+    mesh = build_mesh(6, 6)
+    later = write_run(tmp_path / "later.nc", mesh, nodal(mesh), time=6.0 * DAY)
+    for pair in ((runs["first"], later), (later, runs["first"])):
+        found = compare(*pair)
+        assert (found["time"], found["linf"]) == (0.0, 0.0)
+    with FrameWriter(tmp_path / "apart.nc", mesh, {}) as writer:
+        writer.write(3600.0, nodal(mesh))
+    with pytest.raises(ConfigError, match="have no frame at one time"):
+        compare(runs["first"], tmp_path / "apart.nc")
 
 
 def test_fields_that_are_not_there(runs):

@@ -36,7 +36,8 @@ def plot(
     field: Field = None,
     time: Day = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="The picture (beside the file).")
+        Path | None,
+        typer.Option(metavar="FILE.png", help="The picture (beside the file: FILE_FIELD.png)."),
     ] = None,
 ) -> None:
     """Draw a field of a file on the globe."""
@@ -49,13 +50,18 @@ def compare(
     a: Annotated[Path, typer.Argument(help="File whose errors are wanted.")],
     b: Annotated[Path, typer.Argument(help="File taken for right; any other grid.")],
     field: Field = None,
-    time: Day = None,
+    time: Annotated[
+        float | None, typer.Option(metavar="DAYS", help="Time of both (the last that both have).")
+    ] = None,
+    across_scenes: Annotated[
+        bool, typer.Option("--across-scenes", help="Also runs of different scenes.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
     from swe_sphere.io.compare import compare as compare_files
 
-    result = compare_files(a, b, field, _seconds(time))
+    result = compare_files(a, b, field, _seconds(time), across_scenes)
     if as_json:
         typer.echo(json.dumps(result))
         return

@@ -7,10 +7,11 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import Reference, reference_field
-from swe_sphere.io.runfile import RunFile, reading
+from swe_sphere.io.runfile import TOLERANCE, RunFile, reading
 from swe_sphere.io.scalar_fields import check_field
 
 __all__ = ["Source", "compare", "open_source"]
@@ -33,16 +34,20 @@ def compare(
     b: str | os.PathLike[str],
     field: str | None = None,
     time: float | None = None,
+    across_scenes: bool = False,
 ) -> dict[str, str | float | None]:
     """Norms of A - B over those of B, at the points and with the area weights of B.
 
     a, b: files of runs (any two meshes) or latitude-longitude references.  field: a name in
     `fields.FIELDS`, or "wind" for the vector; None: "h", or "surface" where one of the two holds
-    no depth.  time [s]: the frame; None: the time of a reference, else the last one of B.
-    Returns field, time, l1, l2, linf.  Raises ConfigError if a file cannot be read, or if one of
-    them lacks the field or a frame at that time.
+    no depth.  time [s]: the frame; None: the time of a reference, else the last one that both runs
+    have.  across_scenes: also where the two are runs of different scenes.
+    Returns field, time, l1, l2, linf.  Raises ConfigError if a file cannot be read, if one of them
+    lacks the field or a frame at that time, or if the runs are of different scenes.
     """
     ours, theirs = open_source(a), open_source(b)
+    if not across_scenes:
+        _check_scenes(ours, theirs)
     time = _common_time(ours, theirs) if time is None else time
     field = _common_field(ours, theirs, field)
     errors = norms(theirs.area, _on_points_of(theirs, ours, field, time),
@@ -50,12 +55,29 @@ def compare(
     return {"field": field, "time": time, **errors}
 
 
+def _check_scenes(ours: Source, theirs: Source) -> None:
+    """ConfigError for runs of different scenes; a reference does not say of which it is."""
+    names = [source.attributes.get("scene") for source in (ours, theirs)]
+    if None not in names and names[0] != names[1]:
+        raise ConfigError(
+            f"{ours.path} is a run of {names[0]}, {theirs.path} one of {names[1]}: compare runs of"
+            " one scene, or say --across-scenes"
+        )
+
+
 def _common_time(ours: Source, theirs: Source) -> float | None:
+    """The time [s] of a reference, else the last one of which both have a frame."""
     for source in (theirs, ours):
         if isinstance(source, Reference) and source.time is not None:
             return source.time
-    run = theirs if isinstance(theirs, RunFile) else ours
-    return run.nearest(None) if isinstance(run, RunFile) else None
+    runs = [source for source in (theirs, ours) if isinstance(source, RunFile)]
+    if len(runs) < 2:
+        return runs[0].nearest(None) if runs else None
+    one, other = (run.times for run in runs)
+    common = one[[bool(np.any(np.abs(other - time) <= TOLERANCE)) for time in one]]
+    if common.size == 0:
+        raise ConfigError(f"{ours.path} and {theirs.path} have no frame at one time: give --time")
+    return float(common[-1])
 
 
 def _common_field(ours: Source, theirs: Source, field: str | None) -> str:

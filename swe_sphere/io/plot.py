@@ -47,7 +47,8 @@ def plot_file(
     field: a name in `fields.FIELDS`; None: what the file's attribute `plot_field` names, else the
     free surface over orography (and of a reference), and the depth elsewhere.
     time [s]: the frame, None for the last.
-    out: the picture (its ending says the format); None: beside the file, ending in .png.
+    out: the picture (its ending says the format); None: beside the file, named after it and the
+    field, and the day if one is asked for, as in jet_vorticity_day4.png.
     Returns the path of the picture.  Raises ConfigError if the file cannot be read or lacks the
     field or frame, or if the picture cannot be written.
     """
@@ -56,7 +57,9 @@ def plot_file(
 
     source = open_source(path)
     field = check_field(field or _default_field(source))
-    out = Path(out) if out is not None else source.path.with_suffix(".png")
+    day = "" if time is None else f"_day{time / DAY:g}"
+    beside = source.path.with_name(f"{source.path.stem}_{field}{day}.png")
+    out = beside if out is None else Path(out)
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .png, .pdf or .svg")
     figure = Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))

@@ -21,7 +21,7 @@ from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh
 from swe_sphere.planet import DAY
 
-__all__ = ["RunFile", "attributes", "reading"]
+__all__ = ["TOLERANCE", "RunFile", "attributes", "reading"]
 
 Array = NDArray[np.float64]
 
