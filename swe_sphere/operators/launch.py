@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.work import Tally, Work
 
 REMEMBERED = 512
 
@@ -22,9 +23,11 @@ class Launcher:
         self.device = device
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
+        self.work = Work()
+        """Counts of the launches, by kernel and size, and of what else goes on around them."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else 256
         # with the arguments, so that no other array or structure takes a remembered place in memory
-        self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
+        self._commands: dict[tuple[object, ...], tuple[Any, Tally, tuple[Any, ...]]] = {}
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
@@ -37,8 +40,12 @@ class Launcher:
         """Run the kernel over `dim` threads."""
         key = (id(kernel), dim, *map(_identity, arguments))
         known = self._commands.get(key)
-        command = self._record(kernel, dim, arguments, key) if known is None else known[0]
-        command.launch()
+        command, tally, _ = known or self._record(kernel, dim, arguments, key)
+        tally.calls += 1
+        if self.work.timer is None:
+            command.launch()
+        else:
+            self.work.timer(tally, 0, command.launch, ())
 
     def forget(self) -> None:
         """Let go of all recorded commands, and of the arrays that only they still hold."""
@@ -46,14 +53,15 @@ class Launcher:
 
     def _record(
         self, kernel: Any, dim: int | tuple[int, ...], arguments: Any, key: tuple[object, ...]
-    ) -> Any:
+    ) -> tuple[Any, Tally, tuple[Any, ...]]:
         if len(self._commands) >= REMEMBERED:
             self.forget()
         command = wp.launch(
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True
         )
-        self._commands[key] = (command, (kernel, *arguments))
-        return command
+        tally = self.work.tally(f"{kernel.module.name} {dim}")
+        self._commands[key] = (command, tally, (kernel, *arguments))
+        return self._commands[key]
 
 
 def _identity(argument: Any) -> object:

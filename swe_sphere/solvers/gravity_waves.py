@@ -126,8 +126,10 @@ class GravityWaveSolver:
         model = waves.model
         self._launch, self._outer = model.launch, model.device_mesh.real
         self.operator = self._schur_operator(wp.float64, self._outer)
-        self.space = VectorSpace(model.mesh.area / model.mesh.area.sum(), model.device)
+        area = model.mesh.area / model.mesh.area.sum()
+        self.space = VectorSpace(area, model.device, work=model.launch.work)
         self.setups, self.setup_seconds = 0, 0.0
+        self._set_up = model.launch.work.section("preconditioner set-up", self._make)
         self._make_preconditioner()
         self._krylov: Any = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
@@ -141,8 +143,10 @@ class GravityWaveSolver:
 
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
-        if tau == self.tau:
-            return
+        if tau != self.tau:
+            self._set_up(tau)
+
+    def _make(self, tau: float) -> None:
         start = time.perf_counter()
         self.tau = tau
         depth = np.full(self.waves.model.mesh.size, self.waves.depth)

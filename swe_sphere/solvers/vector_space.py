@@ -8,18 +8,34 @@ sums run in float64, whatever the vectors hold, in a fixed order.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.work import Work
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
 
 __all__ = ["VectorSpace"]
 
 Array = NDArray[np.float64]
+
+
+class _Counted:
+    """The operations of a space, counted."""
+
+    def __init__(self, do: HostVectors | DeviceVectors, work: Work, kind: str) -> None:
+        def counted(name: str, rows: Callable[..., int] | None = None) -> Callable[..., Any]:
+            return work.counted(f"{name} {kind}", getattr(do, name), rows)
+
+        self.copy, self.clear, self.scale = counted("copy"), counted("clear"), counted("scale")
+        self.axpby, self.dot = counted("axpby"), counted("dot")
+        self.project = counted("project", lambda stack, count, v: count)
+        self.combine_rows = counted("combine_rows", lambda scale, x, stack, c, out: len(c))
 
 
 class VectorSpace:
@@ -31,10 +47,12 @@ class VectorSpace:
         device: str = "cpu",
         real: type = wp.float64,
         kernels: bool | None = None,
+        work: Work | None = None,
     ) -> None:
         """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
 
         kernels: use Warp kernels rather than BLAS; the default is to do so except on "cpu".
+        work: counts the operations.
         Raises ConfigError unless all weights are positive and finite.
         """
         values = np.array(weights, dtype=np.float64)
@@ -43,9 +61,11 @@ class VectorSpace:
         self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels
-        self._do: HostVectors | DeviceVectors = (
+        self._do: HostVectors | DeviceVectors | _Counted = (
             DeviceVectors(values, real, self.device) if by_kernels else HostVectors(values, real)
         )
+        if work is not None:
+            self._do = _Counted(self._do, work, f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}")
 
     def zeros(self) -> wp.array:
         """A new vector (n,) of zeros."""

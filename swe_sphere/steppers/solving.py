@@ -30,7 +30,9 @@ class SolvingStepper(Stepper):
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
         self.loosest = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
-        self.space = VectorSpace(energy_weights(model), model.device, model.device_mesh.real)
+        self.space = VectorSpace(
+            energy_weights(model), model.device, model.device_mesh.real, work=model.launch.work
+        )
         self.motion = Motion(self.space)
         self._constant = self.error_constant()
 

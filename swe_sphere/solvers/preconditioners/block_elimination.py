@@ -45,6 +45,7 @@ class BlockElimination(Preconditioner):
         self.inner = self.inner_solver(self.operator, self.matrix)
         self._b, self._h = self.operator.vector(), self.operator.vector()
         self._tau, self._depth = 0.0, np.zeros(model.mesh.size)
+        self._set_up = model.launch.work.section("preconditioner set-up", self._make)
 
     @classmethod
     def memory_estimate(cls, ne: int, np: int) -> float:
@@ -57,7 +58,7 @@ class BlockElimination(Preconditioner):
         depth = state.numpy()[2 * n : 3 * n].astype(np.float64)
         if abs(tau - self._tau) <= STEP_CHANGE * tau and self._is_near(depth):
             return
-        self._make(tau, depth)
+        self._set_up(tau, depth)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Step and depth that the set-up in use was made for."""

@@ -101,11 +101,13 @@ class Direct(InnerSolver):
         """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
         from scipy.sparse.linalg import splu
 
-        self._factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
+        factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
+        work = self.operator.launch.work
+        self._factors_solve = work.counted(f"direct solve {self.operator.size}", factors.solve)
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x = S^-1 b, both (N,)."""
-        self._put(self._factors.solve(b.numpy().astype(np.float64)), x)
+        self._put(self._factors_solve(b.numpy().astype(np.float64)), x)
 
 
 class Multilevel(InnerSolver):
@@ -126,6 +128,9 @@ class Multilevel(InnerSolver):
         self._degree = degree or DEGREES.get(matrix.mesh.np, 4)
         self._symmetric = symmetric
         self._coarse = CoarseCorrection(matrix)
+        self._correction = operator.launch.work.counted(
+            f"coarse solve {operator.size}", self._coarse.solve
+        )
         self._direction, self._rest = operator.vector(), operator.vector()
 
     def setup(self, tau: float, depth: Array) -> None:
@@ -155,9 +160,9 @@ class Multilevel(InnerSolver):
                 self._copy(b, self._rest)
                 self._smooth(self._rest, x, from_zero=cycle == 0)
                 self.operator.residual(b, x, self._rest)
-                self._put(x.numpy() + self._coarse.solve(self._rest.numpy()), x)
+                self._put(x.numpy() + self._correction(self._rest.numpy()), x)
             else:
-                self._put(self._coarse.solve(b.numpy()), x)
+                self._put(self._correction(b.numpy()), x)
             if self._symmetric and cycle < self._cycles - 1:
                 self._copy(b, self._rest)
                 self._smooth(self._rest, x)

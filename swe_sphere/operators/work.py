@@ -1,0 +1,77 @@
+"""How much work a model has done, by kind: launches of each kernel, vector operations, host solves.
+
+Counts are exact and the same on every machine; with the price of each kind they say what a run
+costs where nothing else disturbs it (see `swe_sphere.studies.modelled_time`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Tally", "Timer", "Work"]
+
+
+@dataclass(slots=True, eq=False)
+class Tally:
+    """One kind of work."""
+
+    name: str
+    calls: int = 0
+    rows: int = 0
+    """Vectors that all calls together have read, where a call may read any number of them."""
+
+
+Timer = Callable[[Tally, int, Callable[..., Any], tuple[Any, ...]], Any]
+"""timer(tally, rows, function, arguments) returns function(*arguments), which it may time."""
+
+
+class Work:
+    """Tallies by name.  While `timer` is set, all counted calls go through it."""
+
+    def __init__(self) -> None:
+        self._tallies: dict[str, Tally] = {}
+        self.timer: Timer | None = None
+
+    def tally(self, name: str) -> Tally:
+        """The tally of that name, a new one where there is none."""
+        return self._tallies.setdefault(name, Tally(name))
+
+    def counts(self) -> dict[str, tuple[int, int]]:
+        """(calls, rows) so far, by name."""
+        return {name: (t.calls, t.rows) for name, t in self._tallies.items() if t.calls}
+
+    def counted(
+        self, name: str, function: Callable[..., Any], rows: Callable[..., int] | None = None
+    ) -> Callable[..., Any]:
+        """The function with its calls counted; `rows` tells from its arguments how many it reads.
+
+        It must not call anything else that is counted: see `section`.
+        """
+        tally = self.tally(name)
+
+        def call(*arguments: Any) -> Any:
+            size = 0 if rows is None else rows(*arguments)
+            tally.calls += 1
+            tally.rows += size
+            if self.timer is None:
+                return function(*arguments)
+            return self.timer(tally, size, function, arguments)
+
+        return call
+
+    def section(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function with its calls counted, and what is counted inside of it left out."""
+
+        def alone(*arguments: Any) -> Any:
+            before = {each: (each.calls, each.rows) for each in self._tallies.values()}
+            timer, self.timer = self.timer, None
+            try:
+                return function(*arguments)
+            finally:
+                self.timer = timer
+                for each in self._tallies.values():
+                    each.calls, each.rows = before.get(each, (0, 0))
+
+        return self.counted(name, alone)

@@ -1,0 +1,149 @@
+"""What a run costs where nothing disturbs it: counted work at prices measured on this machine.
+
+Wall times of a busy machine scatter by tens of percent.  How often a run calls each kernel, each
+vector operation and each solve on the host does not (`swe_sphere.operators.work`), and the shortest
+of many timings of a call hardly does.  The modelled time of a run is the sum over the kinds of work
+of calls times price.
+
+Prices come from the runs themselves: a stopwatch looks at some of the calls of every run, so that
+all steppers and all moments of a study meet in them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swe_sphere.operators.work import Tally
+
+__all__ = ["Counts", "Prices", "Stopwatch", "difference", "lowest", "modelled_seconds"]
+
+Counts = Mapping[str, tuple[int, int]]
+"""(calls, rows) by kind of work, see `Tally`."""
+Prices = Mapping[str, tuple[float, float]]
+"""Seconds (a call, a row) by kind of work."""
+
+LOOKS, PERIOD = 64, 257
+"""The stopwatch looks at so many calls in a row out of so many, a prime: no part of a step is
+missed for good."""
+
+
+@dataclass(slots=True)
+class _Shortest:
+    """Calls that were timed, and the shortest time among them [s]."""
+
+    calls: int = 0
+    seconds: float = math.inf
+
+    def add(self, seconds: float) -> None:
+        self.calls += 1
+        if seconds < self.seconds:
+            self.seconds = seconds
+
+
+class Stopwatch:
+    """A timer of the work of any number of models, one after the other: see `Work.timer`.
+
+    The time of a call runs from the end of the call before it, so that what Python does in between
+    is part of it.  Calls of a kind differ by what was called before, which leaves the caches in
+    some state, and by the number of rows: the shortest time of each is kept.
+
+    clock: seconds.  finish: waits for what a call has set going, on a device that does not wait.
+    """
+
+    def __init__(
+        self,
+        clock: Callable[[], float] = time.perf_counter,
+        finish: Callable[[], object] | None = None,
+    ) -> None:
+        self._clock, self._finish = clock, finish
+        self._place, self._last, self._before = PERIOD - 1, 0.0, ""
+        self._found: dict[str, dict[tuple[str, int], _Shortest]] = {}
+
+    def __call__(
+        self, tally: Tally, rows: int, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Any:
+        """Call the function, and look at the clock now and then."""
+        self._place = (self._place + 1) % PERIOD
+        result = function(*arguments)
+        if self._place <= LOOKS:
+            self._look(tally.name, rows)
+        return result
+
+    def _look(self, name: str, rows: int) -> None:
+        if self._finish is not None:
+            self._finish()
+        now = self._clock()
+        if self._place:
+            by_context = self._found.setdefault(name, {})
+            by_context.setdefault((self._before, rows), _Shortest()).add(now - self._last)
+        self._before, self._last = name, self._clock()
+
+    def prices(self) -> dict[str, tuple[float, float]]:
+        """What is known so far."""
+        return {name: _price(found) for name, found in self._found.items()}
+
+
+def _price(found: Mapping[tuple[str, int], _Shortest]) -> tuple[float, float]:
+    """(a call, a row): the mean over the calls, each taken for as short as its shortest like."""
+    if len({rows for _, rows in found}) == 1:
+        calls = sum(one.calls for one in found.values())
+        return sum(one.calls * one.seconds for one in found.values()) / calls, 0.0
+    by_rows: dict[int, _Shortest] = {}
+    for (_, rows), one in found.items():
+        known = by_rows.setdefault(rows, _Shortest())
+        known.calls += one.calls
+        known.seconds = min(known.seconds, one.seconds)
+    return _tangent(by_rows)
+
+
+def _tangent(by_rows: Mapping[int, _Shortest]) -> tuple[float, float]:
+    """The line below all points (rows, seconds) that is highest at the mean number of rows.
+
+    Where a number of rows was never timed undisturbed its point lies high and is not touched.
+    """
+    calls = sum(one.calls for one in by_rows.values())
+    mean = sum(rows * one.calls for rows, one in by_rows.items()) / calls
+    left = [(r, one.seconds) for r, one in by_rows.items() if r <= mean]
+    right = [(r, one.seconds) for r, one in by_rows.items() if r > mean]
+    lines = (_line(a, b) for a in left for b in right)
+    return min(lines, key=lambda line: line[0] + line[1] * mean)
+
+
+def _line(a: tuple[int, float], b: tuple[int, float]) -> tuple[float, float]:
+    slope = max((b[1] - a[1]) / (b[0] - a[0]), 0.0)
+    return a[1] - slope * a[0], slope
+
+
+def lowest(several: Iterable[Prices]) -> dict[str, tuple[float, float]]:
+    """Of prices found at several times, for each kind of work the lowest."""
+    found: dict[str, tuple[float, float]] = {}
+    for prices in several:
+        for name, price in prices.items():
+            found[name] = min(price, found.get(name, price), key=sum)
+    return found
+
+
+def difference(after: Counts, before: Counts) -> dict[str, tuple[int, int]]:
+    """The work between two moments."""
+    return {
+        name: (calls - before.get(name, (0, 0))[0], rows - before.get(name, (0, 0))[1])
+        for name, (calls, rows) in after.items()
+        if calls > before.get(name, (0, 0))[0]
+    }
+
+
+def modelled_seconds(counts: Counts, prices: Prices) -> float:
+    """What the counted work costs [s]; NaN where none of it has a price.
+
+    Rare work that has none is taken to cost what a call costs on average.
+    """
+    priced = {name: count for name, count in counts.items() if name in prices}
+    seconds = sum(
+        calls * prices[name][0] + rows * prices[name][1] for name, (calls, rows) in priced.items()
+    )
+    known = sum(calls for calls, _ in priced.values())
+    return seconds / known * sum(calls for calls, _ in counts.values()) if known else math.nan
