@@ -10,7 +10,7 @@ from typing import ParamSpec, TypeVar
 
 from swe_sphere.errors import ConfigError, SweError
 
-__all__ = ["guarded"]
+__all__ = ["cause", "guarded"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -30,8 +30,12 @@ def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwar
     except (SweError, MemoryError, KeyboardInterrupt):  # have lines of their own
         raise
     except BaseException as error:
-        cause = f"{type(error).__name__}: {error}".removesuffix(": ")
-        raise ConfigError(f"{what} fails: {cause}{_place(error)}") from error
+        raise ConfigError(f"{what} fails: {cause(error)}{_place(error)}") from error
+
+
+def cause(error: BaseException) -> str:
+    """The error in words."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 def _place(error: BaseException) -> str:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from inspect import isabstract
+from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.user_file import file_contents, is_user_file, load_file
 
 __all__ = ["Registry"]
 
@@ -22,8 +25,7 @@ T = TypeVar("T", bound=Named)
 class Registry(Mapping[str, type[T]]):
     """The classes of one kind by name, in an order of their own.
 
-    A class defined in the same module as another of its name (a file loaded anew, a notebook's
-    cell) takes its place.
+    A class defined anew (a notebook's cell) takes the place of the one before.
     """
 
     def __init__(
@@ -36,14 +38,15 @@ class Registry(Mapping[str, type[T]]):
         aliases: more names, by which `find` knows some of them."""
         self.kind, self.aliases, self._order = kind, aliases or {}, order
         self._classes: dict[str, type[T]] = {}
+        self._files: dict[Path, tuple[bytes, type[T]]] = {}
 
     def add(self, cls: type[T]) -> None:
         """Enter a class by its name; ConfigError where the name belongs to another."""
         there = self._classes.get(cls.name)
-        if there is not None and there.__module__ != cls.__module__:
+        if there is not None and _place(there) != _place(cls):
             raise ConfigError(
-                f"there are two {self.kind}s of the name {cls.name!r}: in {there.__module__} and "
-                f"in {cls.__module__}"
+                f"class {cls.__qualname__}: there is a {self.kind} {cls.name!r} already, in"
+                f" {there.__module__}: give it another name"
             )
         self._classes[cls.name] = cls
 
@@ -59,12 +62,50 @@ class Registry(Mapping[str, type[T]]):
         """How many there are."""
         return len(self._classes)
 
-    def find(self, name: str) -> type[T]:
-        """The class of that name or alias.
+    def find(self, which: str | Path | type[T]) -> type[T]:
+        """The class of that name or alias, the one in that Python file, or the class itself.
 
-        Raises ConfigError, naming the nearest one, when there is none.
+        Raises:
+            ConfigError: there is none of that name (the nearest is named), the file fails or does
+                not define exactly one, or the class lacks methods.
         """
-        name_of_class = self.aliases.get(name, name)
-        if name_of_class not in self._classes:
-            raise unknown_name(self.kind, name, (*self, *self.aliases))
-        return self._classes[name_of_class]
+        if isinstance(which, type):
+            return self._whole(which)
+        if is_user_file(which):
+            return self._loaded(Path(which))
+        name = self.aliases.get(str(which), str(which))
+        if name not in self._classes:
+            raise unknown_name(self.kind, str(which), (*self, *self.aliases))
+        return self._whole(self._classes[name])
+
+    def _loaded(self, path: Path) -> type[T]:
+        """The class in a file, the same one as long as the file has not been edited."""
+        contents = file_contents(path, self.kind)
+        if path not in self._files or self._files[path][0] != contents:
+            self._files[path] = contents, self._load(path)
+        return self._files[path][1]
+
+    def _load(self, path: Path) -> type[T]:
+        """The class that the file defines, which does not stay among those known by name."""
+        before = dict(self._classes)
+        try:
+            load_file(path, self.kind)
+            found = [cls for name, cls in self._classes.items() if before.get(name) is not cls]
+        finally:
+            self._classes = before
+        if len(found) != 1:
+            names = ", ".join(cls.name for cls in found) or "none"
+            raise ConfigError(
+                f"{path} must define one {self.kind}, a class with a name; it has {names}"
+            )
+        return self._whole(found[0])
+
+    def _whole(self, cls: type[T]) -> type[T]:
+        if isabstract(cls):
+            lacking = ", ".join(sorted(cls.__abstractmethods__))
+            raise ConfigError(f"{self.kind} {cls.__qualname__} does not define {lacking}")
+        return cls
+
+
+def _place(cls: type) -> tuple[str, str]:
+    return cls.__module__, cls.__qualname__

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 from swe_sphere.testcases.parameters import SceneFactory, checked
+from swe_sphere.user_file import load_file
 
 __all__ = ["load"]
 
@@ -20,14 +20,7 @@ def load(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
     Raises:
         ConfigError: no such file, a file that fails, or a parameter that it does not have.
     """
-    if not guarded(f"looking for {path}", path.is_file):
-        raise ConfigError(f"there is no scene file {path}")
-    spec = importlib.util.spec_from_file_location(f"swe_sphere_scene_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise ConfigError(f"{path} cannot be read as a Python file")
-    module = importlib.util.module_from_spec(spec)
-    guarded(str(path), spec.loader.exec_module, module)
-    factory = getattr(module, "scene", None)
+    factory = getattr(load_file(path, "scene"), "scene", None)
     if not callable(factory):
         raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
     return _made_by(path, factory, parameters)

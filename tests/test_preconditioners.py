@@ -162,7 +162,7 @@ def rough(size: int, seed: int = 2) -> np.ndarray:
 def applied(made, model: Model) -> np.ndarray:
     """The preconditioner times a rough vector."""
     out = model.zeros()
-    made.apply(wp.array(rough(model.size)), out)
+    made(wp.array(rough(model.size)), out)
     return out.numpy().copy()
 
 

@@ -15,6 +15,9 @@ from swe_sphere.simulation.run import run
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+EXAMPLES = re.findall(
+    r"```python\n# (\w+\.py)\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(), re.DOTALL
+)
 SCENE, SCRIPT = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 
 
@@ -68,8 +71,10 @@ def _shortened(line):
 
 
 def _files_of_the_reader(folder):
-    """What the pages say that one has: a recipe, an analysis, and two runs to compare."""
+    """What the pages say that one has: steppers, a recipe, an analysis, and two runs to compare."""
     (folder / "docs").mkdir()
+    for name, text in EXAMPLES:
+        (folder / name).write_text(text)
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     grid = {"lat": np.linspace(-87.5, 87.5, 36), "lon": np.arange(0.0, 360.0, 5.0)}
     fields = {"u": (0.0, "m s-1"), "v": (0.0, "m s-1"), "z": (1e4, "m")}

@@ -30,6 +30,7 @@ from swe_sphere.simulation.stepping import (
     longest_step,
     stepper_options,
 )
+from swe_sphere.user_file import users_code
 
 if TYPE_CHECKING:
     import warp as wp
@@ -145,8 +146,9 @@ def _built(
         choice = longest_step(config, days)
     plan, dt_rule = _plan(config, days, checkpoint, choice)
     before = dict(model.counters)
-    stepper = _adapted(config, kind(model, plan.dt, **options))
-    counts = _begin(stepper, state, checkpoint)
+    with users_code():
+        stepper = _adapted(config, kind(model, plan.dt, **options))
+        counts = _begin(stepper, state, checkpoint)
     return Prepared(
         config, days, scene, model, stepper, options, plan, dt_rule, stable_dt, counts, before,
         reference,

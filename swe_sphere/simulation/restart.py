@@ -51,13 +51,13 @@ def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str
 
 
 def _check_sources(config: RunConfig, theirs: object, ours: dict[str, str]) -> None:
-    """ConfigError naming the first file of the scene that is not known to be what it was."""
+    """ConfigError naming the first file of the user that is not known to be what it was."""
     before = theirs if isinstance(theirs, dict) else {}
     for name, contents in ours.items():
         if before.get(name) != contents:
             raise ConfigError(
                 f"{name} is not what it was when {config.restart} was begun: it has been edited;"
-                " run the scene from its start, without restart"
+                " run from the start, without restart"
             )
 
 

@@ -12,7 +12,7 @@ from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
 from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
-from swe_sphere.simulation.scene_files import scene_sources
+from swe_sphere.simulation.scene_files import method_sources, scene_sources
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
 
@@ -74,7 +74,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
-        "sources": scene_sources(config.scene, scene),
+        "sources": scene_sources(config.scene, scene) | method_sources(config),
     }
 
 

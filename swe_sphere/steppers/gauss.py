@@ -51,11 +51,11 @@ class ForwardElimination(Preconditioner):
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - dt A (x) J)^-1 r, both (2n,)."""
         n, space, factor = self._space.n, self._space, A[1][0] / DIAGONAL[0]
-        self._parts[0].apply(r[:n], out[:n])
+        self._parts[0](r[:n], out[:n])
         space.copy(r[n:], self._work)
         space.axpy(factor, out[:n], self._work)
         space.axpy(-factor, r[:n], self._work)
-        self._parts[1].apply(self._work, out[n:])
+        self._parts[1](self._work, out[n:])
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """What the set-ups in use were made for."""
@@ -86,7 +86,7 @@ class CoupledStages:
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
         pair = ForwardElimination(model, single, parts) if parts else None
         self.preconditioner = pair
-        self.precondition: Operator | None = pair.apply if pair else None
+        self.precondition: Operator | None = pair
         self._slopes = single.stack(len(C))
         self._jacobians = [model.jacobian() for _ in C]
         self.time, self.dt = 0.0, 0.0

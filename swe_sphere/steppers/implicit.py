@@ -45,7 +45,7 @@ class StageProblem:
     def __init__(self, model: Model, space: VectorSpace, preconditioner_name: str) -> None:
         self._model, self.space = model, space
         self.preconditioner = make_preconditioner(preconditioner_name, model)
-        self.precondition = self.preconditioner.apply if self.preconditioner else None
+        self.precondition = self.preconditioner
         self._slope, self._operator = model.zeros(), model.jacobian()
         self.tau, self.time = 0.0, 0.0
         self.rhs: wp.array = None

@@ -14,6 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.registry import Registry
+from swe_sphere.user_file import users_code
 
 __all__ = ["RECOMMENDED", "STEPPERS", "Combiner", "Family", "Marker", "Stepper"]
 
@@ -86,7 +87,8 @@ class Stepper(ABC):
 
     def step(self) -> None:
         """Move `state` forward by dt."""
-        self._advance()
+        with users_code():
+            self._advance()
         if self.model.limiter is not None:
             self.model.limiter(self.state)
         self.steps += 1

@@ -1,5 +1,7 @@
 """Preconditioners by name, all behind one small interface."""
 
+from pathlib import Path
+
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.preconditioners import block_elimination
 from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
@@ -8,13 +10,15 @@ from swe_sphere.solvers.preconditioners.with_tracers import WithTracers
 __all__ = ["PRECONDITIONERS", "Preconditioner", "block_elimination", "make_preconditioner"]
 
 
-def make_preconditioner(name: str, model: Model) -> Preconditioner | None:
-    """The preconditioner of that name for a model; None for "none".
+def make_preconditioner(
+    which: str | Path | type[Preconditioner], model: Model
+) -> Preconditioner | None:
+    """The preconditioner of that name, in that Python file or of that class; None for "none".
 
-    A scene with prescribed wind has no gravity waves and gets none.  Raises ConfigError, naming the
-    nearest one, for an unknown name.
+    A scene with prescribed wind has no gravity waves and gets none.  Raises ConfigError where there
+    is none, or not one in the file; see `Registry.find`.
     """
-    kind = PRECONDITIONERS.find(name)
+    kind = PRECONDITIONERS.find(which)
     made = None if model.scene.wind is not None else kind.for_model(model)
     if made is None or model.tracers is None:
         return made

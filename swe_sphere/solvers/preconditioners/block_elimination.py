@@ -80,7 +80,6 @@ class BlockElimination(Preconditioner):
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
-        self.applications += 1
         self.operator.eliminate(r, self._b)
         self.inner.solve(self._b, self._h)
         self.operator.substitute(r, self._h, out)

@@ -48,6 +48,22 @@ class InnerSolver(ABC):
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b may be overwritten."""
 
+    def chebyshev(self, degree: int, diagonal: Array) -> list[tuple[float, float, float]]:
+        """Coefficients of so many Chebyshev steps on S with that diagonal (N,)."""
+        return chebyshev_coefficients(degree, self.largest_eigenvalue(1.0 / diagonal))
+
+    def largest_eigenvalue(self, inverse: Array) -> float:
+        """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
+        x, image = self.operator.vector(), self.operator.vector()
+
+        def product(values: Array) -> Array:
+            self._put(values, x)
+            self.operator.apply(x, image)
+            result: Array = inverse * image.numpy()
+            return result
+
+        return spectral_bound(product, inverse.size)
+
     def _put(self, values: NDArray[Any], x: wp.array) -> None:
         """Numpy values into a vector of the operator; on the CPU without Warp's slow detours."""
         if x.device.is_cpu:
@@ -138,20 +154,9 @@ class Multilevel(InnerSolver):
         diagonal = self.matrix.diagonal(tau, depth)
         courant = float(np.sqrt(diagonal.max()))
         degree = self._degree + (courant > COURANT_A_STEP)
-        self._steps = chebyshev_coefficients(degree, self.largest_eigenvalue(1.0 / diagonal))
+        self._steps = self.chebyshev(degree, diagonal)
         self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
-
-    def largest_eigenvalue(self, inverse: Array) -> float:
-        """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
-
-        def product(x: Array) -> Array:
-            self._put(x, self._direction)
-            self.operator.apply(self._direction, self._rest)
-            result: Array = inverse * self._rest.numpy()
-            return result
-
-        return spectral_bound(product, inverse.size)
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b is overwritten."""

@@ -67,6 +67,11 @@ class Preconditioner(ABC):
             "setup_seconds": self.setup_seconds,
         }
 
+    def __call__(self, r: wp.array, out: wp.array) -> None:
+        """`apply`, counted."""
+        self.applications += 1
+        self.apply(r, out)
+
     @abstractmethod
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both states."""

@@ -33,7 +33,7 @@ class WithTracers(Preconditioner):
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both states."""
-        self._flow.apply(r, out)
+        self._flow(r, out)
         self._ratio.follow(r, out)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:

@@ -1,0 +1,188 @@
+"""Steppers and preconditioners in files of the user, those of docs/extending.md first."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swe_sphere.equations import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.mesh import build_mesh
+from swe_sphere.planet import HOUR
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
+from swe_sphere.steppers import STEPPERS, get_stepper
+from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.testcases import get_scene
+
+PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+EXAMPLES = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", PAGE, re.DOTALL))
+SMALL = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.25, "dt": 1800.0}
+BASE = "from swe_sphere.steppers import Stepper\nclass A(Stepper):\n    name, order = 'a', 1\n"
+RK = "from swe_sphere.steppers.runge_kutta import RungeKutta\n"
+EULER = "class {0}(RungeKutta):\n    name, order, a, b = '{1}', 1, (), (1.0,)\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with the files of the page, to work in."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in EXAMPLES.items():
+        Path(name).write_text(text)
+    return tmp_path
+
+
+def advanced(kind, dt: float, **options):
+    """The state of lauter after 3 hours."""
+    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    stepper = kind(model, dt, **options)
+    stepper.start(model.initial_state())
+    for _ in range(round(3.0 * HOUR / dt)):
+        stepper.step()
+    return stepper
+
+
+@pytest.mark.parametrize(
+    ("file", "options"), [("ralston", {}), ("low_storage", {}), ("sdirk2", {"tolerance": 1e-10})]
+)
+def test_steppers_of_the_page_have_their_order(here, file: str, options) -> None:
+    kind = get_stepper(f"{file}.py")
+    exact = advanced(RK4, 75.0).state.numpy()
+    coarse, fine = (
+        np.abs(advanced(kind, dt, **options).state.numpy() - exact).max() for dt in (900.0, 450.0)
+    )
+    assert np.log2(coarse / fine) == pytest.approx(kind.order, abs=0.3)
+
+
+@pytest.mark.parametrize("file", ["ralston", "low_storage", "sdirk2"])
+def test_runs_with_the_steppers_of_the_page(here, file: str) -> None:
+    values = {k: v for k, v in SMALL.items() if k != "dt" or file == "sdirk2"}
+    summary = run(make_config(values | {"stepper": f"{file}.py"}))
+    assert summary["completed"] and summary["scheme"] == get_stepper(f"{file}.py").name
+
+
+@pytest.mark.parametrize(("file", "part"), [("rotation", 1.5), ("smoothing", 0.8)])
+def test_preconditioners_of_the_page_precondition(here, file: str, part: float) -> None:
+    """With this part of the iterations that it takes without."""
+    bare, helped = (
+        run(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": name}))
+        for name in ("none", f"{file}.py")
+    )
+    assert helped["completed"]
+    assert helped["preconditioner_applications"] == helped["krylov_iterations"]
+    assert 0 < helped["krylov_iterations"] < part * bare["krylov_iterations"]
+
+
+def test_the_low_storage_limit_is_that_of_all_methods_of_order_and_stages_three(here) -> None:
+    limit = STEPPERS["ssprk3"].stable_dt(1e-3)
+    for file in ("ralston.py", "low_storage.py"):
+        assert get_stepper(file).stable_dt(1e-3) == pytest.approx(limit, rel=1e-3)
+
+
+def test_a_class_is_as_good_as_its_name() -> None:
+    assert get_stepper(RK4) is RK4 is get_stepper("rk4")
+
+
+def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
+    first = get_stepper("ralston.py")
+    assert get_stepper(Path("ralston.py")) is first
+    Path("ralston.py").write_text(EXAMPLES["ralston.py"].replace("3 / 4", "0.75"))
+    assert get_stepper("ralston.py") is not first
+    assert "ralston" not in STEPPERS
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "there is no stepper file mine.py"),
+        ("class Mine(: pass", r"mine.py fails: SyntaxError: .*\(mine.py, line 1\)"),
+        ("x = 1\n\n1 / 0", r"mine.py fails: ZeroDivisionError: .* \(mine.py, line 3\)"),
+        ("x = 1", "mine.py must define one stepper, a class with a name; it has none"),
+        (RK, "mine.py must define one stepper, a class with a name; it has none"),
+        (
+            RK + EULER.format("A", "one") + EULER.format("B", "two"),
+            "one stepper, .* it has one, two",
+        ),
+        (
+            RK + EULER.format("A", "one") + EULER.format("B", "one"),
+            "class B: there is a stepper 'one'",
+        ),
+        (RK + EULER.format("A", "rk4"), "class A: there is a stepper 'rk4' already, in swe_sphere"),
+        (BASE, "stepper A does not define _advance, stable_dt"),
+        (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
+    ],
+)
+def test_a_bad_file_is_one_clear_line(here, text: str | None, message: str) -> None:
+    if text is not None:
+        Path("mine.py").write_text(text)
+    known = dict(STEPPERS)
+    with pytest.raises(ConfigError, match=message) as error:
+        get_stepper("mine.py")
+    assert "\n" not in str(error.value)
+    assert dict(STEPPERS) == known
+
+
+def test_a_bad_file_of_a_preconditioner_is_one_clear_line(here) -> None:
+    model = Model(build_mesh(2, 4), get_scene("williamson5"))
+    known = dict(PRECONDITIONERS)
+    for text, message in (
+        ("x = 1", "mine.py must define one preconditioner, a class with a name; it has none"),
+        (EXAMPLES["rotation.py"].replace("apply", "applied"), "RotationOnly does not define apply"),
+    ):
+        Path("mine.py").write_text(text)
+        with pytest.raises(ConfigError, match=message):
+            make_preconditioner("mine.py", model)
+    assert dict(PRECONDITIONERS) == known
+
+
+def test_a_failing_step_names_the_line(here) -> None:
+    text = EXAMPLES["low_storage.py"].replace(
+        "        for a, b, c in", "        1 / 0\n        for a, b, c in"
+    )
+    Path("mine.py").write_text(text)
+    line = text.splitlines().index("        1 / 0") + 1
+    summary = run(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
+    assert summary["reason"] == (
+        f"mine.py fails: ZeroDivisionError: division by zero (mine.py, line {line})"
+    )
+
+
+def test_a_failing_preconditioner_names_the_line(here) -> None:
+    text = EXAMPLES["rotation.py"].replace("n, angle = self._nodes", "n, angle = self._edges")
+    Path("mine.py").write_text(text)
+    summary = run(make_config(SMALL | {"stepper": "tr-bdf2", "preconditioner": "mine.py"}))
+    assert re.match(r"mine.py fails: AttributeError: .* \(mine.py, line 19\)$", summary["reason"])
+
+
+def test_options_come_from_the_signature(here) -> None:
+    text = "    def __init__(self, model, dt, part: float = 1.0):\n"
+    text += "        super().__init__(model, dt)\n"
+    Path("mine.py").write_text(EXAMPLES["ralston.py"] + text)
+    config = SMALL | {"stepper": "mine.py", "dt": "auto"}
+    assert run(make_config(config | {"settings": ["stepper.part=0.5"]}))["completed"]
+    with pytest.raises(ConfigError, match="stepper ralston has no option 'piece'; it has part"):
+        run(make_config(config | {"settings": ["stepper.piece=0.5"]}))
+    with pytest.raises(ConfigError, match="stepper ralston: part must be a valid number"):
+        run(make_config(config | {"settings": ["stepper.part=half"]}))
+
+
+@pytest.mark.parametrize(
+    ("what", "file", "stepper"),
+    [("stepper", "sdirk2.py", "sdirk2.py"), ("preconditioner", "smoothing.py", "tr-bdf2")],
+)
+def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, stepper: str) -> None:
+    asked = SMALL | {"stepper": stepper} | ({what: file} if what == "preconditioner" else {})
+    run(make_config(asked | {"out": "whole.nc", "days": 0.5}))
+    run(make_config(asked | {"out": "part.nc"}))
+    onwards = make_config(asked | {"restart": "part.nc", "days": 0.5, "out": "rest.nc"})
+    run(onwards)
+    whole, rest = (read_checkpoint(Path(f"{name}.nc.restart")).memory for name in ("whole", "rest"))
+    assert np.array_equal(whole["state"], rest["state"])
+    Path(file).write_text(Path(file).read_text() + "# edited\n")
+    with pytest.raises(ConfigError, match=f"^the {what}'s file is not what it was"):
+        run(onwards)
