@@ -26,9 +26,12 @@ def run(
     scene: Annotated[
         str | None, typer.Argument(help="Name of a scene, or a .py or .toml file with one.")
     ] = None,
-    stepper: Annotated[str | None, typer.Option(metavar="NAME", help="Time integrator.")] = None,
+    stepper: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Time integrator, or a .py file with one.")
+    ] = None,
     preconditioner: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of an implicit stepper's linear solves.")
+        str | None,
+        typer.Option(metavar="NAME", help="Of an implicit stepper's solves, or a .py file."),
     ] = None,
     tolerance: Annotated[
         float | None,
