@@ -9,6 +9,7 @@ import typer
 
 from swe_sphere.cli.errors import Stopped, explain
 from swe_sphere.cli.show import Terminal, show_summary
+from swe_sphere.compiling import on_compile
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.run import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
@@ -134,8 +135,10 @@ def run(
 
 
 def _run(asked: RunConfig) -> Summary:
+    terminal = Terminal(asked)
     try:
-        return run_scene(asked, Terminal(asked))
+        with on_compile(terminal.compiling):
+            return run_scene(asked, terminal)
     except KeyboardInterrupt:
         raise Stopped("interrupted by Ctrl-C") from None
 

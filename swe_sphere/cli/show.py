@@ -42,6 +42,12 @@ class Terminal(Watcher):
         if not self._quiet:
             sys.stderr.write(f"swe-sphere: warning: {text}\n")
 
+    def compiling(self) -> None:
+        """Say why nothing happens, unless asked to be quiet."""
+        if not self._quiet:
+            text = "compiling kernels for this scene, the first time only ..."
+            sys.stderr.write(f"swe-sphere: {text}\n")
+
     def begin(self, prepared: Prepared) -> None:
         """Show the bar."""
         if not self._wants_bar:

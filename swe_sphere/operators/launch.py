@@ -1,10 +1,13 @@
 """Cheap repeated launches of Warp kernels."""
 
 import time
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import warp as wp
 
+from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators.work import Tally, Work
 
@@ -33,8 +36,14 @@ class Launcher:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start = time.perf_counter()
         for kernel in kernels:
-            kernel.module.load(self.device, block_dim=self._block_dim)
+            with nullcontext() if self._is_cached(kernel.module) else compiling():
+                kernel.module.load(self.device, block_dim=self._block_dim)
         self.compile_seconds += time.perf_counter() - start
+
+    def _is_cached(self, module: Any) -> bool:
+        """Whether Warp has compiled the module before."""
+        folder = module.get_module_identifier(self._block_dim)
+        return Path(wp.config.kernel_cache_dir, folder).is_dir()
 
     def __call__(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
         """Run the kernel over `dim` threads."""

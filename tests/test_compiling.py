@@ -1,0 +1,41 @@
+"""Who is told of compiling, and when."""
+
+import time
+
+import pytest
+
+from swe_sphere import compiling
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """The calls made, where one is patient for a twentieth of a second."""
+    monkeypatch.setattr(compiling, "PATIENCE", 0.05)
+    return []
+
+
+def wait(seconds):
+    with compiling.compiling():
+        time.sleep(seconds)
+
+
+def test_long_compilations_are_told_of_once(told):
+    with compiling.on_compile(lambda: told.append("once")):
+        wait(0.5)
+        wait(0.5)
+    assert told == ["once"]
+    wait(0.5)  # nobody listens any more
+    assert told == ["once"]
+
+
+def test_many_short_ones_count_together(told):
+    with compiling.on_compile(lambda: told.append("once")):
+        for _ in range(20):
+            wait(0.01)
+    assert told == ["once"]
+
+
+def test_nothing_is_said_without_compiling(told):
+    with compiling.on_compile(lambda: told.append("once")):
+        time.sleep(0.2)
+    assert told == []
