@@ -12,7 +12,7 @@ import warp as wp
 from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations import Model
-from swe_sphere.io.diagnostics import integrals
+from swe_sphere.io.integrals import integrals
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import get_stepper
 

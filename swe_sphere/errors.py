@@ -9,26 +9,39 @@ class SweError(Exception):
     """An error whose message is one clear line saying what to change."""
 
     exit_status = 1
+    status = "failed"
+    """How a run that it ended is said to have ended, in one word."""
 
 
 class ConfigError(SweError):
     """The request cannot be carried out as written (unknown name, number out of range, ...)."""
 
     exit_status = 2
+    status = "refused"
 
 
 class RunFailed(SweError):
-    """A run had to stop early (not a number, negative depth, a step that cannot be solved, ...)."""
+    """A run had to stop early (NaN, negative depth, a step that cannot be solved, a full disk)."""
 
     exit_status = 1
 
 
 class Unstable(RunFailed):
-    """The solution makes no sense any more (not a number, negative depth, runaway energy)."""
+    """The solution makes no sense any more (NaN, negative depth, runaway energy)."""
+
+    status = "unstable"
+
+
+class SolverFailed(RunFailed):
+    """The equations of a step cannot be solved, however short it is made."""
+
+    status = "solver-failed"
 
 
 class TimedOut(RunFailed):
     """The time that the user gave the run is used up; its state is sound."""
+
+    status = "timed-out"
 
 
 class _Short(reprlib.Repr):

@@ -25,7 +25,7 @@ from swe_sphere.testcases.williamson3 import williamson3
 from swe_sphere.testcases.williamson4 import williamson4
 from swe_sphere.testcases.williamson7 import williamson7
 
-__all__ = ["SCENES", "get_scene"]
+__all__ = ["SCENES", "get_scene", "list_scenes"]
 
 SCENES: dict[str, SceneFactory] = {
     "williamson1": williamson1,
@@ -72,3 +72,14 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
         raise unknown_name("scene", name, SCENES)
     scene: Scene = SCENES[name](**checked(name, SCENES[name], parameters))
     return scene
+
+
+def list_scenes() -> dict[str, str]:
+    """What each scene is, in a line, by name.
+
+    Examples:
+        >>> import swe_sphere
+        >>> swe_sphere.list_scenes()["williamson5"]
+        'Zonal flow over an isolated mountain.'
+    """
+    return {name: (make.__doc__ or "").strip().splitlines()[0] for name, make in SCENES.items()}

@@ -10,7 +10,7 @@ import pytest
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.io.diagnostics import integrals
+from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import build_mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run

@@ -14,7 +14,7 @@ from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.io.diagnostics import integrals
+from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import STEPPERS

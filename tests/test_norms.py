@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swe_sphere.io.diagnostics import courant_numbers, drifts, integrals
+from swe_sphere.io.integrals import courant_numbers, drifts, integrals
 from swe_sphere.io.norms import area_mean, errors, l1, l2, linf
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH, Planet

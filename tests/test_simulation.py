@@ -17,10 +17,10 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.simulation.plan import continued_plan, time_plan
-from swe_sphere.simulation.prepare import prepare
+from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.stepping import choose_step
-from swe_sphere.simulation.watcher import Watcher
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 
@@ -257,7 +257,7 @@ def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     """The signal comes after the first tick; what is left is a whole state, and goes on."""
 
     class Stop(Watcher):
-        def tick(self, step):
+        def tick(self, sim):
             os.kill(os.getpid(), number)
 
     file = tmp_path / "stopped.nc"
@@ -278,7 +278,7 @@ def test_a_run_goes_on_where_hangups_are_ignored():
     """As nohup asks for."""
 
     class HangUp(Watcher):
-        def tick(self, step):
+        def tick(self, sim):
             os.kill(os.getpid(), signal.SIGHUP)
 
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -294,7 +294,7 @@ class Harm(Watcher):
     def __init__(self, harm, moment):
         self.harm, self.moment = harm, moment
 
-    def tick(self, step):
+    def tick(self, sim):
         if self.moment == "tick":
             self.harm()
 
@@ -318,9 +318,9 @@ def test_a_run_whose_file_is_deleted_or_cut_has_failed(tmp_path, harm, moment):
 def test_a_run_interrupted_at_a_frame_writes_it_once(tmp_path, monkeypatch):
     look = HealthCheck.observe
 
-    def stop_and_look(self, moment):
-        look(self, moment)
-        if moment.step == 4:
+    def stop_and_look(self, sim):
+        look(self, sim)
+        if sim.steps == 4:
             monkeypatch.setattr(HealthCheck, "observe", look)  # a second signal would end pytest
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -354,4 +354,6 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone():
 def test_a_fluid_at_rest_does_not_get_a_step_as_long_as_the_run(stepper: str) -> None:
     """Split steppers are limited by the wind alone, and there is none when the dam breaks."""
     config = make_config({"scene": "dam-break", "stepper": stepper, "ne": 4, "days": 0.5})
-    assert prepare(config).plan.dt == 3600.0
+    sim = Simulation.from_config(config)
+    sim.begin()
+    assert sim.plan.dt == 3600.0

@@ -11,7 +11,7 @@ from support import EXPLICIT, harmonic, make_scene, random_state, relative
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.diagnostics import integrals
+from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.testcases import get_scene

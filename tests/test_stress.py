@@ -75,16 +75,16 @@ def test_what_was_not_measured_does_not_hold():
 def test_growth_of_errors(power: float, growth: float) -> None:
     days = iter(np.arange(0.0, 30.1, 0.25))
 
-    def sampler(moment):
-        error = moment.time**power
+    def sampled(time):
+        error = time**power
         keys = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity", "linf_h")
         return dict.fromkeys(keys, 0.0) | {
             "max_wind": 1.0, "min_depth": 1.0, "max_wave": 1.0, "l2_h": error, "l2_v": error,
         }  # fmt: skip
 
-    series = Series(sampler, SimpleNamespace(steps=120), [])
+    series = Series(SimpleNamespace(steps=120), [])
     for day in days:
-        series.observe(SimpleNamespace(time=day))
+        series.observe(SimpleNamespace(time=day, diagnostics=sampled(day), snapshot=None))
     assert series.numbers()["growth_v"] == pytest.approx(growth, rel=0.01)
 
 

@@ -22,13 +22,11 @@ Day = Annotated[
 
 def list_all() -> None:
     """List the scenes and steppers, one line each."""
-    from swe_sphere.steppers import STEPPERS
-    from swe_sphere.testcases import SCENES
+    from swe_sphere.steppers import list_steppers
+    from swe_sphere.testcases import list_scenes
 
-    _list("Scenes", {name: _first_line(scene) for name, scene in SCENES.items()})
-    steppers = {name: _first_line(stepper) for name, stepper in STEPPERS.items()}
-    aliases = {n: f"The recommended scheme: {scheme}." for n, scheme in STEPPERS.aliases.items()}
-    _list("Steppers", steppers | aliases)
+    _list("Scenes", list_scenes())
+    _list("Steppers", list_steppers())
 
 
 def plot(
@@ -69,10 +67,6 @@ def compare(
     typer.echo(f"{result['field']}{when}")
     for norm in ("l1", "l2", "linf"):
         typer.echo(f"  {norm:5} {result[norm]:.6e}")
-
-
-def _first_line(thing: object) -> str:
-    return (thing.__doc__ or "").strip().split("\n")[0]
 
 
 def _list(title: str, lines: dict[str, str]) -> None:

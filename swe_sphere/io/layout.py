@@ -102,13 +102,14 @@ def add_layout(
     mesh: Mesh,
     bottom: ArrayLike | None,
     fields: Mapping[str, Mapping[str, str]],
-    diagnostics: Iterable[str],
+    diagnostics: Mapping[str, Mapping[str, str]],
     samples: int,
 ) -> None:
     """Define everything, and write what does not change.
 
-    fields: those of every frame with their attributes.  diagnostics: names of the series, each
-    with room for so many samples; none: there is no dimension for them either.
+    fields: those of every frame with their attributes.  diagnostics: the series, with attributes
+    where they are the user's own, each with room for so many samples; none: there is no dimension
+    for them either.
 
     Raises ValueError if a series is called like something else in the file.
     """
@@ -123,7 +124,7 @@ def add_layout(
     for name, size in sizes.items():
         dataset.createDimension(name, size)
     _add_frames(dataset, fields)
-    _add_series(dataset, [*diagnostics], samples)
+    _add_series(dataset, diagnostics, samples)
     _add_topology(dataset, mesh)
     for name, attributes in (COORDINATES | STATIC_FIELDS).items():
         nodal = attributes | ({} if name in COORDINATES else ON_NODES)
@@ -162,17 +163,19 @@ def _add_time(dataset: netCDF4.Dataset, name: str, text: str) -> netCDF4.Variabl
     return variable
 
 
-def _add_series(dataset: netCDF4.Dataset, names: Sequence[str], samples: int) -> None:
-    if not names:
+def _add_series(
+    dataset: netCDF4.Dataset, series: Mapping[str, Mapping[str, str]], samples: int
+) -> None:
+    if not series:
         return
     dataset.createDimension(SERIES, samples)
     _add_time(dataset, SERIES, "time of the diagnostics")
-    for name in names:
+    for name, own in series.items():
         if name in {*dataset.variables, *COORDINATES, *STATIC_FIELDS, *TOPOLOGY}:
             raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
         text, units = DIAGNOSTICS.get(name, (name.replace("_", " "), "1"))
         variable = dataset.createVariable(name, "f8", (SERIES,), fill_value=np.nan)
-        variable.setncatts({"long_name": text, "units": units})
+        variable.setncatts({"long_name": text, "units": units, **own})
 
 
 def _fill(

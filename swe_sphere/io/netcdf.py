@@ -48,7 +48,9 @@ class FrameWriter:
     (N,) [m]: height of the orography, zero where None.  tracers: their names.  samples: how many
     times diagnostics are given, at the most.  append_from: a time [s] from which the run in the
     file that is there goes on, under its run_id; its frames and samples before that time are
-    copied first, and it stays in its place until the new file has as many frames.
+    copied first, and it stays in its place until the new file has as many frames.  own: attributes
+    (long_name, units) of diagnostics of the user's own, of which `own_fields` are in every frame
+    and the others in the series.
 
     Raises ConfigError if the file cannot be made, if another run writes it, if there is no room
     for a first frame, or if the run in it cannot be gone on with.  Every method raises RunFailed if
@@ -65,12 +67,15 @@ class FrameWriter:
         tracers: Iterable[str] = (),
         samples: int = SAMPLES,
         append_from: float | None = None,
+        own: Mapping[str, Mapping[str, str]] | None = None,
+        own_fields: Iterable[str] = (),
     ) -> None:
         self.path = Path(path)
         self._place = self.path.resolve() if self.path.is_symlink() else self.path
         self._mesh, self._bottom, self._samples = mesh, bottom, samples
-        self._fields = frame_fields(tracers)
         self._earlier = None if append_from is None else EarlierFrames(self.path, append_from)
+        self._own = dict(own or {})
+        self._fields = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         values = {**attributes, "run_id": uuid.uuid4().hex}
         if self._earlier is not None:
             values |= self._earlier.attributes
@@ -101,8 +106,8 @@ class FrameWriter:
     ) -> None:
         """Add a frame at time [s since the start] and put it on the disk.
 
-        fields: h [m], u, v [m s-1], vorticity, divergence [s-1] and q_NAME of each tracer, all of
-        them (N,); others are ignored.
+        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and the
+        user's own, all of them (N,); others are ignored.
         diagnostics: as for `record`, at the same time; those of the first frame are all there are.
         """
         values = {"time": [time]} | {name: fields[name] for name in self._fields}
@@ -182,7 +187,8 @@ class FrameWriter:
         with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
             dataset.set_fill_off()
             dataset.setncatts(self._attributes)
-            add_layout(dataset, self._mesh, self._bottom, self._fields, self._series, self._samples)
+            series = {name: self._own.get(name, {}) for name in self._series}
+            add_layout(dataset, self._mesh, self._bottom, self._fields, series, self._samples)
         growing = GrowingFile(self._file, SERIES)
         growing.set_text(SUMMARY, json.dumps({"completed": False}))
         if self._earlier is not None:

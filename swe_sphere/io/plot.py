@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +13,20 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source, open_source
 from swe_sphere.io.disk import clear_errors
+from swe_sphere.io.frame import Frame
 from swe_sphere.io.globe import draw_graticule, equal_earth, globe_grid
 from swe_sphere.io.panels import draw_panel, panels
-from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.runfile import Nodal, RunFile
 from swe_sphere.io.scalar_fields import Field, check_field, describe
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
 
-__all__ = ["plot_file"]
+__all__ = ["draw_state", "plot_file"]
 
 Array = NDArray[np.float64]
 
@@ -69,8 +72,8 @@ def plot_file(
     return out
 
 
-def _default_field(source: Source) -> str:
-    flat = isinstance(source, RunFile) and not source.bottom.any()
+def _default_field(source: Source | Nodal) -> str:
+    flat = isinstance(source, Nodal) and not source.bottom.any()
     return str(source.attributes.get("plot_field", "h" if flat else "surface"))
 
 
@@ -79,16 +82,39 @@ def _compose(figure: Figure, source: Source, field: str, time: float | None) -> 
     figure.set_size_inches(9.6, 9.0 if curves else 6.1)
     parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.1, 1.0][: 1 + bool(curves)])
     globe, *rest = np.ravel(np.array(parts, dtype=object))
-    _draw_globe(globe, source, field, time)
+    _draw_globe(globe.subplots(), source, field, time)
     for part in rest:
         for axes, panel in zip(np.atleast_1d(part.subplots(1, len(curves))), curves, strict=True):
             draw_panel(axes, panel, time)
 
 
-def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | None) -> None:
+def draw_state(
+    mesh: Mesh,
+    fields: Mapping[str, Array],
+    time: float,
+    attributes: Mapping[str, Any],
+    field: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw a state in memory: fields (N,) at the nodes at time [s]; into ax, or a new figure.
+
+    Raises ConfigError for a field that is not there.
+    """
+    source = Frame(mesh, fields, time, attributes)
+    field = field or _default_field(source)
+    if field not in fields:
+        field = check_field(field)
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.figure(figsize=(9.6, 6.1), layout="constrained").subplots()
+    _draw_globe(ax, source, field, time)
+    return ax
+
+
+def _draw_globe(axes: Axes, source: Source | Nodal, field: str, time: float | None) -> None:
     from matplotlib.ticker import ScalarFormatter
 
-    axes = figure.subplots()
     kind = describe(field)
     lon, lat = globe_grid(ROWS)
     values = source.at(field, lon.ravel(), lat.ravel(), time).reshape(lon.shape)
@@ -99,13 +125,13 @@ def _draw_globe(figure: SubFigure, source: Source, field: str, time: float | Non
     )
     if kind.contours:
         _draw_contours(axes, x, y, values, kind, (low, high))
-    if field != "b" and isinstance(source, RunFile) and source.bottom.any():
+    if field != "b" and isinstance(source, Nodal) and source.bottom.any():
         bottom = source.at("b", lon.ravel(), lat.ravel(), time).reshape(lon.shape)
         _draw_orography(axes, x, y, bottom)
     draw_graticule(axes)
     numbers = ScalarFormatter(useMathText=True)
     numbers.set_powerlimits((-3, 5))
-    bar = figure.colorbar(
+    bar = axes.figure.colorbar(
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.03, format=numbers
     )
     bar.outline.set_linewidth(0.5)
@@ -156,12 +182,12 @@ def _draw_orography(axes: Axes, x: Array, y: Array, bottom: Array) -> None:
         )  # fmt: skip
 
 
-def _write_titles(axes: Axes, source: Source, kind: Field, time: float | None) -> None:
+def _write_titles(axes: Axes, source: Source | Nodal, kind: Field, time: float | None) -> None:
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title
     axes.set_title(title, fontsize=14, fontweight="bold", pad=26, parse_math=False)
     parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
-    if isinstance(source, RunFile):
+    if isinstance(source, Nodal):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
         parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
         parts += [str(scheme)] if (scheme := source.attributes.get("scheme")) else []

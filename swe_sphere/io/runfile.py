@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import netCDF4
 import numpy as np
@@ -16,12 +17,15 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
-from swe_sphere.io.layout import FRAME_FIELDS, MESH_ATTRIBUTES, SERIES, SUMMARY, TRACER
+from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh
 from swe_sphere.planet import DAY
 
-__all__ = ["TOLERANCE", "RunFile", "attributes", "reading"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["TOLERANCE", "Nodal", "RunFile", "attributes", "open_run", "reading"]
 
 Array = NDArray[np.float64]
 
@@ -68,16 +72,60 @@ def _summary(text: str) -> dict[str, Any]:
         return {}
 
 
-def _tracers(dataset: netCDF4.Dataset) -> list[str]:
-    """Names of the variables that hold mixing ratios."""
-    return [
-        name
-        for name, variable in dataset.variables.items()
-        if name.startswith(TRACER) and variable.dimensions == ("time", "node")
-    ]
+def _frame_fields(dataset: netCDF4.Dataset) -> list[str]:
+    """Names of the variables that every frame has."""
+    variables = dataset.variables.items()
+    return [name for name, variable in variables if variable.dimensions == ("time", "node")]
 
 
-class RunFile:
+class Nodal(ABC):
+    """Frames at the nodes of a mesh: points, area weights, and values anywhere on the sphere."""
+
+    attributes: dict[str, Any]
+    """What is known of the run."""
+    bottom: Array
+    """Height of the bottom (N,) [m]."""
+    mesh: Mesh
+
+    @property
+    def title(self) -> str:
+        """What was run."""
+        return str(self.attributes.get("title", self.attributes.get("scene", "")))
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude (N,) [rad] of the nodes."""
+        return self.mesh.lon, self.mesh.lat
+
+    @property
+    def area(self) -> Array:
+        """Area weights (N,) [m2] of the nodes."""
+        return self.mesh.area
+
+    @abstractmethod
+    def nearest(self, time: float | None) -> float:
+        """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
+
+    @abstractmethod
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME."""
+
+    def values(self, field: str, time: float | None = None) -> Array:
+        """A field at the nodes: (N,), or (2, N) for "wind"."""
+        return derive(self.frame(time), field)
+
+    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
+        frame = self.frame(time)
+        pieces = [slice(start, start + POINTS) for start in range(0, lon.size, POINTS)]
+        parts = [
+            evaluate(Interpolator(self.mesh, lon[piece], lat[piece]), frame, field)
+            for piece in pieces
+        ]
+        return np.concatenate(parts, axis=-1)
+
+
+class RunFile(Nodal):
     """A file written by `FrameWriter`: points, area weights and values at the nodes of its mesh.
 
     Raises ConfigError if the file is missing, damaged, or of another kind.
@@ -95,7 +143,7 @@ class RunFile:
             self.bottom: Array = dataset["b"][:]
 
     @cached_property
-    def mesh(self) -> Mesh:
+    def mesh(self) -> Mesh:  # type: ignore[override]
         """The mesh, made again from the attributes of the file."""
         mesh = build_mesh(**self._mesh_arguments)
         if mesh.size != self.bottom.size:
@@ -105,17 +153,7 @@ class RunFile:
     @property
     def title(self) -> str:
         """What was run."""
-        return str(self.attributes.get("title", self.attributes.get("scene", self.path.stem)))
-
-    @property
-    def points(self) -> tuple[Array, Array]:
-        """Longitude and latitude (N,) [rad] of the nodes."""
-        return self.mesh.lon, self.mesh.lat
-
-    @property
-    def area(self) -> Array:
-        """Area weights (N,) [m2] of the nodes."""
-        return self.mesh.area
+        return super().title or self.path.stem
 
     def nearest(self, time: float | None) -> float:
         """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
@@ -132,25 +170,12 @@ class RunFile:
         return found
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME."""
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME, and
+        those of the user's own diagnostics."""
         index = int(np.argmin(np.abs(self.times - self.nearest(time))))
         with reading(self.path) as dataset:
-            names = [*FRAME_FIELDS, *_tracers(dataset)]
+            names = _frame_fields(dataset)
             return {"b": self.bottom} | {name: dataset[name][index] for name in names}
-
-    def values(self, field: str, time: float | None = None) -> Array:
-        """A field at the nodes: (N,), or (2, N) for "wind"."""
-        return derive(self.frame(time), field)
-
-    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
-        frame = self.frame(time)
-        pieces = [slice(start, start + POINTS) for start in range(0, lon.size, POINTS)]
-        parts = [
-            evaluate(Interpolator(self.mesh, lon[piece], lat[piece]), frame, field)
-            for piece in pieces
-        ]
-        return np.concatenate(parts, axis=-1)
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
@@ -161,3 +186,26 @@ class RunFile:
                 if variable.dimensions == (SERIES,)
             }
         return found.pop(SERIES, np.zeros(0)), found
+
+
+def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
+    """The file of a run as an xarray dataset: fields on (time, node), series of diagnostics.
+
+    Times are seconds since the start; what the summary of the run says is among the attributes.
+
+    Examples:
+        >>> from swe_sphere import Simulation, open_run
+        >>> sim = Simulation("williamson2", ne=2, np=4, dt=3600)
+        >>> summary = sim.run(days=1, every=6, out="quick.nc")
+        >>> run = open_run("quick.nc")
+        >>> run.h.dims, run.sizes["time"], run.attrs["completed"]
+        (('time', 'node'), 5, True)
+
+    Raises:
+        ConfigError: the file is missing, damaged or of another kind.
+    """
+    import xarray as xr
+
+    found = RunFile(path).attributes
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        return dataset.load().assign_attrs(found)

@@ -49,7 +49,7 @@ def describe(name: str) -> Field:
     """How to call and draw the field of that name."""
     if name.startswith(TRACER):
         return Field(f"mixing ratio of {name.removeprefix(TRACER)}", "1", "matter", contours=False)
-    return FIELDS[name]
+    return FIELDS.get(name) or Field(name.replace("_", " "), "", "thermal", contours=False)
 
 
 def check_field(name: str, *, vector: bool = False) -> str:

@@ -1,27 +1,28 @@
-"""A prepared run while it runs: the loop, its end in good order, and the numbers it leaves."""
+"""The run of a simulation while it runs: loop, file, its end in good order, and its numbers."""
 
 from __future__ import annotations
 
-from contextlib import suppress
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
-from swe_sphere.errors import ConfigError, RunFailed, TimedOut
+from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.callbacks import Callback, Observer, Scheduled
 from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.loop import Loop
-from swe_sphere.simulation.prepare import Prepared
-from swe_sphere.simulation.recorder import Recorder
-from swe_sphere.simulation.sampler import Sampler
-from swe_sphere.simulation.snapshot import Array, Moment
-from swe_sphere.simulation.summary import Summary
-from swe_sphere.simulation.watcher import Watcher
+from swe_sphere.simulation.output import appends
+from swe_sphere.simulation.progress import Watcher
+from swe_sphere.simulation.recorder import Recorder, most_samples
+from swe_sphere.simulation.restart import attributes_of
+from swe_sphere.simulation.summary import Outcome, Summary
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.steppers import Stepper
+    from swe_sphere.simulation.simulation import Simulation
 
-__all__ = ["Execution"]
+__all__ = ["execute", "numbers_of", "step_through"]
 
 COSTS = (
     "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
@@ -32,136 +33,179 @@ COSTS = (
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
+BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
+"""What libraries raise when they are given a state that makes no sense, or too large a problem."""
 
-class Execution:
-    """Steps a prepared run; without a writer it leaves nothing but its summary."""
+SOUND = ("not begun", "completed", "timed-out", "interrupted")
+"""Ends after which the state makes sense."""
 
-    def __init__(self, prepared: Prepared, writer: FrameWriter | None, watcher: Watcher) -> None:
-        self._prepared, self._watcher = prepared, watcher
-        model, plan = prepared.model, prepared.plan
-        start = _start_fields(prepared)
-        self._sampler = Sampler(model, self._step_length, start)
-        self._health = HealthCheck(model, start, _advice(prepared))
-        stepper = prepared.config.stepper
-        self._recorder = Recorder(self._sampler, plan, writer, stepper, self._counts)
-        self._loop = Loop(
-            model, prepared.stepper, plan, self._health, [self._recorder], self._tick,
-            prepared.config.time_limit,
-        )  # fmt: skip
-        self._reason: str | None = None
-        self._exit_status = 0
+FAR = 1.05
+"""A step longer than the stability limit by this factor is warned of."""
 
-    def run(self) -> Summary:
-        """Step to the end, or until something comes in the way."""
-        try:
-            self._recorder.frame(self._loop.moment())
-            self._watcher.begin(self._prepared)
-            with Interruption() as interruption:
-                self._loop.run(interruption)
-        except TimedOut as error:
-            self._stop(str(error), error.exit_status)
-            self._keep(self._loop.moment())
-        except (RunFailed, ConfigError) as error:  # also a function of the scene, late in the run
-            self._stop(str(error), error.exit_status)
-            self._recorder.latest = {}
-        except Interrupted as error:
-            moment = self._loop.moment()
-            self._stop(f"interrupted by {error} at day {moment.time / DAY:.4g}", INTERRUPTED)
-            self._keep(moment)
-        finally:
-            with suppress(OSError):
-                self._watcher.end()
-        numbers = self._numbers()
-        return Summary(numbers, self._exit_status == 0, self._reason, self._exit_status)
 
-    def _tick(self, step: int) -> None:
-        """Tell the watcher; that its terminal is gone is no reason to end the run."""
+def execute(sim: Simulation, callbacks: Sequence[Callback], watcher: Watcher) -> Outcome:
+    """Step to the end of the plan, or until something comes in the way, with the file asked for.
+
+    Raises:
+        ConfigError: the file cannot be made.
+    """
+    for text in (*sim.warnings, *_warning_of_step(sim)):
+        watcher.warn(text)
+    if sim.config.out is None:
+        return _recorded(sim, callbacks, watcher, None)
+    with _writer(sim) as writer:
+        return _noted(sim, writer, _recorded(sim, callbacks, watcher, Recorder(sim, writer)))
+
+
+def _noted(sim: Simulation, writer: FrameWriter, outcome: Outcome) -> Outcome:
+    """Write into the file how the run ended; where that cannot be done, the run has failed."""
+    told = Summary(numbers_of(sim, outcome), outcome).as_dict()
+    try:
+        if writer.frames:
+            writer.finish({name: value for name, value in told.items() if value is not None})
+    except RunFailed as error:
+        return outcome if outcome.reason else _ended_by(error, sim)
+    return outcome
+
+
+def _warning_of_step(sim: Simulation) -> Iterator[str]:
+    dt, limit = sim.plan.dt, sim.stable_dt
+    if dt > FAR * limit:
+        yield (
+            f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
+            f" {sim.config.stepper}, {limit:.4g} s: expect the run to blow up"
+        )
+
+
+def _writer(sim: Simulation) -> FrameWriter:
+    from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
+
+    assert sim.config.out is not None
+    return FrameWriter(
+        sim.config.out, sim.mesh, attributes_of(sim), sim.model.bottom, sim.scene.tracers or (),
+        most_samples(sim.plan, sim.steps), sim.time if appends(sim.config) else None,
+        sim.own_attributes(), sim.own_fields,
+    )  # fmt: skip
+
+
+def _recorded(
+    sim: Simulation, callbacks: Sequence[Callback], watcher: Watcher, recorder: Recorder | None
+) -> Outcome:
+    calls = [Scheduled(callback, sim.plan.dt) for callback in callbacks]
+    observers: list[Observer] = [*([recorder] if recorder else []), *calls]
+    try:
+        if recorder:
+            recorder.frame(sim)
+    except (RunFailed, ConfigError) as error:
+        return _ended_by(error, sim)
+    with _watched(sim, watcher):
+        outcome = step_through(sim, observers, watcher.tick, sim.config.time_limit)
+    if recorder and outcome.status in ("timed-out", "interrupted"):
+        return _kept(sim, recorder, outcome)
+    return outcome
+
+
+def step_through(
+    sim: Simulation,
+    observers: Sequence[Observer] = (),
+    tick: Callable[[Simulation], None] | None = None,
+    time_limit: float | None = None,
+    interruption: Interruption | None = None,
+) -> Outcome:
+    """Step a simulation that has begun to the end of its plan, whatever happens.
+
+    observers: see the state when they are due, and the last one.  tick: called about ten times a
+    second.  time_limit: wall time [s] that the steps may take.  interruption: of many runs.
+
+    Raises:
+        Interrupted: the user asked to stop, and the interruption was given.
+    """
+    loop = Loop(sim, HealthCheck(sim), observers, tick, time_limit)
+    try:
+        if interruption is not None:
+            loop.run(interruption)
+        else:
+            with Interruption() as mine:
+                loop.run(mine)
+        _ = sim.diagnostics  # what fails in them is an end like others
+    except Interrupted as error:
+        if interruption is not None:
+            raise
+        return _ended_by(error, sim)
+    except (SweError, *BREAKDOWNS) as error:
+        return _ended_by(error, sim)
+    return Outcome()
+
+
+@contextmanager
+def _watched(sim: Simulation, watcher: Watcher) -> Iterator[None]:
+    """Tell the watcher of begin and end; that its terminal is gone is no reason to end the run."""
+    with suppress(OSError):
+        watcher.begin(sim)
+    try:
+        yield
+    finally:
         with suppress(OSError):
-            self._watcher.tick(step)
-
-    def _step_length(self) -> float:
-        """The present step [s], which follows its error in an adaptive run."""
-        return float(getattr(self._prepared.stepper, "next_dt", self._prepared.plan.dt))
-
-    def _stop(self, reason: str, exit_status: int) -> None:
-        self._reason, self._exit_status = reason, exit_status
-
-    def _keep(self, moment: Moment) -> None:
-        """Write the state of an interrupted run as its last frame, if it is worth keeping."""
-        try:
-            self._health.observe(moment)
-            self._recorder.frame(moment)
-        except RunFailed as error:
-            self._stop(f"{self._reason}; its last state was not kept: {error}", self._exit_status)
-
-    def _counts(self) -> dict[str, float]:
-        """Counters and seconds of the run, with those before a restart."""
-        prepared = self._prepared
-        after = prepared.model.counters
-        counts: dict[str, float] = {k: n - prepared.before.get(k, 0) for k, n in after.items()}
-        counts |= prepared.stepper.costs()
-        counts["wall_seconds"] = self._loop.wall_seconds
-        carried = prepared.counts
-        return {name: n + carried.get(name, 0) for name, n in counts.items()}
-
-    def _numbers(self) -> dict[str, object]:
-        prepared = self._prepared
-        config, model, plan = prepared.config, prepared.model, prepared.plan
-        steps = prepared.stepper.steps
-        return {
-            "scene": prepared.scene.name,
-            "title": prepared.scene.title,
-            "stepper": config.stepper,
-            "scheme": prepared.stepper.name,
-            **prepared.options,
-            "ne": model.mesh.ne,
-            "np": model.mesh.np,
-            "dt": plan.dt,
-            "steps": steps,
-            "days": plan.time(steps) / DAY,
-            "compile_seconds": model.compile_seconds,
-            **dict.fromkeys(COSTS, 0),
-            **self._counts(),
-            **self._recorder.latest,
-            **self._reference_errors(),
-            "stretch": model.mesh.stretch,
-            "device": model.device,
-            "precision": config.precision,
-            "launch": model.shape,
-            "days_planned": prepared.days,
-            "dt_wanted": plan.wanted,
-            "dt_rule": prepared.dt_rule,
-            "stable_dt": prepared.stable_dt,
-            "out": None if config.out is None else str(config.out),
-            **_cuts(prepared.stepper),
-        }
-
-    def _reference_errors(self) -> dict[str, float]:
-        if self._prepared.reference is None or self._exit_status:
-            return {}
-        return self._prepared.reference(self._prepared.model, self._loop.moment())
+            watcher.end()
 
 
-def _cuts(stepper: Stepper) -> dict[str, list[str]]:
-    """Of an adaptive run: the last steps that were taken back, since a restart, and why."""
-    cuts = getattr(stepper, "cuts", None)
-    return {} if cuts is None else {"cuts": [str(cut) for cut in cuts]}
+def _ended_by(error: Exception, sim: Simulation) -> Outcome:
+    if isinstance(error, Interrupted):
+        reason = f"interrupted by {error} at day {sim.time / DAY:.4g}"
+        return Outcome("interrupted", reason, INTERRUPTED)
+    text = " ".join(str(error).split())
+    if not isinstance(error, SweError):
+        return Outcome("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
+    # of what the scene's own functions raise late it is too late to refuse the run
+    status = "failed" if isinstance(error, ConfigError) else error.status
+    return Outcome(status, text, error.exit_status)
 
 
-def _start_fields(prepared: Prepared) -> dict[str, Array]:
-    """All fields at the scene's own start, also where the run begins later."""
-    model = prepared.model
-    state = model.initial_state()
-    return model.fields(state) | {
-        "vorticity": model.vorticity(state),
-        "divergence": model.divergence(state),
+def _kept(sim: Simulation, recorder: Recorder, outcome: Outcome) -> Outcome:
+    """Write the state of an interrupted run as its last frame, if it is worth keeping."""
+    try:
+        HealthCheck(sim).observe(sim)
+        recorder.frame(sim)
+    except RunFailed as error:
+        reason = f"{outcome.reason}; its last state was not kept: {error}"
+        return Outcome("failed", reason, outcome.exit_status)
+    return outcome
+
+
+def numbers_of(sim: Simulation, outcome: Outcome) -> dict[str, Any]:
+    """All that is told of a run: what was asked for, what it cost, what it came to."""
+    config, model, plan = sim.config, sim.model, sim.plan
+    sound = outcome.status in SOUND
+    return {
+        "scene": sim.scene.name,
+        "title": sim.scene.title,
+        "stepper": config.stepper,
+        "scheme": sim.stepper.name,
+        **sim.options,
+        "ne": model.mesh.ne,
+        "np": model.mesh.np,
+        "dt": plan.dt,
+        "steps": sim.steps,
+        "days": sim.time / DAY,
+        "compile_seconds": model.compile_seconds,
+        **dict.fromkeys(COSTS, 0),
+        **sim.counts(),
+        **(sim.diagnostics if sound else {}),
+        **(sim.reference_errors() if outcome.completed else {}),
+        "stretch": model.mesh.stretch,
+        "device": model.device,
+        "precision": config.precision,
+        "launch": model.shape,
+        "days_planned": sim.days,
+        "dt_wanted": plan.wanted,
+        "dt_rule": sim.dt_rule,
+        "stable_dt": sim.stable_dt,
+        "out": None if config.out is None else str(config.out),
+        **_cuts(sim),
     }
 
 
-def _advice(prepared: Prepared) -> str:
-    """What to say when a run goes wrong."""
-    dt, limit = prepared.plan.dt, prepared.stable_dt
-    text = f"dt = {dt:.6g} s, stability limit at the start about {limit:.4g} s"
-    if dt > limit:
-        return f"{text}; take a smaller dt"
-    return f"{text}; try a finer mesh, a smaller dt or more dissipation"
+def _cuts(sim: Simulation) -> dict[str, list[str]]:
+    """Of an adaptive run: the last steps that were taken back, since a restart, and why."""
+    cuts = getattr(sim.stepper, "cuts", None)
+    return {} if cuts is None else {"cuts": [str(cut) for cut in cuts]}

@@ -8,10 +8,10 @@ import numpy as np
 
 from swe_sphere.errors import Unstable
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Array, Moment
+from swe_sphere.simulation.snapshot import Array
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
+    from swe_sphere.simulation.simulation import Simulation
 
 __all__ = ["HealthCheck"]
 
@@ -23,30 +23,28 @@ RUNAWAY = 10.0
 
 
 class HealthCheck:
-    """Ends the run where a value is not a number, a depth negative or the energy runs away."""
+    """Ends the run where a value is NaN, a depth negative or the energy runs away."""
 
-    def __init__(self, model: Model, start: dict[str, Array], limit: str) -> None:
-        """start: fields at the start, for their energy; limit: what to say on stability."""
-        self._area = model.mesh.area / model.mesh.area.sum()
-        self._gravity = model.scene.planet.gravity
-        self._linear = model.scene.linear
-        self._energy = self._energy_of(start)
-        self._limit = limit
+    def __init__(self, sim: Simulation) -> None:
+        self._area = sim.mesh.area / sim.mesh.area.sum()
+        self._gravity = sim.scene.planet.gravity
+        self._linear = sim.scene.linear
+        self._energy = self._energy_of(sim.start)
 
     def due(self, step: int) -> bool:
         """Every few steps."""
         return step % EVERY == 0
 
-    def observe(self, moment: Moment) -> None:
+    def observe(self, sim: Simulation) -> None:
         """Look; Unstable says what is wrong, when, and what could be done."""
-        trouble = self._trouble(moment.fields)
-        if trouble:
-            when = f"at day {moment.time / DAY:.4g} (step {moment.step})"
-            raise Unstable(f"{trouble} {when}: {self._limit}")
+        failure = self._failure(sim.snapshot.fields)
+        if failure:
+            when = f"at day {sim.time / DAY:.4g} (step {sim.steps})"
+            raise Unstable(f"{failure} {when}: {_advice(sim.plan.dt, sim.stable_dt)}")
 
-    def _trouble(self, fields: dict[str, Array]) -> str | None:
+    def _failure(self, fields: dict[str, Array]) -> str | None:
         if not all(np.isfinite(values).all() for values in fields.values()):
-            return "the solution is not a number any more"
+            return "the solution is NaN"
         # a passive h, and that of a linear wave, may undershoot zero without harm
         if not self._linear and fields["h"].min() < 0.0:
             return f"the depth is negative ({fields['h'].min():.3g} m)"
@@ -60,3 +58,11 @@ class HealthCheck:
         h = fields["h"]
         speed2 = fields["u"] ** 2 + fields["v"] ** 2
         return 0.5 * float(np.sum(self._area * (h * speed2 + self._gravity * h**2)))
+
+
+def _advice(dt: float, limit: float) -> str:
+    """What to say when a run goes wrong."""
+    text = f"dt = {dt:.6g} s, stability limit at the start about {limit:.4g} s"
+    if dt > limit:
+        return f"{text}; take a smaller dt"
+    return f"{text}; try a finer mesh, a smaller dt or more dissipation"

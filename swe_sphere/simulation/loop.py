@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.simulation.plan import TimePlan
-from swe_sphere.simulation.snapshot import Moment, Observer
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
-    from swe_sphere.steppers import Stepper
+    from swe_sphere.simulation.simulation import Simulation
 
 __all__ = ["Loop"]
 
@@ -24,36 +22,28 @@ TICK = 0.1
 
 
 class Loop:
-    """Steps a model along a plan.
+    """Steps a simulation along its plan.
 
     guard: sees the state when it is due and before any observer does, so that none of them is
     shown a state that makes no sense.  observers: each sees the state when it is due, and always
-    the last one.  tick: told the number of steps done, about ten times a second.  time_limit: wall
-    time [s] that the steps may take, looked at after each of them; None: any.
+    the last one.  tick: called about ten times a second.  time_limit: wall time [s] that the steps
+    may take, looked at after each of them; None: any.
     """
 
     def __init__(
         self,
-        model: Model,
-        stepper: Stepper,
-        plan: TimePlan,
+        sim: Simulation,
         guard: Observer,
         observers: Sequence[Observer],
-        tick: Callable[[int], None] | None = None,
+        tick: Callable[[Simulation], None] | None = None,
         time_limit: float | None = None,
     ) -> None:
-        self._model, self._stepper, self._plan = model, stepper, plan
+        self._sim, self._model = sim, sim.model
+        self._stepper, self._plan = sim.stepper, sim.plan
         self._guard, self._observers, self._tick = guard, observers, tick
         self._time_limit = math.inf if time_limit is None else time_limit
-        self.wall_seconds = 0.0
-        """Time spent stepping [s], without compiling, observing and writing."""
-        self.cpu_seconds = 0.0
-        """Processor time of all threads in that while [s], compiling included."""
+        self._limit = sim.wall_seconds + self._time_limit
         self._last_tick = 0.0
-
-    def moment(self) -> Moment:
-        """The state as it stands."""
-        return Moment(self._model, self._stepper, self._plan.time(self._stepper.steps))
 
     def run(self, interruption: Interruption) -> None:
         """Step to the end.
@@ -78,7 +68,7 @@ class Loop:
         """Take steps up to that number, with the clock running."""
         compiled, start = self._model.compile_seconds, time.perf_counter()
         worked = time.process_time()
-        deadline = start - compiled + self._time_limit - self.wall_seconds
+        deadline = start - compiled + self._limit - self._sim.wall_seconds
         try:
             while self._stepper.steps < stop:
                 self._stepper.step()
@@ -90,8 +80,8 @@ class Loop:
             self._finish_device()
         finally:
             elapsed = time.perf_counter() - start
-            self.wall_seconds += elapsed - (self._model.compile_seconds - compiled)
-            self.cpu_seconds += time.process_time() - worked
+            self._sim.wall_seconds += elapsed - (self._model.compile_seconds - compiled)
+            self._sim.cpu_seconds += time.process_time() - worked
 
     def _finish_device(self) -> None:
         import warp as wp
@@ -99,11 +89,11 @@ class Loop:
         wp.synchronize_device(self._model.device)
 
     def _observe(self) -> None:
-        moment = self.moment()
-        self._guard.observe(moment)
+        step = self._stepper.steps
+        self._guard.observe(self._sim)
         for observer in self._observers:
-            if moment.step == self._plan.steps or observer.due(moment.step):
-                observer.observe(moment)
+            if step == self._plan.steps or observer.due(step):
+                observer.observe(self._sim)
 
     def _give_up(self) -> None:
         steps = self._stepper.steps
@@ -117,4 +107,4 @@ class Loop:
     def _report(self, now: float) -> None:
         if self._tick is not None and now - self._last_tick >= TICK:
             self._last_tick = now
-            self._tick(self._stepper.steps)
+            self._tick(self._sim)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
@@ -38,13 +40,16 @@ class TimePlan:
         return step % self.frame_steps == 0 or step == self.steps
 
 
-def time_plan(days: float, every: float | None, dt: float) -> TimePlan:
+def time_plan(
+    days: float, every: float | None, dt: float, also: Iterable[Fraction] = ()
+) -> TimePlan:
     """The plan of a new run.
 
     Args:
         days: length of the run [days].
         every: time between frames [h]; None: about a day.
         dt: time step [s], which may be shortened a little.
+        also: further times [s] whose multiples fall on steps.
 
     Raises:
         ConfigError: the step does not go with the length or the frames.
@@ -55,33 +60,43 @@ def time_plan(days: float, every: float | None, dt: float) -> TimePlan:
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
-    common = _common_measure(length, interval)
+    common = reduce(_common_measure, also, _common_measure(length, interval))
     count = max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
     step = common / count
     if step < SHORTEST * Fraction(dt):
         raise ConfigError(
             f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
-            f" every {float(interval / 3600):g} h: change every, or take dt={float(step):g} or less"
+            f" every {float(interval / 3600):g} h{_and_calls(also)}: change every, or take"
+            f" dt={float(step):g} or less"
         )
     return TimePlan(float(step), int(length / step), int(interval / step), dt)
 
 
-def continued_plan(days: float, every: float | None, dt: float, done: int) -> TimePlan:
+def continued_plan(
+    days: float, every: float | None, dt: float, done: int, also: Iterable[Fraction] = ()
+) -> TimePlan:
     """The plan of a run that goes on with steps of dt [s], `done` of which lie behind it.
 
     Raises:
-        ConfigError: the length or the frames are no whole number of those steps, or the end
-            has been reached.
+        ConfigError: the length, the frames or further times are no whole number of those steps, or
+            the end has been reached.
     """
     steps = _whole("days", days * DAY, dt)
     if steps <= done:
         raise ConfigError(
-            f"the restart file stands at day {done * dt / DAY:g} already: give more than"
-            f" days={days:g} (the length counts from the very start)"
+            f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
+            " length counts from the very start)"
         )
+    for interval in also:
+        _whole("every of a callback", float(interval), dt)
     interval = _interval(_milliseconds(days * DAY), every, dt)
     frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
     return TimePlan(dt, steps, min(frames, steps), dt)
+
+
+def _and_calls(also: Iterable[Fraction]) -> str:
+    """The times between calls in words."""
+    return "".join(f" and calls every {float(interval / 3600):g} h" for interval in also)
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
@@ -111,7 +126,7 @@ def _whole(name: str, length: float, dt: float) -> int:
     steps = round(length / dt)
     if steps < 1 or abs(steps * dt - length) > 1e-6 * dt:
         raise ConfigError(
-            f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the"
-            " restarted run took; choose a multiple"
+            f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the run"
+            " has taken; choose a multiple"
         )
     return steps

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.output import appends
+from swe_sphere.simulation.setup import identity
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
+    from swe_sphere.simulation.simulation import Simulation
 
-__all__ = ["adopt", "carried_counts", "check_identity", "check_step", "code_warnings"]
+__all__ = [
+    "COUNTER", "adopt", "attributes_of", "carried_counts", "check_identity", "check_step",
+    "code_warnings", "configured", "read_restart", "save",
+]  # fmt: skip
 
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
@@ -26,20 +36,40 @@ INHERITED = frozenset({
 COUNTER = "counter_"
 
 
+def read_restart(config: RunConfig) -> Checkpoint:
+    """The checkpoint that the run is to go on from; ConfigError if it is missing or damaged."""
+    from swe_sphere.io.checkpoint import read_checkpoint
+
+    place = config.out if appends(config) else config.restart
+    assert place is not None
+    return read_checkpoint(place)
+
+
+def configured(path: Path) -> dict[str, object]:
+    """The configuration that the run of a checkpoint had.
+
+    Raises:
+        ConfigError: the file is missing or damaged, or does not say it.
+    """
+    from swe_sphere.io.checkpoint import read_checkpoint
+
+    return _stored(path, read_checkpoint(path), "configuration")
+
+
 def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
     """The configuration, with the file's values for what it leaves open.
 
     Raises:
         ConfigError: the file does not hold the configuration of its run.
     """
-    before = _stored(config, checkpoint, "configuration")
+    before = _stored(config.restart, checkpoint, "configuration")
     kept = {name: value for name, value in before.items() if name in INHERITED}
     return make_config(kept | config.given())
 
 
 def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
     """ConfigError naming the first thing in which the run in the file differs from this one."""
-    theirs = _stored(config, checkpoint, "identity")
+    theirs = _stored(config.restart, checkpoint, "identity")
     plain = json.loads(json.dumps(identity))
     _check_sources(config, theirs.get("sources"), plain.pop("sources"))
     for name, ours in plain.items():
@@ -61,9 +91,9 @@ def _check_sources(config: RunConfig, theirs: object, ours: dict[str, str]) -> N
             )
 
 
-def code_warnings(config: RunConfig, checkpoint: Checkpoint) -> tuple[str, ...]:
+def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str, ...]:
     """What to warn of where the file was written by other code of this program."""
-    if checkpoint.attributes.get("code") == code_fingerprint():
+    if checkpoint is None or checkpoint.attributes.get("code") == code_fingerprint():
         return ()
     return (
         f"{config.restart} was written by other code of swe_sphere: the run goes on from it, but"
@@ -74,7 +104,7 @@ def code_warnings(config: RunConfig, checkpoint: Checkpoint) -> tuple[str, ...]:
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
     """The step [s] of the run in the file; ConfigError if another one is asked for."""
     dt = float(checkpoint.attributes.get("dt", 0.0))
-    before = _stored(config, checkpoint, "configuration").get("dt")
+    before = _stored(config.restart, checkpoint, "configuration").get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
         raise ConfigError(
             f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
@@ -91,13 +121,64 @@ def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
     }
 
 
-def _stored(config: RunConfig, checkpoint: Checkpoint, name: str) -> dict[str, object]:
+def _stored(path: Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:
     try:
         values = json.loads(str(checkpoint.attributes[name]))
     except (KeyError, ValueError):
         raise ConfigError(
-            f"{config.restart} does not say its {name}: it cannot be restarted"
+            f"{path} does not say its {name}: it cannot be restarted"
         ) from None
     if not isinstance(values, dict):
-        raise ConfigError(f"{config.restart} does not say its {name}: it cannot be restarted")
+        raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
     return values
+
+
+def attributes_of(sim: Simulation) -> dict[str, object]:
+    """The resolved configuration of a simulation, for its files."""
+    same = identity(sim.config, sim.scene, sim.mesh)
+    return {
+        "title": sim.scene.title,
+        "references": sim.scene.reference,
+        **same,
+        "identity": same,
+        "code": code_fingerprint(),
+        "stepper": sim.config.stepper,
+        "configuration": sim.config.model_dump(mode="json"),
+        "scheme": sim.stepper.name,
+        "stepper_options": sim.options,
+        "dt": sim.plan.dt,
+        "dt_rule": sim.dt_rule,
+        "stable_dt": sim.stable_dt,
+        "days": sim.days,
+        "device": sim.model.device,
+        "launch": sim.model.shape,
+        "start_step": sim.steps,
+        **_plot_field(sim.scene),
+    }
+
+
+def _plot_field(scene: Scene) -> dict[str, str]:
+    """What a picture shows unless it is told: the first tracer where the air only carries it."""
+    if scene.wind is None or not scene.tracers:
+        return {}
+    return {"plot_field": f"q_{next(iter(scene.tracers))}"}
+
+
+def restart_arrays(sim: Simulation) -> Mapping[str, NDArray[np.generic]]:
+    """What a bitwise exact restart needs, with the counters, so that two parts count like one."""
+    counters = {f"{COUNTER}{name}": np.array(n) for name, n in sim.counts().items()}
+    return sim.stepper.state_dict() | counters
+
+
+def save(sim: Simulation, path: Path) -> Path:
+    """Write a checkpoint of the simulation as it stands, in a file of its own."""
+    from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
+    from swe_sphere.io.disk import clear_errors
+    from swe_sphere.io.layout import attribute
+
+    attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}
+    arrays = dict(restart_arrays(sim))
+    time, name = sim.plan.dt * sim.steps, sim.config.stepper
+    with clear_errors(f"cannot write {path}", RunFailed):
+        write_checkpoint(path, Checkpoint(arrays, time, sim.steps, name, attributes))
+    return path

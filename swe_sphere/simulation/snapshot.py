@@ -3,54 +3,46 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
-    from swe_sphere.steppers import Stepper
+    import warp as wp
 
-__all__ = ["Moment", "Observer"]
+    from swe_sphere.equations.model import Model
+
+__all__ = ["Array", "Fields", "Snapshot"]
 
 Array = NDArray[np.float64]
+Fields = dict[str, Array]
 
 
-class Moment:
-    """A time of the run with its fields, fetched from the device when first asked for."""
+class Snapshot:
+    """A state with its fields, each fetched from the device when first asked for."""
 
-    def __init__(self, model: Model, stepper: Stepper, time: float) -> None:
-        self._model, self._stepper = model, stepper
+    def __init__(self, model: Model, state: wp.array, time: float, steps: int = 0) -> None:
+        self._model, self._state = model, state
         self.time = time
         """[s] since the start."""
-        self.step = stepper.steps
+        self.steps = steps
         """Steps since the start."""
 
     @cached_property
-    def fields(self) -> dict[str, Array]:
-        """u, v [m s-1] and h [m], each (N,)."""
-        return self._model.fields(self._stepper.state, self._stepper.time)
+    def fields(self) -> Fields:
+        """u, v [m s-1] and h [m], of tracers hq_NAME [m] and q_NAME, each (N,)."""
+        return self._model.fields(self._state, self.time)
 
     @cached_property
-    def all_fields(self) -> dict[str, Array]:
+    def all_fields(self) -> Fields:
         """The fields with vorticity and divergence [s-1], each (N,)."""
-        state, time = self._stepper.state, self._stepper.time
         return self.fields | {
-            "vorticity": self._model.vorticity(state, time),
-            "divergence": self._model.divergence(state, time),
+            "vorticity": self._model.vorticity(self._state, self.time),
+            "divergence": self._model.divergence(self._state, self.time),
         }
 
-    def memory(self) -> dict[str, NDArray[np.generic]]:
-        """All arrays of the stepper."""
-        return self._stepper.state_dict()
-
-
-class Observer(Protocol):
-    """Something that looks at the state now and then; RunFailed from it ends the run."""
-
-    def due(self, step: int) -> bool:
-        """Whether it wants to see the state after that many steps."""
-
-    def observe(self, moment: Moment) -> None:
-        """Look at the state."""
+    @cached_property
+    def with_constants(self) -> Fields:
+        """All fields with bottom b [m] and Coriolis parameter f [s-1], each (N,)."""
+        return self.all_fields | {"b": self._model.bottom, "f": self._model.coriolis}

@@ -1,15 +1,17 @@
-"""What a run comes to: the numbers of `--json`."""
+"""What a run comes to: the numbers of `--json`, and the lines of the table."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from html import escape
+from typing import Any
 
 from swe_sphere.simulation.config import RunConfig
 
-__all__ = ["Summary", "failed_summary"]
+__all__ = ["Outcome", "Summary", "failed_summary", "html_table"]
 
 KEYS = (
     "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
@@ -18,38 +20,147 @@ KEYS = (
 )  # fmt: skip
 """The keys that are always there, in this order; more follow."""
 
+GROUPS = {
+    "error of depth": {"l1": "l1_h", "l2": "l2_h", "linf": "linf_h"},
+    "error of wind": {"l1": "l1_v", "l2": "l2_v", "linf": "linf_v"},
+    "drift": {"mass": "mass_drift", "energy": "energy_drift", "enstrophy": "enstrophy_drift"},
+    "mean": {"vorticity": "total_vorticity", "divergence": "total_divergence"},
+    "Courant number": {"gravity": "courant_gravity", "advective": "courant_advective"},
+    "largest wind [m/s]": {"": "max_wind"},
+}
+"""Rows of the table: what stands in them, and the names in the JSON line."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    status: str = "completed"
+    """completed, refused (before the first step), unstable, solver-failed, timed-out, interrupted,
+    failed (the disk, a function of the user's)."""
+    reason: str | None = None
+    """Why the run stopped early, in words; None if it did not."""
+    exit_status: int = 0
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run came to its end."""
+        return self.status == "completed"
+
 
 @dataclass(frozen=True)
 class Summary:
     """How a run went."""
 
-    numbers: dict[str, object] = field(default_factory=dict)
+    numbers: dict[str, Any] = field(default_factory=dict)
     """Values by the names of the JSON line."""
-    completed: bool = False
-    reason: str | None = None
-    """Why the run stopped early, in words; None if it did not."""
-    exit_status: int = 0
+    outcome: Outcome = field(default_factory=Outcome)
 
-    def __getitem__(self, name: str) -> object:
+    @property
+    def completed(self) -> bool:
+        """Whether the run came to its end."""
+        return self.outcome.completed
+
+    @property
+    def status(self) -> str:
+        """How it ended, in one word: see `Outcome`."""
+        return self.outcome.status
+
+    @property
+    def reason(self) -> str | None:
+        """Why the run stopped early, in words; None if it did not."""
+        return self.outcome.reason
+
+    @property
+    def exit_status(self) -> int:
+        """Of the program."""
+        return self.outcome.exit_status
+
+    def __getitem__(self, name: str) -> Any:
         """A value of the JSON line, None where there is none."""
         return self.as_dict().get(name)
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """All values of the JSON line; None for what is missing or not finite."""
-        values = {**self.numbers, "completed": self.completed, "reason": self.reason}
-        ordered = dict.fromkeys(KEYS) | values
+        told = {"completed": self.completed, "reason": self.reason, "status": self.status}
+        ordered = {**dict.fromkeys(KEYS), **self.numbers, **told}
         return {name: _plain(value) for name, value in ordered.items()}
 
     def as_json(self) -> str:
         """The JSON line."""
         return json.dumps(self.as_dict(), allow_nan=False)
 
+    @property
+    def title(self) -> str:
+        """Scene and stepper."""
+        scheme = "" if self["scheme"] == self["stepper"] else f" ({self['scheme']})"
+        return f"{self['scene']} with {self['stepper']}{scheme}"
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """The lines of a table: what, and its values."""
+        n = self.as_dict()
+        yield "scene", str(n["title"])
+        ended = "completed" if self.completed else "stopped early"
+        yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
+        yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
+        yield "time step", _step(n)
+        yield "stability limit", "none" if n["stable_dt"] is None else f"{n['stable_dt']:.5g} s"
+        yield "machine", f"{n['device']}, {n['precision']}"
+        yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
+        yield from _costs(n)
+        for title, names in GROUPS.items():
+            there = {label: n[name] for label, name in names.items() if n.get(name) is not None}
+            if there:
+                yield title, ", ".join(f"{label} {x:.3g}".strip() for label, x in there.items())
+
+    def __repr__(self) -> str:
+        reason = f": {self.reason}" if self.reason else ""
+        return f"<Summary of {self.title}: {self.status}{reason}>"
+
+    def _repr_html_(self) -> str:
+        reason = [("why", self.reason)] if self.reason else []
+        return html_table(self.title, [*self.rows(), *reason])
+
 
 def failed_summary(values: Mapping[str, object], reason: str, exit_status: int) -> Summary:
     """The summary of a run that never began: what was asked for, as far as it is known."""
     asked = {name: values.get(name) for name in ("scene", "stepper", "ne", "np")}
     asked["stepper"] = asked["stepper"] or RunConfig.model_fields["stepper"].default
-    return Summary(asked, completed=False, reason=reason, exit_status=exit_status)
+    status = "refused" if exit_status == 2 else "failed"
+    return Summary(asked, Outcome(status, reason, exit_status))
+
+
+def html_table(title: str, rows: list[tuple[str, str]]) -> str:
+    """A table for notebooks."""
+    cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
+    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def _costs(n: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "right-hand sides", str(n["rhs_evaluations"])
+    if n["krylov_iterations"]:
+        yield "iterations", f"{n['newton_iterations']} Newton, {n['krylov_iterations']} Krylov"
+    if "accepted_steps" in n:
+        yield "steps in these", f"{n['accepted_steps']}, {n['rejected_steps']} taken back"
+    elif n["rejected_steps"]:
+        yield "rejected steps", str(n["rejected_steps"])
+    if n["setups"]:
+        times = "once" if n["setups"] == 1 else f"{n['setups']} times"
+        yield "preconditioner", (
+            f"{n.get('preconditioner', 'built in')}: {n['preconditioner_applications']}"
+            f" applications, set up {times} in {n['setup_seconds']:.3g} s"
+        )
+
+
+def _stretched(factor: float) -> str:
+    return "" if factor == 1.0 else f", refined {factor:g} times"
+
+
+def _step(n: dict[str, Any]) -> str:
+    text = f"{n['dt']:.6g} s ({n['dt_rule']})"
+    if abs(n["dt"] - n["dt_wanted"]) > 1e-9 * n["dt"]:
+        text += f", shortened from {n['dt_wanted']:.6g} s to fit the frames"
+    return text
 
 
 def _plain(value: object) -> object:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from swe_sphere.steppers.stepper import RECOMMENDED, STEPPERS, Stepper
 
-__all__ = ["RECOMMENDED", "STEPPERS", "Stepper", "get_stepper"]
+__all__ = ["RECOMMENDED", "STEPPERS", "Stepper", "get_stepper", "list_steppers"]
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     importlib.import_module(_module.name)
@@ -18,3 +18,16 @@ def get_stepper(which: str | Path | type[Stepper]) -> type[Stepper]:
     Raises ConfigError where there is none, or not one in the file; see `Registry.find`.
     """
     return STEPPERS.find(which)
+
+
+def list_steppers() -> dict[str, str]:
+    """What each stepper is, in a line, by name.
+
+    Examples:
+        >>> import swe_sphere
+        >>> swe_sphere.list_steppers()["rk4"]
+        'Classical Runge-Kutta: four stages, fourth order; stable to 2.83 times the leapfrog limit.'
+    """
+    named = {name: (cls.__doc__ or "").strip().splitlines()[0] for name, cls in STEPPERS.items()}
+    aliases = STEPPERS.aliases.items()
+    return named | {name: f"The recommended scheme: {scheme}." for name, scheme in aliases}

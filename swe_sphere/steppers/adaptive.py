@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.steppers.control import LEAST, PIController
 from swe_sphere.steppers.error_measures import make_measure
 from swe_sphere.steppers.stepper import Stepper
@@ -170,7 +170,7 @@ class AdaptiveStepper(Stepper):
         self.counters["rejected_steps"] += 1
         self._next = dt * ratio
         if self._next < SMALLEST_PART * self.dt:
-            raise RunFailed(
+            raise SolverFailed(
                 f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
                 f" {why}; choose a larger tolerance of adaptive"
             )

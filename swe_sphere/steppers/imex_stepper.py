@@ -8,7 +8,7 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import SolverFailed
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.steppers.solving import SolvingStepper
 from swe_sphere.steppers.stability import Complex, largest_step
@@ -53,13 +53,13 @@ class SplitStepper(SolvingStepper):
     def _solve(self, tau: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
         """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,).
 
-        Raises RunFailed where that does not converge.
+        Raises SolverFailed where that does not converge.
         """
         self.solver.setup(tau)
         result = self.solver.solve(r, guess, out, self._goal(self.dt))
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
-            raise RunFailed(
+            raise SolverFailed(
                 f"{self.name}: the gravity waves at {self.time:.0f} s cannot be solved for: "
                 f"{result.message}; choose a smaller --dt"
             )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import SolverFailed
 from swe_sphere.solvers.forcing_term import EisenstatWalker
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
@@ -191,7 +191,7 @@ class ImplicitStepper(SolvingStepper):
 
     def _give_up_below(self, parts: int, fault: str) -> None:
         if parts > SMALLEST_PART:
-            raise RunFailed(
+            raise SolverFailed(
                 f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
                 f"{parts // 2} parts: {fault}; choose a smaller --dt"
             )

@@ -31,7 +31,7 @@ def measure(trial: Trial, tick: Tick | None = None) -> Ended:
 def _with_file(trial: Trial, tick: Tick | None) -> Ended:
     """Run as the command does, with a file, and count what is no number in it: not_finite."""
     try:
-        dt = trial.part and trial.part * ready(trial).limit
+        dt = trial.part and trial.part * ready(trial).stable_dt
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "trial.nc"
             asked = {"out": path, **({"dt": dt} if dt else {})}
@@ -40,7 +40,7 @@ def _with_file(trial: Trial, tick: Tick | None) -> Ended:
             counted = _not_finite(path)
     except SweError as error:
         return Ended("refused", line(error))
-    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps", "days")}  # type: ignore[arg-type]
+    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps", "days")}
     numbers |= {"not_finite": counted, "last_day": numbers.pop("days")}
     if summary.exit_status == INTERRUPTED:
         raise Interrupted(summary.reason)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.io.norms import area_mean
-from swe_sphere.simulation.snapshot import Moment
+from swe_sphere.simulation.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["PROBES", "Probe"]
 
 Array = NDArray[np.float64]
-Probe = Callable[[Moment], dict[str, float]]
+Probe = Callable[[Snapshot], dict[str, float]]
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """A quarter turn about the axis of the planet."""
@@ -37,9 +37,9 @@ class Fourfold:
         self._area, once = mesh.area, _images(mesh, QUARTER)
         self._turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
 
-    def __call__(self, moment: Moment) -> dict[str, float]:
+    def __call__(self, snapshot: Snapshot) -> dict[str, float]:
         """off_wave at that moment."""
-        v = moment.fields["v"]
+        v = snapshot.fields["v"]
         rest = v - sum(v[turn] for turn in self._turns) / 4.0
         whole = area_mean(self._area, v**2) or 1.0
         return {"off_wave": area_mean(self._area, rest**2) / whole}
@@ -54,9 +54,9 @@ class Mirrored:
     def __init__(self, mesh: Mesh) -> None:
         self._area, self._other = mesh.area, _images(mesh, MIRROR)
 
-    def __call__(self, moment: Moment) -> dict[str, float]:
+    def __call__(self, snapshot: Snapshot) -> dict[str, float]:
         """off_mirror at that moment."""
-        h = moment.fields["h"]
+        h = snapshot.fields["h"]
         spread = area_mean(self._area, (h - area_mean(self._area, h)) ** 2) or 1.0
         return {"off_mirror": np.sqrt(area_mean(self._area, (h - h[self._other]) ** 2) / spread)}
 

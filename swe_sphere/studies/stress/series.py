@@ -9,8 +9,7 @@ import numpy as np
 
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.plan import TimePlan
-from swe_sphere.simulation.sampler import Sampler
-from swe_sphere.simulation.snapshot import Moment
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.stress.probes import Probe
 
 __all__ = ["Series"]
@@ -27,8 +26,8 @@ GROWING = ("l2_h", "l2_v")
 class Series:
     """An observer that samples integrals, errors and probes about `SAMPLES` times."""
 
-    def __init__(self, sampler: Sampler, plan: TimePlan, probes: Sequence[Probe]) -> None:
-        self._sampler, self._probes = sampler, probes
+    def __init__(self, plan: TimePlan, probes: Sequence[Probe]) -> None:
+        self._probes = probes
         self._every = max(1, plan.steps // SAMPLES)
         self._days: list[float] = []
         self._rows: list[dict[str, float]] = []
@@ -37,12 +36,12 @@ class Series:
         """Every so many steps."""
         return step % self._every == 0
 
-    def observe(self, moment: Moment) -> None:
+    def observe(self, sim: Simulation) -> None:
         """Take a sample."""
-        row = self._sampler(moment)
+        row = dict(sim.diagnostics)
         for probe in self._probes:
-            row |= probe(moment)
-        self._days.append(moment.time / DAY)
+            row |= probe(sim.snapshot)
+        self._days.append(sim.time / DAY)
         self._rows.append(row)
 
     def numbers(self) -> dict[str, float]:

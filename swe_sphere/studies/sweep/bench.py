@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.fingerprints import code_fingerprint
-from swe_sphere.io.diagnostics import integrals
+from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.setup import identity, make_mesh, make_model, make_scene

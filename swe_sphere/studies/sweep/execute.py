@@ -6,24 +6,19 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swe_sphere.errors import ConfigError, RunFailed, TimedOut, Unstable
-from swe_sphere.io.diagnostics import drifts
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.integrals import drifts
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.simulation.execution import BREAKDOWNS, step_through
 from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.simulation.loop import Loop
-from swe_sphere.simulation.snapshot import Moment
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.studies.sweep.bench import FIELDS, Fields
 from swe_sphere.studies.sweep.case import Case
 from swe_sphere.studies.sweep.memory import begin_peak, peak_memory
-
-if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
-    from swe_sphere.steppers import Stepper
 
 __all__ = ["COUNTS", "Outcome", "execute", "warm_up"]
 
@@ -31,9 +26,6 @@ COUNTS = (
     "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
     "newton_iterations", "krylov_iterations", "rejected_steps",
 )  # fmt: skip
-
-BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
-"""What libraries raise when they are given a state that makes no sense, or too large a problem."""
 
 WARM_STEPS = 2
 """Steps before the clock runs: the second of a two-step method is its first real one."""
@@ -63,11 +55,11 @@ class Snapshots:
         """At the report days."""
         return step in self._days
 
-    def observe(self, moment: Moment) -> None:
+    def observe(self, sim: Simulation) -> None:
         """Keep the fields."""
-        self.last = moment.all_fields
-        if moment.step in self._days:
-            self.kept[self._days[moment.step]] = {name: self.last[name] for name in FIELDS}
+        self.last = sim.snapshot.all_fields
+        if sim.steps in self._days:
+            self.kept[self._days[sim.steps]] = {name: self.last[name] for name in FIELDS}
 
 
 def execute(
@@ -81,24 +73,20 @@ def execute(
     Raises:
         Interrupted: the user asked to stop.
     """
-    outcome = Outcome()
     begin_peak()
     began = time.perf_counter()
     try:
-        model, stepper = _built(case)
+        sim = _built(case)
     except (ConfigError, RunFailed) as error:
         return Outcome("refused", _line(error))
     assert case.steps is not None
-    start = case.bench.start
-    health = HealthCheck(model, start, f"dt = {case.dt:.6g} s")
     days = case.schedule.report_steps(case.steps) if case.judged else {}
     snapshots = Snapshots(days)
-    loop = Loop(model, stepper, case.steps, health, [snapshots], tick, time_limit)
+    told = None if tick is None else (lambda sim: tick(sim.steps))
     with np.errstate(all="ignore"):
-        outcome.status, outcome.reason = _run(loop, interruption)
-    outcome.snapshots = snapshots.kept
-    outcome.numbers = _numbers(case, model, stepper, loop)
-    if outcome.status == "completed":
+        ended = step_through(sim, [snapshots], told, time_limit, interruption)
+    outcome = Outcome(ended.status, ended.reason or "", _numbers(sim), snapshots.kept)
+    if ended.completed:
         outcome.numbers |= drifts(case.bench.integrals, case.bench.integrals_of(snapshots.last))
     outcome.numbers |= {
         "peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began
@@ -112,53 +100,33 @@ def warm_up(case: Case) -> float:
     What fails here fails again in the run, where it is told.
     """
     try:
-        model, stepper = _built(case)
+        sim = _built(case)
         with np.errstate(all="ignore"):
             for _ in range(WARM_STEPS):
-                stepper.step()
+                sim.step()
     except (ConfigError, RunFailed, *BREAKDOWNS):
         return math.nan
-    return model.compile_seconds
+    return sim.model.compile_seconds
 
 
-def _built(case: Case) -> tuple[Model, Stepper]:
-    from swe_sphere.steppers import get_stepper
-
+def _built(case: Case) -> Simulation:
     if case.refusal is not None:
         raise ConfigError(case.refusal)
-    bench, kind = case.bench, get_stepper(case.config.stepper)
-    model = bench.model()
-    stepper = kind(model, case.dt, **bench.options(case.config))
-    stepper.start(model.initial_state())
-    return model, stepper
+    sim = Simulation.from_config(case.config, Supplied(mesh=case.bench.mesh))
+    sim.begin(case.steps)
+    return sim
 
 
-def _run(loop: Loop, interruption: Interruption) -> tuple[str, str]:
-    """How it ended, by name and in words."""
-    try:
-        loop.run(interruption)
-    except Unstable as error:
-        return "unstable", _line(error)
-    except TimedOut as error:
-        return "timed-out", _line(error)
-    except RunFailed as error:
-        return "solver-failed", _line(error)
-    except BREAKDOWNS as error:
-        return "solver-failed", f"{type(error).__name__}: {_line(error)}"
-    return "completed", ""
-
-
-def _numbers(case: Case, model: Model, stepper: Stepper, loop: Loop) -> dict[str, float]:
-    costs: dict[str, Any] = dict(model.counters) | stepper.costs()
-    done = stepper.steps
+def _numbers(sim: Simulation) -> dict[str, float]:
+    costs = sim.counts()
     return {
         **{name: costs.get(name, 0) for name in COUNTS},
         "setup_seconds": costs.get("setup_seconds", 0.0),
-        "steps": done,
-        "days": done * case.dt / DAY,
-        "wall_seconds": loop.wall_seconds,
-        "cpu_seconds": loop.cpu_seconds,
-        "compile_seconds": model.compile_seconds,
+        "steps": sim.steps,
+        "days": sim.steps * sim.plan.dt / DAY,
+        "wall_seconds": sim.wall_seconds,
+        "cpu_seconds": sim.cpu_seconds,
+        "compile_seconds": sim.model.compile_seconds,
     }
 
 

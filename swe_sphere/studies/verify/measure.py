@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.io.diagnostics import drifts, integrals
+from swe_sphere.io.integrals import drifts, integrals
 from swe_sphere.io.norms import area_mean, errors
 from swe_sphere.io.tracer_diagnostics import tracer_errors, tracer_masses, tracer_numbers
 from swe_sphere.mesh import Interpolator, Mesh, build_mesh

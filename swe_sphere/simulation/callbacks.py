@@ -1,0 +1,118 @@
+"""What is called during a run: functions of the user's own, at steps or at simulated times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Protocol
+
+from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.guarded import guarded
+from swe_sphere.planet import DAY, HOUR
+
+if TYPE_CHECKING:
+    from swe_sphere.simulation.simulation import Simulation
+
+__all__ = ["Callback", "Observer", "every", "scheduled"]
+
+Function = Callable[["Simulation"], Any]
+
+
+class Observer(Protocol):
+    """Something that looks at a run now and then; RunFailed from it ends the run."""
+
+    def due(self, step: int) -> bool:
+        """Whether it wants to see the state after that many steps."""
+
+    def observe(self, sim: Simulation) -> None:
+        """Look at the state."""
+
+
+@dataclass(frozen=True)
+class Callback:
+    """A function that is given the simulation, and when: after every so many steps or seconds."""
+
+    function: Function
+    steps: int | None = None
+    seconds: float | None = None
+    """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
+
+    @property
+    def name(self) -> str:
+        """What the function is called."""
+        return str(getattr(self.function, "__name__", type(self.function).__name__))
+
+
+def every(
+    steps: int | None = None, *, hours: float | None = None, days: float | None = None
+) -> Callable[[Function], Callback]:
+    """Say when a callback is due, by steps or by simulated time; as a decorator or a call.
+
+    Examples:
+        >>> from swe_sphere import Simulation
+        >>> from swe_sphere.simulation.callbacks import every
+        >>> sim = Simulation("williamson2", ne=2, np=4, dt=3600)
+        >>> depths = []
+        >>> @every(hours=6)
+        ... def look(sim):
+        ...     depths.append(float(sim.state.h.max()))
+        >>> sim.run(days=0.5, callbacks=[look]).status
+        'completed'
+        >>> len(depths)
+        2
+
+    Raises:
+        ConfigError: none or more than one of the three, or one that is not positive.
+    """
+    asked = [value for value in (steps, hours, days) if value is not None]
+    if len(asked) != 1 or not asked[0] > 0 or (steps is not None and steps != int(steps)):
+        raise ConfigError("every: give a positive whole number of steps, or of hours, or of days")
+    if steps is not None:
+        return lambda function: Callback(function, steps=steps)
+    seconds = (hours or 0.0) * HOUR + (days or 0.0) * DAY
+    return lambda function: Callback(function, seconds=seconds)
+
+
+def scheduled(callbacks: Sequence[Callback | Function]) -> list[Callback]:
+    """All of them as callbacks: a plain function is called after every step.
+
+    Raises:
+        ConfigError: one that cannot be called.
+    """
+    for found in callbacks:
+        if not (isinstance(found, Callback) or callable(found)):
+            raise ConfigError(f"a callback is a function of the simulation, not {found!r}")
+    return [c if isinstance(c, Callback) else Callback(c, steps=1) for c in callbacks]
+
+
+class Scheduled:
+    """A callback on the steps of a run, as an observer of it."""
+
+    def __init__(self, callback: Callback, dt: float) -> None:
+        self._callback = callback
+        self._every = callback.steps or round((callback.seconds or dt) / dt)
+
+    def due(self, step: int) -> bool:
+        """At the multiples."""
+        return step % self._every == 0
+
+    def observe(self, sim: Simulation) -> None:
+        """Call it, if it is due; RunFailed says which function failed, and where."""
+        if not self.due(sim.steps):
+            return
+        try:
+            guarded(f"the callback {self._callback.name}", self._callback.function, sim)
+        except (RunFailed, KeyboardInterrupt):
+            raise
+        except SweError as error:
+            raise RunFailed(str(error)) from error
+
+
+def intervals(callbacks: Sequence[Callback]) -> list[Fraction]:
+    """The times [s] between calls of those that go by time."""
+    return [
+        Fraction(callback.seconds).limit_denominator(1000)
+        for callback in callbacks
+        if callback.seconds is not None
+    ]

@@ -1,0 +1,152 @@
+"""Diagnostics of the user's own: a function of the simulation, named and registered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar, overload
+
+import numpy as np
+
+from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.guarded import guarded
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.snapshot import Array, Fields
+
+if TYPE_CHECKING:
+    from swe_sphere.simulation.simulation import Simulation
+
+__all__ = ["DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget"]
+
+Function = Callable[["Simulation"], Any]
+F = TypeVar("F", bound=Function)
+
+TAKEN = frozenset({
+    "scene", "title", "stepper", "scheme", "ne", "np", "dt", "steps", "days", "completed", "reason",
+    "status", "time", "node", "lat", "lon", "area", "mesh", "sphere", "face_nodes", "b", "h", "u",
+    "v", "vorticity", "divergence", "mass", "energy", "potential_enstrophy", "total_vorticity",
+    "total_divergence", "max_wind", "min_depth", "max_wave", "max_signal", "mass_drift",
+    "energy_drift", "enstrophy_drift", "courant_advective", "courant_gravity", "diagnostic_time",
+    *(f"{norm}_{name}" for norm in ("l1", "l2", "linf") for name in "hv"),
+})  # fmt: skip
+"""Names that the files and summaries of all runs have already."""
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """A number or a field that a function makes of a simulation."""
+
+    name: str
+    function: Function
+    units: str
+    long_name: str
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """Those of its variable in a file."""
+        return {"long_name": self.long_name, "units": self.units}
+
+
+DIAGNOSTICS: dict[str, Diagnostic] = {}
+"""All that are registered, by name."""
+
+
+@overload
+def diagnostic(function: F) -> F: ...
+@overload
+def diagnostic(
+    *, name: str | None = None, units: str = "1", long_name: str | None = None
+) -> Callable[[F], F]: ...
+def diagnostic(
+    function: Any = None,
+    *,
+    name: str | None = None,
+    units: str = "1",
+    long_name: str | None = None,
+) -> Any:
+    """Register a function `f(sim)` that returns a number, or a field (N,) on the nodes.
+
+    A number appears in the series of the runs' files, in their summaries and in sweeps; a field in
+    every frame.  name: that of the function; units: of CF; long_name: the first line of its text.
+    To register the function of a name again replaces it, as when a cell of a notebook runs again.
+
+    Examples:
+        >>> from swe_sphere import Simulation
+        >>> from swe_sphere.simulation.diagnostics import diagnostic, forget
+        >>> @diagnostic(units="m s-1")
+        ... def jet(sim):
+        ...     "largest eastward wind"
+        ...     return sim.state.u.max()
+        >>> sim = Simulation("williamson2", ne=2, np=4)
+        >>> round(sim.run(days=0.1)["jet"])
+        39
+        >>> forget("jet")
+
+    Raises:
+        ConfigError: a name that files have already, or that is none; what cannot be called.
+    """
+    if function is None:
+        return lambda f: diagnostic_of(f, name, units, long_name).function
+    return diagnostic_of(function, name, units, long_name).function
+
+
+def diagnostic_of(
+    function: Function, name: str | None, units: str, long_name: str | None
+) -> Diagnostic:
+    """The function, registered."""
+    if not callable(function):
+        raise ConfigError(f"a diagnostic is a function of the simulation, not {function!r}")
+    called = name or function.__name__
+    if not called.isidentifier():
+        raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
+    if called in TAKEN or called.startswith(("q_", "hq_", "counter_")):
+        raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
+    words = (function.__doc__ or called).strip().splitlines()[0]
+    DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)
+    return DIAGNOSTICS[called]
+
+
+def forget(name: str) -> None:
+    """Take a diagnostic off the register; nothing happens where there is none of that name."""
+    DIAGNOSTICS.pop(name, None)
+
+
+@dataclass
+class OwnDiagnostics:
+    """The registered diagnostics in one run: which are numbers, which are fields."""
+
+    warn: Callable[[str], None]
+    _told: set[str] = field(default_factory=set)
+
+    def __call__(self, sim: Simulation) -> tuple[dict[str, float], Fields]:
+        """Numbers and fields (N,) of the state.
+
+        Raises:
+            RunFailed: a function fails, or returns what is neither.
+        """
+        numbers: dict[str, float] = {}
+        fields: Fields = {}
+        for name, own in DIAGNOSTICS.items():
+            value = self._value(own, sim)
+            if value.ndim == 0:
+                numbers[name] = float(value)
+            else:
+                fields[name] = value
+        return numbers, fields
+
+    def _value(self, own: Diagnostic, sim: Simulation) -> Array:
+        what = f"the diagnostic {own.name}"
+        try:
+            value = guarded(what, lambda: np.asarray(own.function(sim), dtype=np.float64))
+        except SweError as error:
+            raise RunFailed(str(error)) from error
+        size = sim.mesh.size
+        if value.shape not in ((), (size,)):
+            raise RunFailed(
+                f"{what} returned an array of shape {value.shape}: return one number, or a field of"
+                f" {size} values, one a node"
+            )
+        if own.name not in self._told and not np.isfinite(value).all():
+            self._told.add(own.name)
+            self.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
+        return value

@@ -1,0 +1,85 @@
+"""How a run tells what it is doing: nothing, warnings, or a progress bar."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    from swe_sphere.simulation.simulation import Simulation
+
+__all__ = ["Notebook", "ProgressBar", "Watcher"]
+
+
+class Watcher:
+    """Told how a run is going; this one does not care."""
+
+    def warn(self, text: str) -> None:
+        """Something the user should know, in one line."""
+
+    def begin(self, sim: Simulation) -> None:
+        """The first step is about to be taken."""
+
+    def tick(self, sim: Simulation) -> None:
+        """Steps have been taken; told about ten times a second."""
+
+    def end(self) -> None:
+        """The last step has been taken."""
+
+
+class ProgressBar(Watcher):
+    """A bar on stderr, or in a notebook; one that has lost its terminal is no reason to stop."""
+
+    def __init__(self, wanted: bool = True) -> None:
+        self._wanted = wanted
+        self._bar: Any = None
+
+    def begin(self, sim: Simulation) -> None:
+        """Show the bar."""
+        if not self._wanted:
+            return
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of tqdm, in notebooks without widgets: text will do
+            from tqdm.auto import tqdm
+        plan = sim.plan
+        self._days = plan.time(plan.steps) / DAY
+        label = f"{sim.scene.name}  dt {plan.dt:.4g} s"
+        self._bar = tqdm(
+            total=plan.steps, initial=sim.steps, desc=label, unit="step", leave=False,
+            file=sys.stderr,
+        )  # fmt: skip
+
+    def tick(self, sim: Simulation) -> None:
+        """Move the bar."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.set_postfix_str(f"day {sim.time / DAY:.2f} of {self._days:g}", False)
+                self._bar.update(sim.steps - self._bar.n)
+
+    def end(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.close()
+
+
+class Notebook(ProgressBar):
+    """What is shown where Python is used by hand: warnings of its own kind, and a bar."""
+
+    def __init__(self, progress: bool | None) -> None:
+        """progress: whether to show a bar; None: where somebody is looking."""
+        super().__init__(_watched() if progress is None else progress)
+
+    def warn(self, text: str) -> None:
+        """A warning of Python."""
+        warnings.warn(text, stacklevel=4)
+
+
+def _watched() -> bool:
+    """Whether there is a terminal, or a notebook."""
+    kernel = "ipykernel" in sys.modules
+    return kernel or (sys.stderr is not None and sys.stderr.isatty())

@@ -1,0 +1,46 @@
+"""What `import swe_sphere` offers: everything a notebook needs, found lazily, with examples."""
+
+import doctest
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import swe_sphere
+
+NAMES = {
+    "Mesh", "Scene", "Simulation", "list_scenes", "list_steppers", "open_run", "sweep", "verify",
+}  # fmt: skip
+EXAMPLES = (
+    *(f"swe_sphere:{name}" for name in sorted(NAMES)),
+    "swe_sphere.simulation.callbacks:every",
+    "swe_sphere.simulation.diagnostics:diagnostic",
+)
+
+
+def test_the_names_are_those_and_no_others():
+    assert set(dir(swe_sphere)) == NAMES | {"__version__"}
+    assert all(getattr(swe_sphere, name).__doc__ for name in NAMES)
+    with pytest.raises(AttributeError, match="no attribute 'Simulacrum'"):
+        _ = swe_sphere.Simulacrum
+
+
+def test_import_loads_nothing_heavy():
+    code = (
+        "import sys, swe_sphere; dir(swe_sphere);"
+        "print(*{'warp', 'numpy', 'xarray', 'matplotlib', 'scipy', 'netCDF4'} & set(sys.modules))"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).split() == []
+
+
+@pytest.mark.parametrize("place", EXAMPLES)
+def test_every_docstring_has_an_example_that_holds(place, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    module, _, name = place.partition(":")
+    thing = getattr(import_module(module), name)
+    parser = doctest.DocTestParser()
+    examples = parser.get_doctest(thing.__doc__ or "", {}, place, None, None)
+    assert examples.examples, f"{place} has no example"
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert runner.run(examples).failed == 0

@@ -1,0 +1,298 @@
+"""`Simulation` in Python: objects for names, callbacks, diagnostics, state, checkpoints."""
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from swe_sphere.equations.effects import Drag
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.runfile import RunFile, open_run
+from swe_sphere.mesh import build_mesh
+from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation.callbacks import every
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+
+mpl.use("Agg")
+
+SMALL = {"ne": 2, "np": 4, "dt": 1800.0}
+
+
+@pytest.fixture(autouse=True)
+def no_diagnostics_are_left():
+    DIAGNOSTICS.clear()
+    yield
+    DIAGNOSTICS.clear()
+
+
+def small(scene="williamson6", **values):
+    return Simulation(scene, **{**SMALL, **values})
+
+
+# --- the same run, however it is asked for
+
+
+def test_it_is_the_run_of_the_command_line():
+    summary = small().run(days=0.5)
+    plain = run(make_config({"scene": "williamson6", **SMALL, "days": 0.5}))
+    same = ("steps", "dt", "rhs_evaluations", "energy", "energy_drift", "mass_drift", "stable_dt")
+    assert [summary[name] for name in same] == [plain[name] for name in same]
+    assert summary.completed and summary.status == "completed"
+
+
+def test_objects_are_as_good_as_their_names():
+    named = small(parameters={"alpha": 0.5}, scene="williamson2").run(days=0.25)
+    mesh = build_mesh(2, 4)
+    scene = get_scene("williamson2", alpha=0.5)
+    made = Simulation(scene, mesh=mesh, stepper=STEPPERS["rk4"], dt=1800.0)
+    assert made.run(days=0.25)["l2_h"] == named["l2_h"]
+    assert made.config.ne == 2 and made.mesh is mesh
+    stepper = STEPPERS["rk4"](made.model, 1800.0)
+    again = Simulation(scene, stepper=stepper)
+    assert again.run(days=0.25)["l2_h"] == named["l2_h"]
+    assert again.stepper is stepper
+
+
+def test_effects_by_name_and_as_objects():
+    by_name = small("williamson2", effects={"drag.linear": 1e-5}).run(days=0.25)
+    added = small("williamson2", effects=[Drag(linear=1e-5)]).run(days=0.25)
+    assert by_name["energy_drift"] == added["energy_drift"] < -0.01
+    assert small("williamson2").run(days=0.25)["energy_drift"] > -1e-3
+
+
+def test_options_reach_the_stepper():
+    asked = {"stepper": "tr-bdf2", "dt": 7200.0}
+    strict = small(**asked, options={"tolerance": 1e-8}).run(days=0.5)
+    assert strict["tolerance"] == 1e-8
+    assert strict["krylov_iterations"] > small(**asked).run(days=0.5)["krylov_iterations"]
+    bare = small(**asked, preconditioner="none").run(days=0.5)
+    assert bare["preconditioner"] == "none" and bare["setups"] == 0
+
+
+def test_it_goes_on_where_it_stands():
+    whole = small().run(days=1.0)
+    sim = small()
+    sim.run(days=0.25)
+    for _ in range(12):
+        sim.step()
+    assert sim.time == 0.5 * DAY
+    rest = sim.run(days=1.0)
+    assert (rest["energy_drift"], rest["steps"]) == (whole["energy_drift"], 48)
+    with pytest.raises(ConfigError, match="stands at day 1 already"):
+        sim.run(days=0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"stepper": dict}, "dict is no Stepper"),
+        ({"mesh": 3}, "give a Mesh, not 3"),
+        ({"effects": ["drag"]}, "not 'drag'"),
+        ({"out": "a.nc"}, "out is no setting of a simulation"),
+        ({"nee": 3}, "there is no option 'nee'"),
+        ({"effects": {"drag.linearr": 1}}, "no effect 'drag'|no parameter"),
+        ({"parameters": {"beta": 1}}, "beta"),
+        ({"options": {"beta": 1}}, "has no option 'beta'"),
+    ],
+)
+def test_what_cannot_be_is_one_line(values, word):
+    with pytest.raises(ConfigError, match=word) as error:
+        small(**values)
+    assert "\n" not in str(error.value)
+
+
+def test_parameters_are_for_scenes_by_name():
+    with pytest.raises(ConfigError, match="this one is made already"):
+        small(get_scene("williamson2"), parameters={"alpha": 1.0})
+
+
+# --- looking at it
+
+
+def test_state_has_names_units_and_values():
+    sim = small("williamson5")
+    sim.step()
+    state = sim.state
+    assert {"h", "u", "v", "vorticity", "divergence", "b", "area"} <= set(state.data_vars)
+    assert state.u.attrs["units"] == "m s-1" and state.h.dims == ("node",)
+    assert np.array_equal(state.h.values, sim.model.fields(sim.stepper.state)["h"])
+    assert float(state.area.sum()) == pytest.approx(4 * np.pi * sim.mesh.radius**2, rel=1e-3)
+    whole = sim.to_xarray()
+    assert whole.sizes["time"] == 1 and float(whole.time[0]) == 1800.0
+    assert whole.attrs["scene"] == "williamson5"
+
+
+def test_a_picture_of_the_state():
+    from matplotlib import pyplot
+
+    sim = small("williamson5")
+    figure, axes = pyplot.subplots()
+    assert sim.plot("vorticity", ax=axes) is axes
+    assert "day 0" in " ".join(text.get_text() for text in axes.texts)
+    with pytest.raises(ConfigError, match="there is no field 'vorticty': did you mean"):
+        sim.plot("vorticty")
+    pyplot.close(figure)
+
+
+def test_it_shows_itself():
+    sim = small()
+    assert repr(sim) == (
+        "Simulation('williamson6', ne=2, np=4, stepper='rk4': not begun of 14 days)"
+    )
+    sim.run(days=0.125)
+    html = sim._repr_html_()
+    assert html.startswith("<table>") and "completed at day 0.125 after 6 steps" in html
+    assert "right-hand sides" in sim.summary._repr_html_()
+
+
+# --- callbacks
+
+
+def test_callbacks_come_at_steps_and_at_simulated_times():
+    steps, hours, ends = [], [], []
+    calls = [
+        lambda sim: steps.append(sim.steps),
+        every(hours=1.5)(lambda sim: hours.append(sim.time / HOUR)),
+        every(steps=7)(lambda sim: ends.append(sim.steps)),
+    ]
+    small().run(days=0.25, callbacks=calls)
+    assert steps == [*range(1, 13)]
+    assert hours == [1.5, 3.0, 4.5, 6.0]
+    assert ends == [7]
+
+
+def test_steps_are_shortened_so_that_calls_fall_on_them():
+    sim, times = small(dt=1700.0), []
+    sim.run(days=0.25, callbacks=[every(hours=2.0)(lambda sim: times.append(sim.time))])
+    assert times == [2 * HOUR, 4 * HOUR, 6 * HOUR]
+    assert sim.plan.dt == 1440.0
+    with pytest.raises(ConfigError, match="no whole number of the steps"):
+        sim.run(days=0.5, callbacks=[every(hours=1.0001)(print)])
+
+
+def test_a_callback_that_raises_ends_the_run_in_one_line(tmp_path):
+    def breaks(sim):
+        if sim.steps == 5:
+            raise ZeroDivisionError("oh")
+
+    summary = small().run(days=1.0, callbacks=[breaks], out=tmp_path / "a.nc", every=1.0)
+    assert (summary.status, summary.exit_status, summary["steps"]) == ("failed", 1, 5)
+    assert summary.reason.startswith("the callback breaks fails: ZeroDivisionError: oh")
+    assert "test_simulation_api.py, line" in summary.reason
+    assert RunFile(tmp_path / "a.nc").times.tolist() == [0.0, HOUR, 2 * HOUR]
+
+
+@pytest.mark.parametrize("call", [lambda: every(), lambda: every(0), lambda: every(3, days=1)])
+def test_schedules_that_cannot_be(call):
+    with pytest.raises(ConfigError, match="every: give a positive"):
+        call()
+
+
+def test_a_callback_must_be_callable():
+    with pytest.raises(ConfigError, match="a callback is a function of the simulation, not 3"):
+        small().run(days=0.1, callbacks=[3])
+
+
+# --- diagnostics of the user's own
+
+
+def test_diagnostics_appear_in_file_and_summary(tmp_path):
+    @diagnostic(units="m s-1")
+    def jet(sim):
+        "largest eastward wind"
+        return sim.snapshot.fields["u"].max()
+
+    @diagnostic(name="kinetic", units="m2 s-2", long_name="kinetic energy")
+    def energy_of_motion(sim):
+        return 0.5 * (sim.snapshot.fields["u"] ** 2 + sim.snapshot.fields["v"] ** 2)
+
+    sim = small()
+    summary = sim.run(days=0.25, every=3.0, out=tmp_path / "a.nc")
+    assert summary["jet"] == sim.state.u.values.max() == sim.diagnostics["jet"]
+    data = open_run(tmp_path / "a.nc")
+    assert data.jet.attrs == {"long_name": "largest eastward wind", "units": "m s-1"}
+    assert data.kinetic.dims == ("time", "node") and data.kinetic.attrs["units"] == "m2 s-2"
+    assert np.allclose(data.kinetic, 0.5 * (data.u**2 + data.v**2), rtol=1e-15)
+    assert data.jet.values[-1] == summary["jet"] and data.attrs["jet"] == summary["jet"]
+    assert "kinetic" in sim.state
+    assert small().plot("kinetic") is not None
+
+
+def test_a_diagnostic_that_is_nan_is_told_and_written(tmp_path):
+    @diagnostic
+    def lost(sim):
+        return np.nan
+
+    with pytest.warns(UserWarning, match="the diagnostic lost is NaN or infinite at day 0"):
+        summary = small().run(days=0.125, out=tmp_path / "a.nc")
+    assert summary.completed and summary["lost"] is None
+    assert np.isnan(open_run(tmp_path / "a.nc").lost).all()
+
+
+@pytest.mark.parametrize(
+    ("value", "word"),
+    [(np.zeros(3), "array of shape .3,.: return one number"), ("h", "fails: ValueError"),
+     (None, "fails: TypeError|NaN")],
+)  # fmt: skip
+def test_a_diagnostic_of_a_wrong_shape_ends_the_run(value, word, tmp_path):
+    @diagnostic
+    def odd(sim):
+        return value
+
+    if value is None:
+        with pytest.warns(UserWarning, match="NaN"):
+            assert small().run(days=0.125).completed
+        return
+    summary = small().run(days=0.125)
+    assert summary.status == "failed" and "the diagnostic odd" in summary.reason
+
+
+@pytest.mark.parametrize("name", ["mass", "h", "q_x", "not a name"])
+def test_a_diagnostic_needs_a_name_of_its_own(name):
+    with pytest.raises(ConfigError, match=r"needs (another|a) name"):
+        diagnostic(name=name)(lambda sim: 0.0)
+
+
+def test_a_diagnostic_registered_again_is_replaced():
+    for value in (1.0, 2.0):
+        diagnostic(name="which")(lambda sim, value=value: value)
+    assert small().run(days=0.125)["which"] == 2.0
+
+
+# --- checkpoints
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "bdf2"])
+def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, stepper):
+    whole = small(stepper=stepper).run(days=0.5)
+    sim = small(stepper=stepper)
+    sim.run(days=0.25)
+    again = Simulation.from_checkpoint(sim.checkpoint(tmp_path / "half.npz"))
+    assert (again.steps, again.time) == (12, 6 * HOUR)
+    rest = again.run(days=0.5)
+    for name in ("energy", "energy_drift", "rhs_evaluations", "krylov_iterations", "steps"):
+        assert rest[name] == whole[name], name
+
+
+def test_a_scene_given_as_an_object_is_given_again(tmp_path):
+    scene = replace(get_scene("williamson6"), name="mine")
+    sim = small(scene)
+    sim.run(days=0.125)
+    path = sim.checkpoint(tmp_path / "mine.npz")
+    with pytest.raises(ConfigError, match="mine"):
+        Simulation.from_checkpoint(path)
+    rest = Simulation.from_checkpoint(path, scene=scene).run(days=0.25)
+    assert rest["energy"] == small(scene).run(days=0.25)["energy"]
+
+
+def test_a_damaged_checkpoint_is_one_line(tmp_path):
+    path = small().checkpoint(tmp_path / "a.npz")
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ConfigError, match="damaged"):
+        Simulation.from_checkpoint(path)
