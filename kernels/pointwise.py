@@ -1,13 +1,15 @@
 """DSS together with the terms that act at a point and need an array or coefficient of their own.
 
-A scene with forcing, drag or relaxation gets these kernels in the place of the plain ones of
-`assembly.py`, with a structure that holds what its own terms read and nothing else.
+A scene with forcing or effects without derivatives gets these kernels in the place of the plain
+ones of `assembly.py`, with a structure that holds what its own terms read and nothing else.
 """
 
 import functools
+import types
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
@@ -15,19 +17,32 @@ from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 
 
 @dataclass(frozen=True)
+class PointTerm:
+    """Formulas of one effect at a node: rates of change of the wind (two) and of the depth (one).
+
+    They are functions of (c, i, u, v, h), or of (c, i, u, v, h, du, dv, dh) for derivatives, with i
+    the number of the node and c the coefficients: c.name of `numbers`, c.name[i] of `fields`.
+    """
+
+    name: str
+    wind: Callable[..., Any] | None = None
+    depth: Callable[..., Any] | None = None
+    numbers: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Pointwise:
     """The terms of one node's state alone, compiled into one assembly kernel.
 
-    `rotation`: -f k x V.  `forcing`: a given tendency of every unknown, independent of the state.
-    `linear_drag`: -r V.  `quadratic_drag`: -c |V| V.  `relaxation`: (h_eq - h) rate.
-    `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
+    `rotation`: -f k x V.  `forcing`: a prescribed tendency of every unknown, independent of the
+    state.  `terms`: formulas of effects.  `tangent`: the derivative of all but forcing at the state
+    `base`, applied to a direction; the terms are derivatives then.
     """
 
     rotation: bool = False
     forcing: bool = False
-    linear_drag: bool = False
-    quadratic_drag: bool = False
-    relaxation: bool = False
+    terms: tuple[PointTerm, ...] = ()
     tangent: bool = False
 
     @property
@@ -36,30 +51,26 @@ class Pointwise:
         return replace(self, rotation=False, tangent=False) == Pointwise()
 
     @property
-    def drag(self) -> bool:
-        """Whether the wind is slowed down."""
-        return self.linear_drag or self.quadratic_drag
-
-    @property
-    def speed(self) -> bool:
-        """Whether a tangent has to know the wind it is taken at."""
-        return self.quadratic_drag and self.tangent
+    def needs_base(self) -> bool:
+        """Whether there are derivatives that have to know the state they are taken at."""
+        return self.tangent and bool(self.terms)
 
 
-def pointwise_struct(point: Pointwise, real: type) -> type:
-    """Warp structure with just what the terms read, arrays over nodes (N,) or unknowns*N."""
+def pointwise_struct(unknowns: int, point: Pointwise, real: type, terms: type | None) -> type:
+    """Warp structure with just what is read, arrays over nodes (N,), (2N,) or unknowns*N."""
     vector = wp.array(dtype=real)
     optional = {
         "coriolis": (point.rotation, vector),
         "forcing": (point.forcing, vector),
-        "linear_drag": (point.linear_drag, real),
-        "quadratic_drag": (point.quadratic_drag, real),
-        "base": (point.speed, vector),
-        "relaxation_rate": (point.relaxation, real),
-        "equilibrium": (point.relaxation and not point.tangent, vector),
+        "base": (point.needs_base, vector),
+        "wind": (unknowns == 1 and terms is not None, vector),
+        "terms": (terms is not None, terms),
     }
-    members = {name: kind for name, (wanted, kind) in optional.items() if wanted}
-    structure: type = wp.struct(type("Pointwise", (), {"__annotations__": members}))
+    return _struct("Pointwise", {name: kind for name, (wanted, kind) in optional.items() if wanted})
+
+
+def _struct(name: str, members: dict[str, Any]) -> type:
+    structure: type = wp.struct(type(name, (), {"__annotations__": members}))
     return structure
 
 
@@ -71,9 +82,11 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     state before the result, whatever the terms.  `alone` (N, structure, state, result): where there
     are no terms with derivatives and so nothing to assemble.
     """
-    last, vector = unknowns - 1, wp.array(dtype=real)
-    structure, gather = pointwise_struct(point, real), gather_sum(real)
-    of_wind, of_depth = _wind_terms(structure, real, point), _depth_terms(structure, real, point)
+    last, vector, gather = unknowns - 1, wp.array(dtype=real), gather_sum(real)
+    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
+    structure = pointwise_struct(unknowns, point, real, terms.structure if terms else None)
+    of_wind = _wind_rates(structure, real, point, terms)
+    of_depth = _depth_rates(structure, real, point, terms, unknowns)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -91,10 +104,10 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         at = places[i]
         scale = inverse_area[i]
         k = last * size + i
-        out[k] = scale * gather(local, at, last * stride) + of_depth(c, i, k, x)
+        out[k] = scale * gather(local, at, last * stride) + of_depth(c, i, size + i, k, x)
         if wp.static(unknowns == 3):
             j = size + i
-            wind = of_wind(c, i, j, x)
+            wind = of_wind(c, i, j, k, x)
             out[i] = scale * gather(local, at, 0) + wind[0]
             out[j] = scale * gather(local, at, stride) + wind[1]
 
@@ -103,59 +116,132 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     def pointwise_alone(size: int, c: structure, x: vector, out: vector):
         i = wp.tid()
         k = last * size + i
-        out[k] = of_depth(c, i, k, x)
+        out[k] = of_depth(c, i, size + i, k, x)
         if wp.static(unknowns == 3):
             j = size + i
-            wind = of_wind(c, i, j, x)
+            wind = of_wind(c, i, j, k, x)
             out[i] = wind[0]
             out[j] = wind[1]
 
     return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
 
 
-def _depth_terms(structure: type, real: type, point: Pointwise) -> wp.Function:
-    """Rate of change of the depth x[k] at node i."""
+def _wind_rates(
+    structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None
+) -> wp.Function:
+    """Rate of change of the wind (x[i], x[j]) at node i, whose depth is x[k]."""
+    pair, triple = wp.types.vector(2, real), wp.types.vector(3, real)
+    of_terms = terms and terms.wind
 
     @no_type_check
     @wp.func
-    def of_depth(c: structure, i: int, k: int, x: wp.array(dtype=real)):
+    def of_wind(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
+        r = pair()
+        if wp.static(point.forcing):
+            r += pair(c.forcing[i], c.forcing[j])
+        if wp.static(point.rotation):
+            f = c.coriolis[i]
+            r += pair(f * x[j], -f * x[i])
+        if wp.static(terms is not None):
+            d = triple(x[i], x[j], x[k])
+            if wp.static(point.tangent):
+                r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
+            else:
+                r += of_terms(c.terms, i, d, d)
+        return r
+
+    return of_wind
+
+
+def _depth_rates(
+    structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None, unknowns: int
+) -> wp.Function:
+    """Rate of change of the depth x[k] at node i, the wind (x[i], x[j]) or prescribed."""
+    triple, of_terms = wp.types.vector(3, real), terms and terms.depth
+
+    @no_type_check
+    @wp.func
+    def state(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
+        if wp.static(unknowns == 1):
+            return triple(c.wind[i], c.wind[j], x[k])
+        else:
+            return triple(x[i], x[j], x[k])
+
+    @no_type_check
+    @wp.func
+    def of_depth(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
         r = real(0.0)
         if wp.static(point.forcing):
             r += c.forcing[k]
-        if wp.static(point.relaxation and point.tangent):
-            r -= c.relaxation_rate * x[k]
-        elif wp.static(point.relaxation):
-            r += c.relaxation_rate * (c.equilibrium[i] - x[k])
+        if wp.static(terms is not None):
+            if wp.static(not point.tangent):
+                d = state(c, i, j, k, x)
+                r += of_terms(c.terms, i, d, d)
+            elif wp.static(unknowns == 1):  # a prescribed wind does not change
+                d = triple(real(0.0), real(0.0), x[k])
+                r += of_terms(c.terms, i, state(c, i, j, k, c.base), d)
+            else:
+                d = triple(x[i], x[j], x[k])
+                r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
         return r
 
     return of_depth
 
 
-def _wind_terms(structure: type, real: type, point: Pointwise) -> wp.Function:
-    """Rate of change of the wind (x[i], x[j]) at node i."""
-    pair = wp.types.vector(2, real)
+def _sum_of_terms(terms: tuple[PointTerm, ...], real: type, tangent: bool) -> SimpleNamespace:
+    """Warp functions `wind` and `depth` (c, i, state, direction): all of the terms.
+
+    The `structure` of c has the coefficients of the first term as `mine`, those of the others as
+    `others`.
+    """
+    vector, pair, triple = wp.array(dtype=real), wp.types.vector(2, real), wp.types.vector(3, real)
+    members = {name: real for name in terms[0].numbers} | {name: vector for name in terms[0].fields}
+    mine = _struct("Coefficients", members)
+    others = _sum_of_terms(terms[1:], real, tangent) if terms[1:] else None
+    members = {"mine": mine} | ({"others": others.structure} if others else {})
+    structure, more_wind = _struct("Terms", members), others and others.wind
+    more_depth = others and others.depth
+    wind, depth = (
+        formula and _typed(formula, mine, real) for formula in (terms[0].wind, terms[0].depth)
+    )
 
     @no_type_check
     @wp.func
-    def of_wind(c: structure, i: int, j: int, x: wp.array(dtype=real)):
+    def of_wind(c: structure, i: int, x: triple, d: triple):
         r = pair()
-        if wp.static(point.forcing):
-            r += pair(c.forcing[i], c.forcing[j])
-        if wp.static(point.rotation or point.drag):
-            wind = pair(x[i], x[j])
-        if wp.static(point.rotation):
-            f = c.coriolis[i]
-            r += pair(f * wind[1], -f * wind[0])
-        if wp.static(point.linear_drag):
-            r -= c.linear_drag * wind
-        if wp.static(point.speed):
-            base = pair(c.base[i], c.base[j])
-            speed = wp.length(base)
-            # still air has no direction, and no tangent either
-            along = wp.dot(base, wind) / wp.max(speed, real(1.0e-30))
-            r -= c.quadratic_drag * (speed * wind + along * base)
-        elif wp.static(point.quadratic_drag):
-            r -= c.quadratic_drag * wp.length(wind) * wind
+        if wp.static(wind is not None and tangent):
+            u, v = wind(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
+            r += pair(u, v)
+        elif wp.static(wind is not None):
+            u, v = wind(c.mine, i, x[0], x[1], x[2])
+            r += pair(u, v)
+        if wp.static(others is not None):
+            r += more_wind(c.others, i, x, d)
         return r
 
-    return of_wind
+    @no_type_check
+    @wp.func
+    def of_depth(c: structure, i: int, x: triple, d: triple):
+        r = real(0.0)
+        if wp.static(depth is not None and tangent):
+            r += depth(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
+        elif wp.static(depth is not None):
+            r += depth(c.mine, i, x[0], x[1], x[2])
+        if wp.static(others is not None):
+            r += more_depth(c.others, i, x, d)
+        return r
+
+    return SimpleNamespace(structure=structure, wind=of_wind, depth=of_depth)
+
+
+def _typed(formula: Callable[..., Any], coefficients: type, real: type) -> wp.Function:
+    """The formula as a Warp function of numbers of the type `real`."""
+    code = formula.__code__
+    typed = types.FunctionType(
+        code, formula.__globals__, formula.__name__, None, formula.__closure__
+    )
+    names = code.co_varnames[: code.co_argcount]
+    kinds = (coefficients, int, *(real for _ in names[2:]))
+    typed.__annotations__ = dict(zip(names, kinds, strict=True))
+    typed.__qualname__, typed.__module__ = formula.__qualname__, formula.__module__
+    return wp.func(typed)

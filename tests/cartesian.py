@@ -169,7 +169,7 @@ class Cartesian:
         total = [nu * (0.0 if part is None else part) for part in once]
         if strong:
             twice = self.laplacian(*once)
-            nu4 = strong.coefficient(self.mesh)
+            nu4 = strong.coefficients(self.mesh)["nu4"]
             total = [a - nu4 * (0.0 if b is None else b) for a, b in zip(total, twice, strict=True)]
         return total
 

@@ -30,9 +30,9 @@ OPTIONAL = {
     "fluxes": ("viscosity", "hyperviscosity"),
     "coriolis": ("rotation",),
     "forcing": ("forcing",),
-    "linear_drag": ("drag", "quadratic-drag"),
-    "quadratic_drag": ("quadratic-drag",),
-    "relaxation_rate": ("relaxation",),
+    "linear": ("drag", "quadratic-drag"),
+    "quadratic": ("quadratic-drag",),
+    "rate": ("relaxation",),
     "equilibrium": ("relaxation",),
     "base": ("linearised",),
 }

@@ -136,8 +136,8 @@ def test_hyperviscosity_default_scaling() -> None:
     assert hyperviscosity_default(15, 7) == pytest.approx(1e15)
     assert hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
     mesh = build_mesh(15, 4)
-    assert Hyperviscosity().coefficient(mesh) == hyperviscosity_default(15, 4)
-    assert Hyperviscosity(2.0).coefficient(mesh) == 2.0
+    assert Hyperviscosity().coefficients(mesh)["nu4"] == hyperviscosity_default(15, 4)
+    assert Hyperviscosity(2.0).coefficients(mesh)["nu4"] == 2.0
 
 
 def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() -> None:
@@ -146,8 +146,8 @@ def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() ->
     times_finer = plain.spacing()[0] / fine.spacing()[0]
     assert 3.0 < times_finer <= 4.0
     expected = hyperviscosity_default(8, 4) / times_finer ** (1.0 / math.log10(2.0))
-    assert Hyperviscosity().coefficient(fine) == pytest.approx(expected, rel=1e-12)
-    assert Hyperviscosity(2.0).coefficient(fine) == 2.0
+    assert Hyperviscosity().coefficients(fine)["nu4"] == pytest.approx(expected, rel=1e-12)
+    assert Hyperviscosity(2.0).coefficients(fine)["nu4"] == 2.0
 
 
 def test_effects_are_a_closed_set_of_names() -> None:

@@ -9,8 +9,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.effects import Drag, Effect, Hyperviscosity, Relaxation, Viscosity
+from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene_functions import fitted
+from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 
@@ -76,13 +78,24 @@ class Discretisation:
             parameters["wind"] = upload(np.zeros(2 * mesh.size))
         if scene.forcing:
             parameters["forcing"] = upload(np.zeros(self.fluid_size))
-        if scene.equilibrium:
-            parameters["equilibrium"] = upload(scene.equilibrium(mesh.lon, mesh.lat))
         if scene.base:
             parameters["base"] = upload(np.concatenate(scene.base(mesh.lon, mesh.lat)))
         for effect in scene.effects:
-            parameters |= _coefficients(effect, mesh)
+            mine = self._coefficients(effect)
+            parameters |= {effect.name: mine} if isinstance(effect, PointwiseEffect) else mine
         return parameters
+
+    def _coefficients(self, effect: Effect) -> dict[str, Any]:
+        """What the terms of an effect read, fields on the device."""
+        mesh, label = self.mesh, f"{self.scene.name}: coefficients of {effect.name}"
+        found = dict(guarded(label, effect.coefficients, mesh))
+        if isinstance(effect, PointwiseEffect) and effect.needs is not None:
+            found[effect.needs] = getattr(self.scene, effect.needs)(mesh.lon, mesh.lat)
+        for name, value in found.items():
+            if np.ndim(value):
+                field = fitted(f"{label}: {name}", value, mesh.lon, mesh.lat)
+                found[name] = self.device_mesh.upload(field)
+        return found
 
     def _on_nodes(self, formula: Callable[[Array, Array], Array] | None) -> Array:
         """The field on the nodes, zeros where the scene has none."""
@@ -98,15 +111,3 @@ class Discretisation:
         _, _, depth = self.scene.initial(self.mesh.lon, self.mesh.lat)
         return float(np.float32(np.average(depth + self.bottom, weights=self.mesh.area)))
 
-
-def _coefficients(effect: Effect, mesh: Mesh) -> dict[str, float]:
-    """The numbers a kernel needs of an effect, by the names they have there."""
-    if isinstance(effect, Viscosity):
-        return {"nu": effect.nu}
-    if isinstance(effect, Hyperviscosity):
-        return {"nu4": effect.coefficient(mesh)}
-    if isinstance(effect, Drag):
-        return {"linear_drag": effect.linear, "quadratic_drag": effect.quadratic}
-    if isinstance(effect, Relaxation):
-        return {"relaxation_rate": 1.0 / effect.time}
-    return {}

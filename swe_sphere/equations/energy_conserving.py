@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
@@ -44,7 +45,8 @@ class PoissonTendency:
     @staticmethod
     def fits(model: Model) -> bool:
         """Whether the scene has the energy that this form keeps."""
-        if model.scene.base is not None:
+        others = [e for e in model.scene.effects if isinstance(e, PointwiseEffect)]
+        if model.scene.base is not None or not all(e.dissipation for e in others):
             return False
         return all(model.scene.effect(name) is not None for name in NEEDED)
 

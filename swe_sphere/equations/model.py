@@ -64,7 +64,8 @@ class Model:
         self.parameters = made.parameters
         """Coefficients and fields of the effects, on the device."""
         self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
-        self._exact = jacobian == "exact"
+        differentiable = all(effect.differentiable for effect in scene.effects)
+        self._exact = jacobian == "exact" and differentiable
         self._wind, self._forcing = WindField(made), ForcingField(made)
         self.set_time(0.0)  # a function that fails does so before anything is computed
         self._components: dict[str, TendencyComponent] = {}

@@ -117,7 +117,9 @@ class Scene:
     @property
     def linear(self) -> bool:
         """Whether the tendency is linear in the state, but for a constant."""
-        return self.wind is not None or self.base is not None
+        if self.base is not None:
+            return True
+        return self.wind is not None and all(effect.degree == 1 for effect in self.effects)
 
     def effect(self, name: str) -> Effect | None:
         """The effect of that name, None where the scene does not have it."""

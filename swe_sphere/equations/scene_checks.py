@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import TYPE_CHECKING
 
-from swe_sphere.equations.effects import EFFECTS, Effect
+from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.planet import Planet
 
@@ -30,17 +30,8 @@ KINDS: Mapping[str, type] = {
 }  # fmt: skip
 """Attributes of a scene that are neither numbers nor functions."""
 
-INCOMPATIBLE = (
-    ("prescribed-wind", "momentum-advection", "a prescribed wind cannot also be stepped"),
-    ("prescribed-wind", "drag", "a prescribed wind cannot be slowed down; leave out drag"),
-    (
-        "prescribed-wind",
-        "linearised",
-        "a prescribed wind acts linearly; leave out linearised",
-    ),
-    ("linearised", "tracers", "tracers need the whole dynamics; leave out linearised"),
-)
-"""Effects that cannot both act, and what to say then."""
+OWNERS = ("scene", "stepper")
+"""Names that settings use for what is no effect."""
 
 
 def check_scene(scene: Scene) -> None:
@@ -63,6 +54,8 @@ def _check_kinds(scene: Scene) -> None:
         if not isinstance(effect, Effect):
             hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
             raise ConfigError(f"{scene.name}: {shown(effect)} among its effects is none{hint}")
+        if not isinstance(getattr(effect, "name", None), str):
+            raise ConfigError(f"{scene.name}: give the effect {type(effect).__name__} a name")
     for name, value in scene.parameters.items():
         if not (isinstance(name, str) and isinstance(value, bool | int | float | str)):
             raise ConfigError(
@@ -93,9 +86,28 @@ def _check_effects(scene: Scene) -> None:
             raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
         if name in names and not given:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
-    for first, second, trouble in INCOMPATIBLE:
-        if first in names and second in names:
-            raise ConfigError(f"{scene.name}: {trouble}")
+    for effect in scene.effects:
+        for other in names:
+            if other in effect.excludes:
+                raise ConfigError(f"{scene.name}: {effect.excludes[other]}")
+        if isinstance(effect, PointwiseEffect):
+            _check_pointwise(scene, effect)
+
+
+def _check_pointwise(scene: Scene, effect: PointwiseEffect) -> None:
+    """Of an effect that may be the user's own."""
+    label = f"{scene.name}: effect {effect.name!r}"
+    if EFFECTS.get(effect.name, type(effect)) is not type(effect):
+        raise ConfigError(f"{label} has the name of one of the package; choose another")
+    if not (re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) and effect.name not in OWNERS):
+        raise ConfigError(f"{label}: a name is of small letters, digits and -, not of {OWNERS}")
+    wind, depth = effect.tendencies
+    if wind is None and depth is None:
+        raise ConfigError(f"{label} has neither a wind_tendency nor a depth_tendency")
+    if scene.wind is not None and depth is None:
+        raise ConfigError(f"{label} acts on the wind, which is prescribed")
+    if scene.base is not None and not effect.differentiable:
+        raise ConfigError(f"{label} has no derivative, which linearised dynamics are made of")
 
 
 def _check_tracers(scene: Scene) -> None:

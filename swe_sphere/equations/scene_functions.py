@@ -16,7 +16,7 @@ from swe_sphere.guarded import guarded
 if TYPE_CHECKING:
     from swe_sphere.equations.scene import Scene
 
-__all__ = ["checked_functions"]
+__all__ = ["checked_functions", "fitted"]
 
 Array = NDArray[np.float64]
 
@@ -102,34 +102,7 @@ class _Function:
         return tuple(self._field(f" {name}", field, lon, lat) for name, field in named)
 
     def _field(self, name: str, given: Any, lon: Array, lat: Array) -> Array:
-        """What was given as a float64 array of the shape of lon and lat."""
-        values = np.asanyarray(given)
-        if values.dtype.kind not in NUMBERS:
-            kind = type(given).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
-            raise ConfigError(f"{self.label}{name} must be real numbers, not {kind}")
-        values = np.ma.filled(values.astype(np.float64, copy=False), np.nan)
-        try:
-            field = np.broadcast_to(np.asarray(values), lon.shape)
-        except ValueError:
-            raise ConfigError(
-                f"{self.label}{name} has the shape {values.shape}; it must be an array of shape"
-                f" {lon.shape}, like the longitudes given, or a number"
-            ) from None
-        self._check_size(name, field, lon, lat)
-        return field
-
-    def _check_size(self, name: str, field: Array, lon: Array, lat: Array) -> None:
-        sound = np.abs(field) < LARGEST
-        if self.may_be_nan:
-            sound |= np.isnan(field)
-        if sound.all():
-            return
-        value, *where = (a[~sound][0] for a in (field, np.degrees(lon), np.degrees(lat)))
-        trouble = "too large" if np.isfinite(value) else "not finite"
-        raise ConfigError(
-            f"{self.label}{name} is {trouble} ({value:.3g}) at longitude {where[0]:.4g}°,"
-            f" latitude {where[1]:.4g}°: mend its formula"
-        )
+        return fitted(f"{self.label}{name}", given, lon, lat, self.may_be_nan)
 
 
 class _TracerFunction(_Function):
@@ -143,3 +116,34 @@ class _TracerFunction(_Function):
                 f" ({', '.join(self.names)}), not {found}"
             )
         return {name: self._field(f" {name}", result[name], lon, lat) for name in result}
+
+
+def fitted(label: str, given: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
+    """What was given as a float64 array of the shape of lon and lat.
+
+    Raises:
+        ConfigError: it is anything but finite real numbers that broadcast to that shape.
+    """
+    values = np.asanyarray(given)
+    if values.dtype.kind not in NUMBERS:
+        kind = type(given).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
+        raise ConfigError(f"{label} must be real numbers, not {kind}")
+    values = np.ma.filled(values.astype(np.float64, copy=False), np.nan)
+    try:
+        field = np.broadcast_to(np.asarray(values), lon.shape)
+    except ValueError:
+        raise ConfigError(
+            f"{label} has the shape {values.shape}; it must be an array of shape"
+            f" {lon.shape}, like the longitudes given, or a number"
+        ) from None
+    sound = np.abs(field) < LARGEST
+    if may_be_nan:
+        sound |= np.isnan(field)
+    if not sound.all():
+        value, *where = (a[~sound][0] for a in (field, np.degrees(lon), np.degrees(lat)))
+        fault = "too large" if np.isfinite(value) else "not finite"
+        raise ConfigError(
+            f"{label} is {fault} ({value:.3g}) at longitude {where[0]:.4g}°,"
+            f" latitude {where[1]:.4g}°: mend its formula"
+        )
+    return field

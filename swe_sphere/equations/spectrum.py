@@ -48,7 +48,7 @@ def estimate_spectrum(
 def _reach(discretisation: Discretisation, dissipative: bool) -> float:
     """Size of the differences, relative to the state."""
     effects = [e for e in discretisation.scene.effects if e.dissipation == dissipative]
-    if all(effect.polynomial for effect in effects):
+    if all(effect.degree is not None and effect.degree <= 2 for effect in effects):
         return 1.0
     return float(np.cbrt(np.finfo(discretisation.device_mesh.numpy_real).eps))
 

@@ -1,16 +1,22 @@
 """The components a right-hand side is made of, each compiled with the terms of its effects."""
 
 import copy
-from dataclasses import replace
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
 import warp as wp
 
 from swe_sphere.equations.discretisation import Discretisation
-from swe_sphere.equations.effects import Drag
+from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms, combine_kernel
-from swe_sphere.kernels.pointwise import Pointwise
+from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.operators import PointwiseOperator, TendencyOperator
 
 __all__ = ["TendencyComponent", "element_terms"]
@@ -18,36 +24,67 @@ __all__ = ["TendencyComponent", "element_terms"]
 
 def element_terms(scene: Scene, component: str) -> Terms:
     """The terms with derivatives, for the kernels over elements."""
-    has = {effect.name for effect in scene.effects}
-    terms = Terms(
-        advection="momentum-advection" in has and component != "dissipative",
-        pressure="pressure-gradient" in has and component != "dissipative",
-        bottom="orography" in has,
-        wind="prescribed-wind" in has,
-        diffusion="viscosity" in has,
-        biharmonic="hyperviscosity" in has,
-        tangent=component == "tangent" or "linearised" in has,
-    )
-    if component == "conservative":
-        return replace(terms, diffusion=False, biharmonic=False)
-    return replace(terms, still=True) if component == "dissipative" else terms
+    flags = _flags(scene, component)
+    return Terms(**{field.name: True for field in fields(Terms) if field.name in flags})
 
 
-def pointwise_terms(scene: Scene, component: str) -> Pointwise:
+def pointwise_terms(discretisation: Discretisation, component: str) -> Pointwise:
     """The terms without derivatives, which are added as DSS is made."""
-    has = {effect.name for effect in scene.effects}
-    drag = next((e for e in scene.effects if isinstance(e, Drag)), Drag())
-    point = Pointwise(
-        rotation="rotation" in has and "prescribed-wind" not in has and component != "dissipative",
-        forcing="forcing" in has and component in ("all", "conservative"),
-        linear_drag=drag.linear > 0.0,
-        quadratic_drag=drag.quadratic > 0.0,
-        relaxation="relaxation" in has,
-        tangent=component == "tangent" or "linearised" in has,
+    scene, flags = discretisation.scene, _flags(discretisation.scene, component)
+    tangent = "tangent" in flags
+    effects = [e for e in _acting(scene, component) if isinstance(e, PointwiseEffect)]
+    return Pointwise(
+        rotation="rotation" in flags and "wind" not in flags,
+        forcing="forcing" in flags,
+        terms=tuple(_point_term(effect, discretisation, tangent) for effect in effects),
+        tangent=tangent,
     )
-    if component == "conservative":
-        return replace(point, linear_drag=False, quadratic_drag=False, relaxation=False)
-    return point
+
+
+def _acting(scene: Scene, component: str) -> list[Effect]:
+    """The effects that a component takes in."""
+    if component == "all":
+        return [*scene.effects]
+    if component == "tangent":
+        return [effect for effect in scene.effects if not effect.constant]
+    damps = component == "dissipative"
+    return [effect for effect in scene.effects if effect.dissipation == damps]
+
+
+def _flags(scene: Scene, component: str) -> set[str]:
+    flags = {flag for effect in _acting(scene, component) for flag in effect.terms}
+    flags |= {flag for effect in scene.effects for flag in effect.everywhere}
+    own = {"dissipative": {"still"}, "tangent": {"tangent"}}
+    return flags | own.get(component, set())
+
+
+def _point_term(
+    effect: PointwiseEffect, discretisation: Discretisation, tangent: bool
+) -> PointTerm:
+    """The formulas of an effect, with those of its coefficients that they read."""
+    wind, depth = effect.derivatives if tangent else effect.tendencies
+    known = discretisation.parameters[effect.name]
+    read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
+    numbers = tuple(name for name in known if name in read and np.ndim(known[name]) == 0)
+    arrays = tuple(name for name in known if name in read and name not in numbers)
+    return PointTerm(effect.name, wind, depth, numbers, arrays)
+
+
+@contextmanager
+def _compiling(scene: Scene, point: Pointwise) -> Iterator[None]:
+    """Turns what Warp cannot compile of the effects' formulas into a ConfigError."""
+    try:
+        yield
+    except Exception as error:
+        if not point.terms:
+            raise
+        names = ", ".join(term.name for term in point.terms)
+        *_, cause = str(error).strip("'").replace("\\n", "\n").splitlines()
+        places = re.findall(r'function "\w+" at (.*?):(\d+)', str(error))
+        where = "".join(f" ({Path(file).name}, line {line})" for file, line in places[-1:])
+        raise ConfigError(
+            f"{scene.name}: the formulas of {names} cannot be compiled: {cause.lstrip(';')}{where}"
+        ) from error
 
 
 class Perturbation:
@@ -77,9 +114,9 @@ class TendencyComponent:
     def __init__(self, discretisation: Discretisation, name: str) -> None:
         mesh, launch = discretisation.device_mesh, discretisation.launch
         scene, parameters = discretisation.scene, discretisation.parameters
-        terms, point = element_terms(scene, name), pointwise_terms(scene, name)
+        terms, point = element_terms(scene, name), pointwise_terms(discretisation, name)
         base: wp.array | None = parameters.get("base")
-        derived = (terms.tangent and terms.gradient) or point.speed
+        derived = (terms.tangent and terms.gradient) or point.needs_base
         self.needs_base = base is None and derived
         """Whether this is a derivative that has to be put `at` a state before it is called."""
         self._perturbation = None
@@ -94,10 +131,11 @@ class TendencyComponent:
         mine = parameters | {"base": base, "laplacian": self._laplacian}
         self.operator: Any
         """What is launched: its kernels, with their arguments."""
-        if point.plain or terms.dynamics or terms.diffuses:
-            self.operator = TendencyOperator(mesh, terms, launch, mine, point)
-        else:
-            self.operator = PointwiseOperator(mesh, terms.unknowns, point, launch, mine)
+        with _compiling(scene, point):
+            if point.plain or terms.dynamics or terms.diffuses:
+                self.operator = TendencyOperator(mesh, terms, launch, mine, point)
+            else:
+                self.operator = PointwiseOperator(mesh, terms.unknowns, point, launch, mine)
 
     def at(self, base: wp.array) -> Self:
         """This derivative at a state, whose array is kept; kernels and work arrays are shared."""

@@ -19,9 +19,9 @@ class TendencyOperator:
 
     `parameters` holds what the terms need beside the mesh: gravity [m s-2], nu [m2 s-1], nu4
     [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
-    (unknowns*N,), coriolis (N,) [s-1], linear_drag [s-1], quadratic_drag [m-1], relaxation_rate
-    [s-1] and equilibrium (N,) [m].  The wind that `Pointwise.rotation` turns is that of `base` in
-    the skew form.
+    (unknowns*N,) and coriolis (N,) [s-1]; for each term of `point` a dictionary of its numbers and
+    fields (N,) by the name of the term.  The wind that `Pointwise.rotation` turns is that of `base`
+    in the skew form.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class TendencyOperator:
             kernel = assembly_kernel(unknowns, real, point.rotation)
             return kernel, (parameters["coriolis"],) if point.rotation else ()
         made = pointwise_kernel(unknowns, real, point)
-        return made.assembly, (fill(made.structure, parameters),)
+        return made.assembly, (fill(made.structure, parameters, point),)
 
     def _assemble(self, x: wp.array, out: wp.array) -> None:
         """DSS, and what acts at a point."""

@@ -5,6 +5,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 import warp as wp
 
+from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
@@ -127,5 +128,7 @@ def _has_energy(scene: Scene) -> bool:
     """Whether the dynamics keep the total energy, and nothing else acts."""
     names = ("momentum-advection", "pressure-gradient")
     if scene.forcing is not None or scene.linear:
+        return False
+    if any(isinstance(effect, PointwiseEffect) for effect in scene.effects):
         return False
     return all(scene.effect(name) is not None for name in names)

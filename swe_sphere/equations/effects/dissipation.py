@@ -1,0 +1,113 @@
+"""Weak Laplacians that damp the smallest scales."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.planet import EARTH
+
+if TYPE_CHECKING:
+    from swe_sphere.mesh import Mesh
+
+__all__ = ["Hyperviscosity", "Viscosity", "hyperviscosity_default"]
+
+
+@dataclass(frozen=True)
+class Viscosity(Effect):
+    """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "viscosity"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"diffusion"})
+    nu: float
+
+    def __post_init__(self) -> None:
+        check_coefficient(f"{self.name}.nu", self.nu)
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """ν [m2 s-1]."""
+        return {"nu": self.nu}
+
+
+@dataclass(frozen=True)
+class Hyperviscosity(Effect):
+    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "hyperviscosity"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"biharmonic"})
+    nu: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.nu is not None:
+            check_coefficient(f"{self.name}.nu", self.nu)
+
+    @classmethod
+    def convert(cls, parameter: str, text: str) -> float | None:
+        """As for every effect; the word "default" stands for the value that goes with the mesh."""
+        if text.strip().lower() == "default":
+            return None
+        try:
+            return float(text)
+        except ValueError:
+            message = f"{cls.name}.{parameter} must be a number or 'default', not {text!r}"
+            raise ConfigError(message) from None
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """ν [m4 s-1], by default that of the mesh."""
+        if self.nu is not None:
+            return {"nu4": self.nu}
+        return {"nu4": hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))}
+
+
+def hyperviscosity_default(
+    ne: int, np: int, radius: float = EARTH.radius, refinement: float = 1.0
+) -> float:
+    """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
+
+    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and Takahashi et al.
+    2006): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
+    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)), and a
+    stretched mesh has the one coefficient that goes with its finest part.
+
+    Args:
+        ne: elements along the edge of a cube face.
+        np: nodes along the edge of an element.
+        radius: of the planet [m].
+        refinement: how many times finer than without stretching the finest part of the mesh is.
+    """
+    spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
+    return float(1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
+
+
+def _refinement(mesh: Mesh) -> float:
+    """Smallest node spacing of the mesh without stretching, over that of the mesh; at least 1."""
+    if mesh.stretch == 1.0:
+        return 1.0
+    plain = build_mesh(mesh.ne, mesh.np, mesh.radius)
+    return plain.spacing()[0] / mesh.spacing()[0]
