@@ -1,4 +1,4 @@
-"""What a sweep costs beyond its runs: journal, errors, looks at the machine, the dataset.
+"""What a sweep costs beyond its runs: records, errors, looks at the machine, the dataset.
 
     python benchmarks/sweep_overhead.py [SCENE] [--ne N] [--np N] [--days D] [--repeats R]
 
@@ -16,11 +16,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from swe_sphere.studies.sweep import make_plan
-from swe_sphere.studies.sweep.campaign import Campaign
+from swe_sphere.studies.sweep import SweepWatcher, make_plan
 from swe_sphere.studies.sweep.dataset import write_dataset
-from swe_sphere.studies.sweep.execute import execute, warm_up
-from swe_sphere.studies.sweep.watcher import SweepWatcher
+from swe_sphere.studies.sweep.engine import Sweep
+from swe_sphere.studies.sweep.runner import execute, warm_up
 
 STEPPERS = ["leapfrog", "rk4", "semi-implicit", "tr-bdf2"]
 
@@ -55,7 +54,7 @@ def main(
                       "repeats": repeats, "levels": 4})  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         began = time.process_time()
-        Campaign(plan, Path(folder), SweepWatcher()).run()
+        Sweep(plan, Path(folder), SweepWatcher()).run()
         dataset = write_dataset(Path(folder))
         total = time.process_time() - began
     steps = float(dataset["cpu"].sum())

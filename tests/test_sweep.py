@@ -18,11 +18,11 @@ from sweeps import assert_same_rows
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.answer import best_kind, cheapest, settings
-from swe_sphere.studies.sweep.benches import Benches
 from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
-from swe_sphere.studies.sweep.journal import RECORDS, read_journal
-from swe_sphere.studies.sweep.judge import SlowFlow
+from swe_sphere.studies.sweep.discretisation import Discretisations
+from swe_sphere.studies.sweep.evaluator import slow_errors
 from swe_sphere.studies.sweep.plan import make_plan
+from swe_sphere.studies.sweep.record import runs_of
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
 
@@ -33,6 +33,12 @@ def rows(dataset, **wanted):
     for name, value in wanted.items():
         mask &= dataset[name].values == value
     return dataset.isel(run=mask)
+
+
+def contents(folder):
+    """All files below a folder by name, but the dataset, which tells when it was made."""
+    files = (path for path in folder.rglob("*.*") if path.is_file() and path.name != "sweep.nc")
+    return {path.relative_to(folder): path.read_bytes() for path in files}
 
 
 def last(dataset, kind, field="h", norm="l2"):
@@ -76,9 +82,9 @@ def test_every_run_is_a_row_with_its_settings_and_costs(lauter):
 
 def test_runs_are_interleaved(lauter):
     """All settings once, then all again; and in a round one stepper after the other."""
-    runs = [r for r in read_journal(lauter[1] / RECORDS) if r["record"] == "run"][2:]
-    assert [run["repeat"] for run in runs] == 6 * [0] + 6 * [1]
-    assert [run["row"]["stepper"] for run in runs] == 6 * ["rk4", "tr-bdf2"]
+    runs = runs_of(lauter[1]).records[2:]
+    assert [run.repeat for run in runs] == 6 * [0] + 6 * [1]
+    assert [run.config.stepper for run in runs] == 6 * ["rk4", "tr-bdf2"]
 
 
 def test_the_median_and_the_spread_are_those_of_the_repeats(lauter):
@@ -175,19 +181,17 @@ def test_slow_errors_do_not_see_the_waves_of_the_start():
 def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
     """It does not see columns that are stretched, and is as large as vorticity is."""
     plan = make_plan({"scene": "williamson6", "steppers": "rk4", "ne": 2, "np": 4})
-    bench = Benches(plan).first
-    start, coriolis = bench.start, bench.start["f"]
-    mean = np.average(start["h"], weights=bench.mesh.area)
+    space = Discretisations(plan).all()[0]
+    start, coriolis = space.start, space.start["f"]
+    mean = np.average(start["h"], weights=space.mesh.area)
     level = {"h": np.full_like(start["h"], mean), "vorticity": start["vorticity"]}
     stretched = {
         "h": start["h"],
         "vorticity": (level["vorticity"] + coriolis) * start["h"] / mean - coriolis,
     }
-    truth = SlowFlow({1.0: level})
-    assert truth.errors(bench, 1.0, stretched)["vorticity"]["l2"] < 1e-14
+    assert slow_errors(space, stretched, level)["vorticity"]["l2"] < 1e-14
     more = level | {"vorticity": 1.1 * level["vorticity"]}
-    assert truth.errors(bench, 1.0, more)["vorticity"]["linf"] == pytest.approx(0.1)
-    assert truth.errors(bench, 2.0, more) == {}
+    assert slow_errors(space, more, level)["vorticity"]["linf"] == pytest.approx(0.1)
 
 
 # --- failures
@@ -229,10 +233,9 @@ def test_a_run_that_ran_out_of_time_is_tried_again_with_more(tmp_path):
     options = TINY | {"dt": 10, "out": tmp_path}
     first = sweep("williamson2", "rk4", time_limit=0.02, **options)
     assert rows(first, role="grid")["status"].item() == "timed-out"
-    lines = len(read_journal(tmp_path / RECORDS))
+    before = contents(tmp_path / "runs")
     sweep("williamson2", "rk4", time_limit=0.01, **options)
-    kinds = [record["record"] for record in read_journal(tmp_path / RECORDS)[lines:]]
-    assert "run" not in kinds
+    assert contents(tmp_path / "runs") == before
     more = sweep("williamson2", "rk4", time_limit=100, **options)
     assert rows(more, role="grid")["status"].item() == "completed"
 
@@ -276,9 +279,8 @@ def lauter_whole():
 
 
 def _finished(folder):
-    """Key and repeat of the runs in the journal, in order."""
-    records = read_journal(folder / RECORDS)
-    return [(r["key"], r["repeat"]) for r in records if r["record"] == "run"]
+    """Key and repeat of the runs in a folder, in order."""
+    return [(run.key, run.repeat) for run in runs_of(folder).records]
 
 
 DRIVER = """
@@ -289,7 +291,7 @@ sweep("lauter", ["rk4", "bdf2"], out=sys.argv[1], ne=2, np=4, days=0.5, levels=3
 
 
 def test_nothing_is_lost_by_kills_at_random_moments(tmp_path, lauter_whole):
-    """SIGKILL at any point, a cut line included; finished runs stay and are not made again."""
+    """SIGKILL at any point, while a file is written too; finished runs stay as they are."""
     seed = random.randrange(10**6)
     moments = random.Random(seed)
     known = []
@@ -304,13 +306,12 @@ def test_nothing_is_lost_by_kills_at_random_moments(tmp_path, lauter_whole):
     assert_same_rows(again, lauter_whole)
 
 
-def _kill_at(folder, lines, delay):
+def _kill_at(folder, runs, delay):
     """Start the sweep and kill it some time after it has got so far."""
     process = subprocess.Popen([sys.executable, "-c", DRIVER, folder], cwd=folder)
     end = time.monotonic() + 60.0
-    journal = folder / RECORDS
     while process.poll() is None and time.monotonic() < end:
-        if journal.exists() and journal.read_bytes().count(b'"record": "run"') >= lines:
+        if len([*folder.glob("runs/*.json")]) >= runs:
             break
         time.sleep(0.005)
     time.sleep(delay)
@@ -320,11 +321,12 @@ def _kill_at(folder, lines, delay):
 
 def test_what_is_there_is_not_made_again_and_more_is_added(tmp_path):
     sweep("lauter", "rk4", out=tmp_path, levels=2, **TINY)
-    lines = (tmp_path / RECORDS).read_bytes()
+    before = contents(tmp_path)
     sweep("lauter", "rk4", out=tmp_path, levels=2, **TINY)
-    assert (tmp_path / RECORDS).read_bytes() == lines
+    assert contents(tmp_path) == before
     more = sweep("lauter", ["rk4", "kg5"], out=tmp_path, levels=2, **TINY)
-    assert (tmp_path / RECORDS).read_bytes().startswith(lines)
+    runs = {path: whole for path, whole in before.items() if path.parent.name == "runs"}
+    assert runs and contents(tmp_path).items() > runs.items()
     assert rows(more, role="grid").sizes["run"] == 4
     assert rows(more, role="converged").sizes["run"] == 2
     sweep("lauter", "bdf2", out=tmp_path, **TINY | {"dt": 7200})
@@ -349,7 +351,7 @@ def test_fields_of_the_converged_run_that_are_gone_are_made_again(tmp_path):
     assert np.isfinite(last(more, "time")).all()
 
 
-def test_the_dataset_can_be_made_again_from_the_journal(lauter):
+def test_the_dataset_can_be_made_again_from_the_records(lauter):
     dataset, folder = lauter
     (folder / "sweep.nc").unlink()
     xr.testing.assert_identical(write_dataset(folder), dataset)

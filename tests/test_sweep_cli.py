@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.studies.sweep.journal import RECORDS, read_journal
+from swe_sphere.studies.sweep.record import runs_of
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
 TINY = ("--ne", 2, "--np", 4, "--days", 0.5, "--repeats", 1, "--out", "d")
@@ -79,7 +79,7 @@ def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):
     assert len(re.findall(r"^ bdf2 +", out, re.MULTILINE)) == 2
     assert out.endswith("d/index.html\n")
     assert {path.name for path in (tmp_path / "d").iterdir()} == {
-        "converged", "index.html", "records.jsonl", "sweep.nc"
+        "converged", "index.html", "runs", "sweep.json", "sweep.nc"
     }  # fmt: skip
 
 
@@ -122,11 +122,11 @@ def test_a_report_can_be_made_again(swe, tmp_path):
     _, first, _ = swe(*grid)
     (tmp_path / "d" / "sweep.nc").unlink()
     (tmp_path / "d" / "index.html").unlink()
-    journal = (tmp_path / "d" / RECORDS).read_bytes()
+    runs = {path: path.read_bytes() for path in (tmp_path / "d" / "runs").iterdir()}
     assert swe("--out", "d", "--report-only") == (0, first, "")
     assert swe("--out", ".", "--report-only", "--quiet") == (0, "", "")
     assert (tmp_path / "d" / "sweep.nc").exists() and (tmp_path / "d" / "index.html").exists()
-    assert (tmp_path / "d" / RECORDS).read_bytes() == journal
+    assert runs == {path: path.read_bytes() for path in (tmp_path / "d" / "runs").iterdir()}
 
 
 def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
@@ -138,8 +138,8 @@ def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
     status, out, _ = swe(*recipe)
     assert status == 0 and "williamson2: errors" in out and "lauter: errors" in out
     for scene in ("williamson2", "lauter"):
-        runs = [r for r in read_journal(tmp_path / "d" / scene / RECORDS) if r["record"] == "run"]
-        assert {run["row"]["days"] for run in runs} == {0.5}
+        runs = runs_of(tmp_path / "d" / scene).records
+        assert {run.numbers["days"] for run in runs} == {0.5}
     assert swe("lauter", *recipe, "--quiet")[0] == 0
 
 
@@ -186,16 +186,10 @@ def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
                "--ne", "3", "--days", "3", "--out", tmp_path)  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 60.0
-    while time.monotonic() < end and not _runs(tmp_path):
+    while time.monotonic() < end and not runs_of(tmp_path).records:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130 and err.count("\n") == 1
     assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "goes on from there" in err
-    assert _runs(tmp_path) and (tmp_path / "sweep.nc").exists()
-
-
-def _runs(folder):
-    if not (folder / RECORDS).exists():
-        return []
-    return [record for record in read_journal(folder / RECORDS) if record["record"] == "run"]
+    assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()

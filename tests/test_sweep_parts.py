@@ -1,7 +1,6 @@
-"""Parts of a sweep that run nothing: plan, ladder, searches, schedule, journal, recipes."""
+"""Parts of a sweep that run nothing: plan, steps, searches, schedule, recipes."""
 
 import errno
-import json
 import math
 import os
 
@@ -11,12 +10,10 @@ import pytest
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
-from swe_sphere.studies.sweep.case import Schedule, free_steps
-from swe_sphere.studies.sweep.journal import Journal, read_journal
-from swe_sphere.studies.sweep.ladder import ladder
 from swe_sphere.studies.sweep.plan import make_plan
 from swe_sphere.studies.sweep.recipes import load_recipe, recipe_names
-from swe_sphere.studies.sweep.search import longest_accurate, longest_working
+from swe_sphere.studies.sweep.runspec import Schedule, free_steps
+from swe_sphere.studies.sweep.steps import dt_sequence, longest_accurate, longest_working
 
 # --- plan
 
@@ -69,30 +66,30 @@ def test_a_plan_without_a_scene_says_so():
         make_plan({"steppers": "rk4"})
 
 
-# --- ladder
+# --- sequences of steps
 
 
-def test_an_explicit_ladder_goes_down_from_the_limit():
-    steps = ladder(800.0, True, 300.0, 86400.0, 5)
+def test_an_explicit_sequence_goes_down_from_the_limit():
+    steps = dt_sequence(800.0, True, 300.0, 86400.0, 5)
     assert steps[0] == 800.0 and len(steps) == 5
     assert np.allclose(np.divide(steps[:-1], steps[1:]), math.sqrt(2.0))
 
 
-def test_a_semi_implicit_ladder_goes_from_the_gravity_limit_to_that_of_the_wind():
-    steps = ladder(2400.0, False, 300.0, 86400.0, 4)
+def test_a_semi_implicit_sequence_goes_from_the_gravity_limit_to_that_of_the_wind():
+    steps = dt_sequence(2400.0, False, 300.0, 86400.0, 4)
     assert np.allclose(steps, [2400.0, 1200.0, 600.0, 300.0])
 
 
-def test_an_implicit_ladder_goes_up_from_the_gravity_limit():
-    steps = ladder(math.inf, False, 300.0, 86400.0, 6)
+def test_an_implicit_sequence_goes_up_from_the_gravity_limit():
+    steps = dt_sequence(math.inf, False, 300.0, 86400.0, 6)
     assert steps[0] == 64.0 * 300.0 and steps[-1] == pytest.approx(2.0 * 300.0)
     assert np.allclose(np.divide(steps[:-1], steps[1:]), 2.0)
 
 
-def test_no_step_of_a_ladder_exceeds_the_wind_limit_or_the_time_between_reports():
-    assert ladder(2000.0, False, 300.0, 86400.0, 4)[0] == 2000.0
-    assert ladder(math.inf, False, 300.0, 7200.0, 4)[0] == 7200.0
-    assert ladder(math.inf, False, math.inf, 7200.0, 4) == [7200.0]
+def test_no_step_of_a_sequence_exceeds_the_wind_limit_or_the_time_between_reports():
+    assert dt_sequence(2000.0, False, 300.0, 86400.0, 4)[0] == 2000.0
+    assert dt_sequence(math.inf, False, 300.0, 7200.0, 4)[0] == 7200.0
+    assert dt_sequence(math.inf, False, math.inf, 7200.0, 4) == [7200.0]
 
 
 # --- searches
@@ -155,9 +152,6 @@ def test_steps_meet_all_report_times():
     assert schedule.interval == 0.5 * DAY
     steps = schedule.steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
-    days = schedule.report_steps(steps)
-    assert [days[step] for step in sorted(days)] == [1.0, 2.5, 5.0]
-    assert max(days) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):
         schedule.steps(2.0 * DAY)
 
@@ -167,79 +161,11 @@ def test_trials_keep_their_step():
     assert (steps.dt, steps.steps) == (1000.0, 87)
 
 
-# --- journal
-
-BENCH = {"ne": 2, "np": 4, "stretch": 1.0, "precision": "float64", "device": "cpu"}
-
-
-def calibration(seconds, **more):
-    return {"record": "calibration", "sources": {}, "bench": BENCH, "seconds": seconds, **more}
-
-
-def test_a_journal_keeps_what_it_is_given(tmp_path):
-    journal = Journal(tmp_path / "a.jsonl")
-    journal.append(calibration(np.float64(1.5), nan=math.nan, of=(1, {"k": 2})))
-    assert read_journal(tmp_path / "a.jsonl") == journal.records
-    assert journal.records == [calibration(1.5, nan=None, of=[1, {"k": 2}])]
-
-
-@pytest.mark.parametrize("cut", [1, 5, 14])
-def test_a_last_line_that_was_cut_short_is_dropped(tmp_path, cut):
-    path = tmp_path / "a.jsonl"
-    Journal(path).append(calibration(1))
-    whole = path.read_bytes()
-    Journal(path).append(calibration(2))
-    path.write_bytes(path.read_bytes()[:-cut])
-    journal = Journal(path)
-    assert [record["seconds"] for record in journal.records] == [1]
-    assert path.read_bytes() == whole
-    journal.append(calibration(3))
-    assert [record["seconds"] for record in read_journal(path)] == [1, 3]
-
-
-def test_a_line_damaged_elsewhere_is_named(tmp_path):
-    path = tmp_path / "a.jsonl"
-    path.write_text(f"{json.dumps(calibration(1))}\n{{oops\n{json.dumps(calibration(1))}\n")
-    with pytest.raises(ConfigError, match=r"line 2 of .*a\.jsonl is damaged"):
-        Journal(path)
-
-
-@pytest.mark.parametrize(
-    ("line", "complaint"),
-    [
-        ("3", "its record must be sweep, run or calibration"),
-        ("{}", "its record must be sweep, run or calibration"),
-        ('{"record": "runs"}', "its record must be sweep, run or calibration"),
-        ('{"record": "run", "key": "a", "repeat": 0, "errors": [], "sources": {}}', "row: "),
-        (json.dumps(calibration("1")), "seconds: must be a valid number"),
-        (json.dumps(calibration(0)), "seconds: must be greater than 0"),
-        (json.dumps(calibration(1) | {"bench": {}}), "bench.ne: "),
-        (json.dumps(calibration(1) | {"sources": ["a"]}), "sources: "),
-    ],
-)
-def test_json_that_is_no_record_is_named(tmp_path, line, complaint):
-    path = tmp_path / "a.jsonl"
-    path.write_text(f"{json.dumps(calibration(1))}\n{line}\n")
-    with pytest.raises(ConfigError, match=r"line 2 of .*a\.jsonl is no record") as error:
-        read_journal(path)
-    assert complaint in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_record_that_the_disk_refuses_leaves_no_half_line(tmp_path, monkeypatch):
-    journal = Journal(tmp_path / "a.jsonl")
-    journal.append(calibration(1))
-    whole = journal.path.read_bytes()
-    monkeypatch.setattr(os, "fsync", refuse)
-    with pytest.raises(RunFailed, match=r"cannot write .*No space left on device; mend that"):
-        journal.append(calibration(2))
-    assert (journal.path.read_bytes(), len(journal.records)) == (whole, 1)
+# --- whole files
 
 
 def refuse(*_):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-# --- whole files
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):

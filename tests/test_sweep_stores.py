@@ -3,8 +3,6 @@
 import errno
 import json
 import os
-import subprocess
-import sys
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -13,10 +11,10 @@ import pytest
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
+from swe_sphere.studies.store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
-from swe_sphere.studies.sweep.journal import RECORDS, read_journal
-from swe_sphere.studies.sweep.lock import alone
+from swe_sphere.studies.sweep.record import runs_of
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
 FLAGS = ("--steppers", "rk4", "--dt", "3600", "--ne", "2", "--np", "4", "--days", "0.25",
@@ -32,9 +30,8 @@ class Notes(SweepWatcher):
 
 
 def finished(folder):
-    """Key and repeat of the runs in the journal, in order."""
-    records = read_journal(folder / RECORDS)
-    return [(r["key"], r["repeat"]) for r in records if r["record"] == "run"]
+    """Key and repeat of the runs in a folder, in order."""
+    return [(run.key, run.repeat) for run in runs_of(folder).records]
 
 
 @pytest.fixture
@@ -84,8 +81,8 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
     options = TINY | {"out": tmp_path}
     first = sweep("lauter", "rk4", **options)
     fields = {*(tmp_path / "converged").iterdir()}
-    names = ("swe_sphere.studies.sweep.bench.code_fingerprint",
-             "swe_sphere.studies.sweep.freshness.code_fingerprint")  # fmt: skip
+    names = ("swe_sphere.studies.sweep.discretisation.code_fingerprint",
+             "swe_sphere.studies.sweep.references.code_fingerprint")  # fmt: skip
     with monkeypatch.context() as other:
         for name in names:
             other.setattr(name, lambda: "other")
@@ -118,28 +115,11 @@ def test_another_reference_does_not_share_a_dataset_with_the_first(tmp_path):
 # --- one at a time
 
 
-HOLD = """
-import sys, time
-from pathlib import Path
-from swe_sphere.studies.sweep.lock import alone
-with alone(Path(sys.argv[1])):
-    print("held", flush=True)
-    time.sleep(60)
-"""
-
-
-def test_a_second_sweep_in_a_folder_is_refused_until_the_first_one_dies(swe, tmp_path):
-    (tmp_path / "d").mkdir()
-    journal = tmp_path / "d" / RECORDS
-    command = (sys.executable, "-c", HOLD, journal)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=tmp_path) as first:
-        assert first.stdout.readline() == b"held\n"
+def test_a_second_sweep_in_a_folder_is_refused(swe, tmp_path):
+    with locked(tmp_path / "d"):
         status, err = swe("lauter", *FLAGS, "--quiet")
-        assert status == 2 and err.count("\n") == 1 and "another sweep is at work in d" in err
-        assert journal.read_bytes() == b""
-        first.kill()
-    with alone(journal):
-        pass
+    assert status == 2 and err.count("\n") == 1 and "another process is at work in d" in err
+    assert [*(tmp_path / "d").iterdir()] == []
 
 
 def test_a_report_can_be_made_while_the_sweep_goes_on(tmp_path):
@@ -194,7 +174,7 @@ def test_a_kill_at_any_write_leaves_what_the_sweep_goes_on_from(tmp_path, monkey
     with monkeypatch.context() as patched:
         disk = Disk(tmp_path / "d", patched)
         whole = sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
-    assert len(disk.states) >= 3 * 3 + 5 * 2  # three whole files, five lines of the journal
+    assert len(disk.states) >= 3 * 6  # of whole files: three runs, what was asked for, fields, rows
     for number, state in enumerate(disk.states):
         folder = tmp_path / str(number)
         for path, contents in state.items():
@@ -248,26 +228,24 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
     assert not [*path.parent.rglob("*.part")]
 
 
-# --- journals that are not as they should be
+# --- records that are not as they should be
 
 
-def test_a_report_needs_a_journal_that_says_what_was_asked_for(swe, tmp_path, monkeypatch):
+def test_a_report_needs_to_know_what_was_asked_for(swe, tmp_path, monkeypatch):
     monkeypatch.setattr("swe_sphere.studies.report.write_report", lambda *_: Path("index.html"))
     sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
-    journal = tmp_path / "d" / RECORDS
-    lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join(lines[1:]))
+    (tmp_path / "d" / "sweep.json").unlink()
     status, err = swe("--report-only", "--out", "d")
     assert status == 2 and err.count("\n") == 1
-    assert "d: records.jsonl does not say what was asked for: give the command" in err
+    assert "d: there is no sweep.json that says what was asked for: give the command" in err
     assert swe("lauter", *FLAGS, "--quiet") == (0, "")  # the runs are known by what they are of
     assert len(finished(tmp_path / "d")) == 3
 
 
-@pytest.mark.parametrize("contents", [b"", b'{"record": "sweep"'])
-def test_a_journal_without_a_line_has_no_runs(swe, tmp_path, contents):
-    (tmp_path / "d").mkdir()
-    (tmp_path / "d" / RECORDS).write_bytes(contents)
+def test_a_sweep_that_has_just_begun_has_no_runs(swe, tmp_path):
+    sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
+    for record in (tmp_path / "d" / "runs").iterdir():
+        record.unlink()
     status, err = swe("--report-only", "--out", "d")
     assert (status, err) == (2, "swe-sphere: d: there are no runs in this sweep yet\n")
 
@@ -275,27 +253,26 @@ def test_a_journal_without_a_line_has_no_runs(swe, tmp_path, contents):
 MISSING = object()
 WRONG = [
     ("sweep", "plan", 3), ("sweep", "sources", None), ("sweep", "versions", ["1"]),
-    ("sweep", "command", MISSING), ("run", "key", 5), ("run", "row", []), ("run", "repeat", "0"),
-    ("run", "errors", MISSING), ("run", "row.dt", "long"), ("run", "row.wall_seconds", [1]),
-    ("run", "row.status", MISSING), ("run", "errors.0.day", None), ("run", "errors.0.kind", "all"),
-    ("run", "errors.0.h", None), ("run", "errors.0.h.l2", "small"), ("calibration", "bench", "a"),
-    ("calibration", "sources", MISSING),
+    ("sweep", "command", MISSING), ("run", "key", 5), ("run", "config", []),
+    ("run", "repeat", "0"), ("run", "errors", MISSING), ("run", "config.dt", "long"),
+    ("run", "numbers.wall_seconds", [1]), ("run", "status", MISSING), ("run", "status", "ended"),
+    ("run", "errors.0.day", None), ("run", "errors.0.kind", "all"), ("run", "errors.0.field", None),
+    ("run", "errors.0.l2", "small"), ("run", "rhs_seconds", "a"), ("run", "sources", MISSING),
 ]  # fmt: skip
 
 
 def test_records_of_the_wrong_form_are_one_line_each(swe, tmp_path):
     sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
-    journal = tmp_path / "d" / RECORDS
-    whole = journal.read_text().splitlines()
-    kinds = [json.loads(line)["record"] for line in whole]
+    files = {"sweep": "d/sweep.json", "run": "d/runs/000002.json"}
     for kind, path, value in WRONG:
-        number = kinds.index(kind)
-        spoilt = json.dumps(with_value(json.loads(whole[number]), path, value))
-        journal.write_text("\n".join([*whole[:number], spoilt, *whole[number + 1 :]]) + "\n")
+        file = tmp_path / files[kind]
+        whole = file.read_text()
+        file.write_text(json.dumps(with_value(json.loads(whole), path, value)))
         for command in (("--report-only", "--out", "d"), ("lauter", *FLAGS)):
             status, err = swe(*command)
             assert status == 2 and err.count("\n") == 1, path
-            assert f"line {number + 1} of d/{RECORDS} is no record" in err and path in err
+            assert f"{files[kind]} is no record" in err and path in err
+        file.write_text(whole)
 
 
 def with_value(record, path, value):

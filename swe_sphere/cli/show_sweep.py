@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
     from rich.table import Table
 
-    from swe_sphere.studies.sweep.case import Case
+    from swe_sphere.studies.sweep.record import RunRecord
+    from swe_sphere.studies.sweep.runspec import RunSpec
 
 __all__ = ["SweepTerminal", "show_sweep"]
 
@@ -59,17 +60,17 @@ class SweepTerminal(SweepWatcher):
         self._expected += runs
         self._show(total=self._expected)
 
-    def begin(self, case: Case) -> None:
+    def begin(self, spec: RunSpec) -> None:
         """Say what is running."""
-        self._steps = 0 if case.steps is None else case.steps.steps
-        self._label = case.label
-        self._show(what=case.label)
+        self._steps = 0 if spec.steps is None else spec.steps.steps
+        self._label = spec.label
+        self._show(what=spec.label)
 
     def tick(self, step: int) -> None:
         """Say how far it is."""
         self._show(what=f"{self._label}, step {step} of {self._steps}")
 
-    def done(self, case: Case, record: dict[str, Any]) -> None:
+    def done(self, spec: RunSpec, record: RunRecord) -> None:
         """Move the bar."""
         self._done += 1
         self._show(completed=self._done)

@@ -28,7 +28,8 @@ OWN = ("recipe", "out", "report_only", "quiet")
 
 
 def _option(flag: str, unit: str, text: str) -> Any:
-    return typer.Option(flag, metavar=unit, help=text)
+    """A flag; the brackets of units in its text are no markup."""
+    return typer.Option(flag, metavar=unit, help=text.replace("[", r"\["))
 
 
 def sweep(
@@ -42,10 +43,10 @@ def sweep(
     steppers: Annotated[str | None, _option("--steppers", "A,B,...", "What to compare.")] = None,
     dt: Annotated[
         str | None,
-        _option("--dt", "LIST|auto", "Steps [s]. auto (the default): a ladder for each stepper."),
+        _option("--dt", "LIST|auto", "Steps [s]. auto (the default): some for each stepper."),
     ] = None,
     levels: Annotated[
-        int | None, _option("--levels", "N", "Steps of an automatic ladder (6).")
+        int | None, _option("--levels", "N", "How many steps auto takes (6).")
     ] = None,
     ne: Annotated[
         str | None, _option("--ne", "LIST", "Elements along an edge of the cube.")
@@ -158,11 +159,12 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
 
 
 def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
-    """Datasets and reports of all sweeps in a folder, anew from their journals."""
+    """Datasets and reports of all sweeps in a folder, anew from their records."""
     from swe_sphere.studies.sweep.dataset import write_dataset
-    from swe_sphere.studies.sweep.journal import RECORDS
+    from swe_sphere.studies.sweep.record import HEADER, RUNS
 
-    folders = sorted(path.parent for path in (*out.glob(RECORDS), *out.glob(f"*/{RECORDS}")))
+    kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
+    folders = sorted({path.parent for path in kept})
     if not folders:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
     datasets = {folder: write_dataset(folder) for folder in folders}

@@ -6,14 +6,17 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.durable import take_lock, write_whole
 from swe_sphere.errors import ConfigError
 
-__all__ = ["Record", "Store", "locked", "read_record"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Record", "Store", "as_netcdf", "locked", "read_record"]
 
 
 class Record(BaseModel):
@@ -65,6 +68,16 @@ def read_record(path: Path, form: type[R]) -> R:
             f"{path} is no record of this version ({_complaint(error)}): delete it, and its run is"
             " made again, or choose another folder"
         ) from None
+
+
+def as_netcdf(dataset: xr.Dataset) -> bytes:
+    """The netCDF file of a dataset, made in memory: HDF5 does not survive a disk that fills up."""
+    from netCDF4 import Dataset
+    from xarray.backends import NetCDF4DataStore
+
+    file = Dataset("memory.nc", "w", memory=0)
+    dataset.dump_to_store(NetCDF4DataStore(file))  # type: ignore[no-untyped-call]
+    return bytes(file.close())
 
 
 def _complaint(error: ValidationError) -> str:

@@ -1,9 +1,9 @@
-"""From the journal to one dataset, a row for every run: sweep.nc."""
+"""From the records to one dataset, a row for every run: sweep.nc."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,62 +12,93 @@ from numpy.typing import NDArray
 
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies.sweep.form import UNITS, WORDS, Record
-from swe_sphere.studies.sweep.freshness import fresh
-from swe_sphere.studies.sweep.journal import RECORDS, read_journal
-from swe_sphere.studies.sweep.judge import ERRORS, KINDS, NORMS
+from swe_sphere.studies.store import as_netcdf
+from swe_sphere.studies.sweep.record import (
+    FIELDS,
+    HEADER,
+    KINDS,
+    MESH,
+    NORMS,
+    Header,
+    RunRecord,
+    current,
+    read_header,
+    runs_of,
+)
+from swe_sphere.studies.sweep.runner import COUNTS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["DATASET", "build_dataset", "read_dataset", "write_dataset"]
+__all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "read_dataset", "write_dataset"]
 
 DATASET = "sweep.nc"
 
-BENCH = ("ne", "np", "stretch", "precision", "device")
-"""What the time of a right-hand side goes with."""
+WORDS = (
+    "scene", "stepper", "preconditioner", "precision", "device", "settings", "role", "status",
+    "reason",
+)  # fmt: skip
+"""Words of a row."""
+UNITS = {
+    **dict.fromkeys(("ne", "np", "stretch", "steps", *COUNTS), "1"),
+    **dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift"), "1"),
+    **dict.fromkeys(("dt", "gravity_limit", "advective_limit"), "s"),
+    **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
+    **dict.fromkeys(("days", "days_planned"), "d"),
+    "peak_memory": "byte",
+}
+"""Numbers of a row and their units; others that a run has come without."""
+TIMES = ("wall", "cpu")
+"""Clocks that all repeats are read on."""
+
+Runs = list[list[RunRecord]]
+"""The repeats of each run."""
 
 
-def build_dataset(records: list[Record]) -> xr.Dataset:
-    """The dataset of a journal; rows in the order in which they were first run.
+def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
+    """The dataset of a sweep; rows in the order in which they were first run.
 
     Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
-    dims: run, kind, field, norm, report_day [days], repeat.  Raises ConfigError if there is no run.
+    dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
     """
     import xarray as xr
 
-    header = _header(records)
-    records = fresh(records, header["sources"])
+    records = current(records, header.sources)
     runs = _by_key(records)
-    if not runs:
-        raise ConfigError("there are no runs in this sweep yet")
-    rows = [group[0]["row"] for group in runs.values()]
-    rhs = _rhs_seconds(records)
+    rows = [_row(repeats[0], header.scene) for repeats in runs]
+    more = sorted({name for row in rows for name in row} - {*UNITS, *WORDS})
+    units = UNITS | {name: "" for name in more if name.removesuffix("_seconds") not in TIMES}
     data: dict[str, Any] = {name: ("run", _words(rows, name)) for name in WORDS}
-    for name, unit in UNITS.items():
-        data[name] = ("run", _numbers(row.get(name) for row in rows), {"units": unit})
-    data["rhs_seconds"] = ("run", _numbers(rhs.get(_bench(row)) for row in rows), {"units": "s"})
-    data |= _times(list(runs.values()))
-    days, errors = _errors(list(runs.values()))
+    for name, unit in units.items():
+        attributes = {"units": unit} if unit else {}
+        data[name] = ("run", _numbers(row.get(name) for row in rows), attributes)
+    rhs = {mesh: float(np.median(times)) for mesh, times in _rhs_seconds(records).items()}
+    times = _numbers(rhs.get(repeats[0].mesh) for repeats in runs)
+    data |= {"rhs_seconds": ("run", times, {"units": "s"})} | _times(runs)
+    days, errors = _errors(runs)
     data["error"] = (("run", "kind", "field", "norm", "report_day"), errors, {"units": "1"})
-    coordinates = {"kind": list(KINDS), "field": list(ERRORS), "norm": list(NORMS),
+    coordinates = {"kind": list(KINDS), "field": list(FIELDS), "norm": list(NORMS),
                    "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
     return xr.Dataset(data, coordinates, _attributes(header, records))
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
-    """Build the dataset of a folder's journal and write it to sweep.nc, whole or not at all.
+    """Build the dataset of a folder's records and write it to sweep.nc, whole or not at all.
 
     Raises:
-        ConfigError: there is no journal with a run in the folder, or it is damaged.
+        ConfigError: there is no run in the folder, or a record is damaged.
         RunFailed: the disk does not take the file.
     """
-    records = read_journal(folder / RECORDS)
-    try:
-        dataset = build_dataset(records)
-    except ConfigError as error:
-        raise ConfigError(f"{folder}: {error}") from None
-    write_whole(folder / DATASET, _as_bytes(dataset))
+    header, records = read_header(folder), runs_of(folder).records
+    if header is None and records:
+        raise ConfigError(
+            f"{folder}: there is no {HEADER} that says what was asked for: give the command of the"
+            " sweep again, without report-only"
+        )
+    if header is None or not current(records, header.sources):
+        raise ConfigError(f"{folder}: there are no runs in this sweep yet")
+    dataset = build_dataset(header, records)
+    write_whole(folder / DATASET, as_netcdf(dataset))
     return dataset
 
 
@@ -83,40 +114,29 @@ def read_dataset(path: Path) -> xr.Dataset:
         raise ConfigError(f"cannot read {path}: {error}") from None
 
 
-def _as_bytes(dataset: xr.Dataset) -> bytes:
-    """The netCDF file of a dataset, made in memory: HDF5 does not survive a disk that fills up."""
-    from netCDF4 import Dataset
-    from xarray.backends import NetCDF4DataStore
-
-    file = Dataset(DATASET, "w", memory=0)
-    dataset.dump_to_store(NetCDF4DataStore(file))  # type: ignore[no-untyped-call]
-    return bytes(file.close())
-
-
-def _header(records: list[Record]) -> Record:
-    """What was asked for last."""
-    headers = [record for record in records if record["record"] == "sweep"]
-    if headers:
-        return headers[-1]
-    if not records:
-        raise ConfigError("there are no runs in this sweep yet")
-    raise ConfigError(
-        f"{RECORDS} does not say what was asked for: give the command of the sweep again, without"
-        " report-only"
-    )
-
-
-def _by_key(records: list[Record]) -> dict[str, list[Record]]:
-    """Runs of one setting together; of a run that was made anew the last one holds."""
-    latest: dict[str, dict[int, Record]] = {}
+def _by_key(records: list[RunRecord]) -> Runs:
+    """Repeats of one run together; of a run that was made anew the last one holds."""
+    latest: dict[str, dict[int, RunRecord]] = {}
     for record in records:
-        if record["record"] == "run":
-            latest.setdefault(record["key"], {})[record["repeat"]] = record
-    return {key: [of[n] for n in sorted(of)] for key, of in latest.items()}
+        latest.setdefault(record.key, {})[record.repeat] = record
+    return [[of[n] for n in sorted(of)] for of in latest.values()]
 
 
-def _words(rows: list[Record], name: str) -> NDArray[np.object_]:
-    return np.array([row.get(name) or "" for row in rows], dtype=object)
+def _row(run: RunRecord, scene: str) -> dict[str, Any]:
+    config = run.config
+    return {
+        **run.numbers,
+        **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
+        "scene": scene,
+        "preconditioner": config.preconditioner or "",
+        "settings": " ".join(config.settings),
+        "days_planned": config.days,
+        **{name: getattr(run, name) for name in ("role", "status", "reason")},
+    }
+
+
+def _words(rows: list[dict[str, Any]], name: str) -> NDArray[np.object_]:
+    return np.array([row[name] for row in rows], dtype=object)
 
 
 def _numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
@@ -124,49 +144,34 @@ def _numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
-def _bench(row: Record) -> tuple[object, ...]:
-    return tuple(row[name] for name in BENCH)
-
-
-def _rhs_seconds(records: list[Record]) -> dict[tuple[object, ...], float]:
-    """Median time of a right-hand side on each mesh [s]."""
-    return {bench: float(np.median(times)) for bench, times in _calibrations(records).items()}
-
-
-def _calibrations(records: list[Record]) -> dict[tuple[object, ...], list[float]]:
+def _rhs_seconds(records: list[RunRecord]) -> dict[tuple[object, ...], list[float]]:
+    """Times of a right-hand side by mesh [s]."""
     found: dict[tuple[object, ...], list[float]] = {}
     for record in records:
-        if record["record"] == "calibration":
-            found.setdefault(_bench(record["bench"]), []).append(record["seconds"])
+        if record.rhs_seconds is not None:
+            found.setdefault(record.mesh, []).append(record.rhs_seconds)
     return found
 
 
-def _noise(records: list[Record]) -> float:
+def _noise(records: list[RunRecord]) -> float:
     """Spread of the time of right-hand sides over the sweep: 10th to 90th percentile / median."""
-    shares = [
-        np.array(times) / np.median(times) for times in _calibrations(records).values() if times
-    ]
+    shares = [np.array(times) / np.median(times) for times in _rhs_seconds(records).values()]
     if not shares:
         return float("nan")
     low, high = np.percentile(np.concatenate(shares), [10.0, 90.0])
     return float(high - low)
 
 
-def _times(runs: list[list[Record]]) -> dict[str, Any]:
+def _times(runs: Runs) -> dict[str, Any]:
     """Times of the repeats, their median and their spread; of failed runs what they took."""
-    most = max(len(group) for group in runs)
-    table = {}
-    for name in ("wall", "cpu"):
-        values = np.full((len(runs), most), np.nan)
-        for i, group in enumerate(runs):
-            values[i, : len(group)] = _numbers(r["row"].get(f"{name}_seconds") for r in group)
-        table[name] = values
-    told = ~np.isnan(table["wall"]).all(axis=1)
-    wall, cpu, spread = (np.full(len(runs), np.nan) for _ in range(3))
-    wall[told] = np.nanmedian(table["wall"][told], axis=1)
-    cpu[told] = np.nanmedian(table["cpu"][told], axis=1)
-    extent = np.nanmax(table["wall"][told], axis=1) - np.nanmin(table["wall"][told], axis=1)
-    spread[told] = extent / np.maximum(wall[told], np.finfo(float).tiny)
+    most = max(len(repeats) for repeats in runs)
+    table: dict[str, NDArray[np.float64]] = {}
+    for clock in TIMES:
+        values = table[clock] = np.full((len(runs), most), np.nan)
+        for row, repeats in zip(values, runs, strict=True):
+            row[: len(repeats)] = _numbers(r.numbers.get(f"{clock}_seconds") for r in repeats)
+    wall, cpu = (_by_row(np.median, table[clock]) for clock in TIMES)
+    spread = _by_row(np.ptp, table["wall"]) / np.maximum(wall, np.finfo(float).tiny)
     seconds = {"units": "s"}
     return {
         "wall": (("run", "repeat"), table["wall"], seconds),
@@ -177,52 +182,48 @@ def _times(runs: list[list[Record]]) -> dict[str, Any]:
     }
 
 
-def _errors(runs: list[list[Record]]) -> tuple[list[float], NDArray[np.float64]]:
+def _by_row(of: Callable[..., Any], table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A number of the finite values of each row, NaN where there is none."""
+    kept = (row[np.isfinite(row)] for row in table)
+    return np.array([of(values) if values.size else np.nan for values in kept])
+
+
+def _errors(runs: Runs) -> tuple[list[float], NDArray[np.float64]]:
     """Report days, and errors (run, kind, field, norm, report_day)."""
-    entries = [group[0]["errors"] for group in runs]
-    days = sorted({entry["day"] for errors in entries for entry in errors})
-    table = np.full((len(runs), len(KINDS), len(ERRORS), len(NORMS), len(days)), np.nan)
+    entries = [repeats[0].errors for repeats in runs]
+    days = sorted({entry.day for errors in entries for entry in errors})
+    table = np.full((len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days)), np.nan)
     for run, errors in enumerate(entries):
         for entry in errors:
-            day = days.index(entry["day"])
-            for i, field in enumerate(ERRORS):
-                norms = entry.get(field, {})
-                values = _numbers(norms.get(norm) for norm in NORMS)
-                table[run, KINDS.index(entry["kind"]), i, :, day] = values
+            place = KINDS.index(entry.kind), FIELDS.index(entry.field)
+            values = _numbers(getattr(entry, norm) for norm in NORMS)
+            table[run, *place, :, days.index(entry.day)] = values
     return days, table
 
 
-def _attributes(header: Record, records: list[Record]) -> dict[str, Any]:
+def _attributes(header: Header, records: list[RunRecord]) -> dict[str, Any]:
     dt, check = _converged(records)
+    values = dict(header)
     return {
-        "title": f"time steps and cost: {header['title']}",
-        "scene": header["scene"],
-        "plan": json.dumps(header["plan"]),
-        "machine": header["machine"],
-        "cores": header["cores"],
-        "sources": json.dumps(header["sources"]),
-        "versions": json.dumps(header["versions"]),
-        "created": header["created"],
+        **{name: values[name] for name in ("scene", "machine", "cores", "created", "command")},
+        **{name: json.dumps(values[name]) for name in ("plan", "sources", "versions")},
+        "title": f"time steps and cost: {header.title}",
         "noise": _noise(records),
         "converged_dt": dt,
         "converged_check": check,
-        "command": header["command"],
     }
 
 
-def _converged(records: list[Record]) -> tuple[float, float]:
+def _converged(records: list[RunRecord]) -> tuple[float, float]:
     """Step of the time-converged run, and its own error in time (l2 of h at the end).
 
     Where there are several meshes: of the one with the largest error.
     """
     finest: dict[tuple[object, ...], tuple[float, float]] = {}
-    for record in records:
-        if record["record"] != "run" or record["row"]["role"] != "converged":
-            continue
-        row, errors = record["row"], record["errors"]
-        ends = [e for e in errors if e["kind"] == "time" and e["day"] == row["days_planned"]]
-        known = [l2 for entry in ends if (l2 := entry.get("h", {}).get("l2")) is not None]
-        for l2 in known:
-            here = (row["dt"], l2)
-            finest[_bench(row)] = min(finest.get(_bench(row), here), here)
+    for run in records:
+        for error in run.errors if run.role == "converged" else ():
+            which = (error.kind, error.field, error.day)
+            if which == ("time", "h", run.config.days) and error.l2 is not None:
+                here = (float(run.config.dt), error.l2)
+                finest[run.mesh] = min(finest.get(run.mesh, here), here)
     return max(finest.values(), key=lambda pair: pair[1], default=(float("nan"), float("nan")))

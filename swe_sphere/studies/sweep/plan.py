@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.simulation.config import (
@@ -20,40 +22,48 @@ from swe_sphere.simulation.config import (
     first_complaint,
     make_config,
 )
-from swe_sphere.simulation.setup import make_mesh, make_scene
+from swe_sphere.simulation.setup import make_mesh
+from swe_sphere.simulation.supplied import Supplied
 
 __all__ = ["SweepPlan", "check_plan", "make_plan"]
 
 
-def _listed(value: object) -> object:
+def _listed(value: object) -> tuple[object, ...]:
     """A comma-separated list, one value or several of them, as a tuple."""
     if isinstance(value, str):
         return tuple(part.strip() for part in value.split(",") if part.strip())
-    if isinstance(value, list | tuple):
-        return tuple(part for item in value for part in _each(item))
-    return (value,)
+    if not isinstance(value, list | tuple):
+        return (value,)
+    parts = (_listed(item) if isinstance(item, str) else (item,) for item in value)
+    return tuple(part for several in parts for part in several)
 
 
-def _each(item: object) -> tuple[object, ...]:
-    parts = _listed(item) if isinstance(item, str) else (item,)
-    assert isinstance(parts, tuple)
-    return parts
-
-
-def _counted(value: object) -> object:
+def _counted(value: object) -> tuple[object, ...]:
     """A list of numbers; ValueError for a switch among them, which pydantic would take for 1."""
     values = _listed(value)
-    assert isinstance(values, tuple)
     if any(isinstance(each, bool) for each in values):
         raise ValueError("must be numbers")
     return values
+
+
+def _stepper_names(value: object) -> tuple[str, ...]:
+    """Names of steppers; among them may be files, and classes that are known by their name."""
+    from swe_sphere.steppers import STEPPERS
+
+    names = []
+    for item in _listed(value):
+        named = str(item if isinstance(item, str | Path) else getattr(item, "name", item))
+        if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:
+            raise ValueError("must be names, files or classes of steppers")
+        names.append(named)
+    return tuple(names)
 
 
 def _steps(value: object) -> object:
     if isinstance(value, str) and value.strip().lower() == "auto":
         return "auto"
     try:
-        steps = tuple(float(step) for step in _counted(value))  # type: ignore[attr-defined]
+        steps = tuple(float(step) for step in _counted(value))  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         steps = ()
     if not steps or not all(math.isfinite(step) and step > 0.0 for step in steps):
@@ -85,7 +95,7 @@ class SweepPlan(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     scene: str
-    steppers: Annotated[Names, Field(min_length=1)]
+    steppers: Annotated[tuple[str, ...], BeforeValidator(_stepper_names), Field(min_length=1)]
     dt: Steps = "auto"
     """Time steps [s] of every stepper, or a ladder for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
@@ -137,13 +147,15 @@ class SweepPlan(BaseModel):
         given = shared | values
         return make_config({name: value for name, value in given.items() if value is not None})
 
-    def given(self) -> dict[str, Any]:
+    def changes(self) -> dict[str, Any]:
         """The values that differ from the defaults, as JSON can hold them."""
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
-def make_plan(values: Mapping[str, object]) -> SweepPlan:
+def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
     """The plan of these values, checked as far as it can be without computing anything.
+
+    scene: one that stands behind the name in the plan.
 
     Raises:
         ConfigError: an unknown name or an unfit value, in one line that says which.
@@ -152,16 +164,16 @@ def make_plan(values: Mapping[str, object]) -> SweepPlan:
         plan = SweepPlan.model_validate(dict(values))
     except ValidationError as error:
         raise ConfigError(first_complaint(error, SweepPlan)) from None
-    check_plan(plan)
+    check_plan(plan, scene)
     return plan
 
 
-def check_plan(plan: SweepPlan) -> None:
+def check_plan(plan: SweepPlan, own: Scene | None) -> None:
     """ConfigError for what no run could begin with: names, meshes, times, files."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
     from swe_sphere.steppers import get_stepper
 
-    scene = make_scene(plan.run_config())
+    scene = Supplied(own).scene_of(plan.run_config())
     for name in (*plan.steppers, plan.converged_stepper):
         get_stepper(name)
     for name in plan.preconditioner:

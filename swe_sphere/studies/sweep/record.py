@@ -1,72 +1,145 @@
-"""What the journal keeps of a run, and of the machine while the runs went on."""
+"""What a sweep keeps: a record of each run, and of what was asked for, of which code and files."""
 
 from __future__ import annotations
 
-from typing import Any
+import os
+import platform
+import sys
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from swe_sphere.studies.sweep.case import Case
-from swe_sphere.studies.sweep.execute import Outcome
-from swe_sphere.studies.sweep.judge import Errors
+from pydantic import Field
 
-__all__ = ["Verdict", "calibration_record", "run_record"]
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.machine import processor, versions
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.store import Record, Store, read_record
+from swe_sphere.studies.sweep.plan import SweepPlan
+from swe_sphere.studies.sweep.runspec import Role
 
-Verdict = dict[str, dict[float, Errors]]
-"""Errors by kind and report day."""
+__all__ = [
+    "FIELDS", "HEADER", "KINDS", "MESH", "NORMS", "RUNS", "Errors", "Header", "RunRecord",
+    "current", "header_of", "read_header", "runs_of", "stale_note",
+]  # fmt: skip
 
+HEADER, RUNS = "sweep.json", "runs"
+"""Names of the file that says what was asked for, and of the folder of the runs."""
 
-def run_record(case: Case, repeat: int, outcome: Outcome, verdict: Verdict) -> dict[str, Any]:
-    """A run as a line of the journal."""
-    return {
-        "record": "run",
-        "key": case.key,
-        "repeat": repeat,
-        "row": _settings(case) | outcome.numbers | _ending(outcome),
-        "errors": [
-            {"kind": kind, "day": day, **errors}
-            for kind, days in verdict.items()
-            for day, errors in days.items()
-        ],
-    }
-
-
-def calibration_record(case: Case, seconds: float) -> dict[str, Any]:
-    """The time of one right-hand side [s] in a moment between two runs."""
-    return {"record": "calibration", "bench": _bench(case), "seconds": seconds}
-
-
-def _settings(case: Case) -> dict[str, Any]:
-    config, bench = case.config, case.bench
-    return {
-        "scene": bench.scene.name,
-        "stepper": config.stepper,
-        "preconditioner": _preconditioner(case),
-        **_bench(case),
-        "settings": " ".join(config.settings),
-        "dt": case.dt,
-        "days_planned": case.schedule.days,
-        "role": case.role,
-        "gravity_limit": bench.limits.gravity,
-        "advective_limit": bench.limits.advective,
-    }
+KINDS = ("time", "total", "slow")
+FIELDS = ("h", "v", "vorticity")
+NORMS = ("l1", "l2", "linf")
 
 
-def _bench(case: Case) -> dict[str, Any]:
-    mesh, config = case.bench.mesh, case.bench.config
-    return {
-        "ne": mesh.ne,
-        "np": mesh.np,
-        "stretch": mesh.stretch,
-        "precision": config.precision,
-        "device": config.device,
-    }
+MESH = ("ne", "np", "stretch", "precision", "device")
 
 
-def _preconditioner(case: Case) -> str:
-    """As asked for, else the default of the stepper; nothing where it has none."""
-    if case.refusal is not None:
-        return case.config.preconditioner or ""
-    return str(case.bench.options(case.config).get("preconditioner", ""))
+ENDS = ("completed", "refused", "unstable", "solver-failed", "timed-out", "failed")
+"""How a run may have ended."""
 
 
-def _ending(outcome: Outcome) -> dict[str, str]:
-    return {"status": outcome.status, "reason": outcome.reason}
+class Errors(Record):
+    """Norms of the error of a field at a report day; relative, null where there is none."""
+
+    kind: Literal["time", "total", "slow"]
+    field: Literal["h", "v", "vorticity"]
+    day: float
+    l1: float | None
+    l2: float | None
+    linf: float | None
+
+
+class RunRecord(Record):
+    """One repeat of a run."""
+
+    key: str
+    repeat: int
+    role: Role
+    config: RunConfig
+    """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days]."""
+    status: Annotated[str, Field(pattern=f"^({'|'.join(ENDS)})$")]
+    reason: str
+    numbers: dict[str, float | None]
+    """Costs, limits of the mesh, drifts and diagnostics by name."""
+    errors: list[Errors]
+    rhs_seconds: float | None
+    """Time of a right-hand side just before the run, where it was taken."""
+    time_limit: float | None
+    sources: dict[str, str]
+    """Fingerprints of all that the run was made of but its settings, by what it is."""
+
+    @property
+    def mesh(self) -> tuple[object, ...]:
+        """What the time of a right-hand side goes with."""
+        return tuple(getattr(self.config, name) for name in MESH)
+
+
+class Header(Record):
+    """What was asked for last."""
+
+    scene: str
+    title: str
+    plan: dict[str, Any]
+    sources: dict[str, str]
+    machine: str
+    cores: int | None
+    versions: dict[str, str]
+    created: str
+    command: str
+
+
+def header_of(plan: SweepPlan, scene: Scene, sources: Mapping[str, str]) -> Header:
+    """The header of a sweep that begins now."""
+    program = Path(sys.argv[0]).name if sys.argv else ""
+    return Header(
+        scene=scene.name, title=scene.title, plan=plan.changes(), sources=dict(sources),
+        machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        command=" ".join([program, *sys.argv[1:]]),
+    )  # fmt: skip
+
+
+def read_header(folder: Path) -> Header | None:
+    """What was asked for last in a folder; None where nothing was."""
+    path = folder / HEADER
+    return read_record(path, Header) if path.exists() else None
+
+
+def runs_of(folder: Path) -> Store[RunRecord]:
+    """The runs in a folder of a sweep."""
+    return Store(folder / RUNS, RunRecord)
+
+
+def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRecord]:
+    """The runs that are not made of anything that has changed."""
+    return [run for run in runs if not _changed(run.sources, sources)]
+
+
+def stale_note(folder: Path, runs: list[RunRecord], now: Header) -> str:
+    """How many runs are left out as something they are made of has changed since the last sweep.
+
+    Empty where nothing has.  Raises ConfigError where the folder is of another scene.
+    """
+    last = read_header(folder)
+    if last is not None and last.scene != now.scene:
+        raise ConfigError(
+            f"{folder} holds a sweep of {last.scene}, not of {now.scene}: choose another folder"
+        )
+    changed = _changed(last.sources, now.sources) if last else []
+    stale = len(runs) - len(current(runs, now.sources))
+    if not changed or not stale:
+        return ""
+    return (
+        f"{folder}: {stale} of {len(runs)} runs there are left out, and made again where they are"
+        f" asked for: {' and '.join(changed)} changed since"
+    )
+
+
+def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
+    """What something is made of and is not any more what it was.
+
+    A sweep may go on with other files of data: what only one of both names has not changed.
+    """
+    return [name for name in sources if of.get(name, sources[name]) != sources[name]]

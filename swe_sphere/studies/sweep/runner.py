@@ -1,108 +1,238 @@
-"""Makes the runs of a sweep one after the other, unless the journal has them already."""
+"""Makes the runs of a sweep one after the other: stepped, timed, told in numbers, kept."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import asdict, dataclass, field
 
+import numpy as np
+
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.integrals import DRIFTS
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.simulation.execution import BREAKDOWNS, step_through
 from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.studies.sweep.case import Case
-from swe_sphere.studies.sweep.execute import Outcome, execute, warm_up
-from swe_sphere.studies.sweep.freshness import fresh
-from swe_sphere.studies.sweep.journal import Journal
-from swe_sphere.studies.sweep.record import Verdict, calibration_record, run_record
-from swe_sphere.studies.sweep.watcher import SweepWatcher
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.studies.peak_memory import begin_peak, peak_memory
+from swe_sphere.studies.store import Store
+from swe_sphere.studies.sweep.api import SweepWatcher
+from swe_sphere.studies.sweep.discretisation import Discretisation, History
+from swe_sphere.studies.sweep.record import Errors, RunRecord, current
+from swe_sphere.studies.sweep.runspec import RunSpec
 
-__all__ = ["Judge", "Runner"]
+__all__ = ["COUNTS", "KEPT", "Result", "Runner", "TakeErrors", "execute", "warm_up"]
 
-Judge = Callable[[Case, Outcome], Verdict]
-"""Takes the errors of a run."""
+
+COUNTS = (
+    "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
+    "newton_iterations", "krylov_iterations", "rejected_steps",
+)  # fmt: skip
+
+KEPT = ("u", "v", "h", "vorticity")
+"""What is kept of a state to take errors of it."""
+
+WARM_STEPS = 2
+"""Steps before the clock runs: the second of a two-step method is its first real one."""
+
+
+@dataclass
+class Result:
+    """What a run came to."""
+
+    status: str
+    """As `simulation.summary.Outcome` has it."""
+    reason: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
+    """Costs and, of a run that was completed, drifts and the user's own diagnostics."""
+    snapshots: History = field(default_factory=dict)
+    """Fields at the report days that were reached."""
+    rhs_seconds: float | None = None
+    """Time of a right-hand side just before the run [s], where it was taken."""
+
+
+class Snapshots:
+    """An observer that keeps the fields at report days."""
+
+    def __init__(self, days: dict[int, float]) -> None:
+        self._days = days
+        self.kept: History = {}
+
+    def due(self, step: int) -> bool:
+        """At the report days."""
+        return step in self._days
+
+    def observe(self, sim: Simulation) -> None:
+        """Keep the fields."""
+        if sim.steps in self._days:
+            fields = sim.snapshot.all_fields
+            self.kept[self._days[sim.steps]] = {name: fields[name] for name in KEPT}
+
+
+def execute(
+    spec: RunSpec,
+    interruption: Interruption,
+    time_limit: float | None = None,
+    tick: Callable[[int], None] | None = None,
+) -> Result:
+    """Run to the end, or to where it fails; the steps alone are on the clock.
+
+    Raises:
+        Interrupted: the user asked to stop.
+    """
+    begin_peak()
+    began = time.perf_counter()
+    try:
+        sim = _begun(spec)
+    except (ConfigError, RunFailed) as error:
+        return Result("refused", " ".join(str(error).split()))
+    snapshots = Snapshots(spec.report_steps())
+    told = None if tick is None else (lambda sim: tick(sim.steps))
+    with np.errstate(all="ignore"):
+        ended = step_through(sim, [snapshots], told, time_limit, interruption)
+    numbers = _costs(sim) | (_diagnostics(sim) if ended.completed else {})
+    numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
+    return Result(ended.status, ended.reason or "", numbers, snapshots.kept)
+
+
+def warm_up(spec: RunSpec) -> float:
+    """Take a few steps, so that kernels are compiled and caches filled; seconds of compiling.
+
+    What fails here fails again in the run, where it is told.
+    """
+    try:
+        sim = _begun(spec)
+        with np.errstate(all="ignore"):
+            for _ in range(WARM_STEPS):
+                sim.step()
+    except (ConfigError, RunFailed, *BREAKDOWNS):
+        return math.nan
+    return sim.model.compile_seconds
+
+
+def _begun(spec: RunSpec) -> Simulation:
+    """The simulation at its start."""
+    if spec.refusal is not None:
+        raise ConfigError(spec.refusal)
+    sim = spec.space.simulation(spec.config)
+    sim.begin(spec.steps)
+    return sim
+
+
+def _costs(sim: Simulation) -> dict[str, float]:
+    counts = sim.counts()
+    return {
+        **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
+        "steps": sim.steps,
+        "days": sim.steps * sim.plan.dt / DAY,
+        "wall_seconds": sim.wall_seconds,
+        "cpu_seconds": sim.cpu_seconds,
+        "compile_seconds": sim.model.compile_seconds,
+    }
+
+
+def _diagnostics(sim: Simulation) -> dict[str, float]:
+    """Drifts, and those of the user's own diagnostics that are numbers."""
+    found = sim.diagnostics
+    return {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+
+
+TakeErrors = Callable[[Discretisation, History], list[Errors]]
+"""Takes the errors of the fields at report days."""
 
 EVERY = 2.0
 """Seconds between two looks at how fast the machine is."""
 
 
 class Runner:
-    """Runs cases; every one ends as a record in the journal before the next begins.
+    """Makes runs; every one ends as a record in the store before the next begins.
 
-    sources: of what the runs are made; what the journal has of others is not known here.
+    sources: of what the runs are made; records of others are not known here.
     """
 
     def __init__(
         self,
-        journal: Journal,
+        store: Store[RunRecord],
         sources: Mapping[str, str],
         interruption: Interruption,
         watcher: SweepWatcher,
         time_limit: float | None,
     ) -> None:
-        self._journal, self._interruption = journal, interruption
-        self._watcher, self._time_limit = watcher, time_limit
-        self._sources = {"sources": dict(sources)}
-        runs = [r for r in fresh(journal.records, sources) if r["record"] == "run"]
-        self._known = {(run["key"], run["repeat"]): run for run in runs}
-        self._warm: dict[tuple[object, ...], float] = {}
-        self._calibrated: dict[int, float] = {}
+        self._store, self._sources = store, dict(sources)
+        self._interruption, self._watcher = interruption, watcher
+        self._time_limit = time_limit
+        runs = current(store.records, sources)
+        self._known = {(run.key, run.repeat): run for run in runs}
+        self._warm: set[object] = set()
+        self._timed: dict[str, float] = {}
 
-    def known(self, case: Case, repeat: int = 0) -> dict[str, Any] | None:
+    def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
 
         One that ran out of time counts only if it would again.
         """
-        record = self._known.get((case.key, repeat))
-        if record is None or record["row"]["status"] != "timed-out":
+        record = self._known.get((spec.key, repeat))
+        if record is None or record.status != "timed-out":
             return record
-        had, has = record.get("time_limit"), self._time_limit
+        had, has = record.time_limit, self._time_limit
         return record if has is not None and had is not None and has <= had else None
 
-    def run(self, case: Case, judge: Judge | None = None, repeat: int = 0) -> dict[str, Any]:
+    def run(self, spec: RunSpec, evaluate: TakeErrors | None = None, repeat: int = 0) -> RunRecord:
         """The record of a run: the known one, or that of a new run.
 
-        judge: takes its errors.
+        evaluate: takes its errors.
 
         Raises:
             Interrupted: the user asked to stop.
-            RunFailed: the journal cannot be written.
+            RunFailed: the record cannot be written.
         """
-        record = self.known(case, repeat)
+        record = self.known(spec, repeat)
         if record is None:
-            outcome = self.outcome(case, self._time_limit)
-            record = self.keep(case, outcome, judge(case, outcome) if judge else {}, repeat)
-        self._watcher.done(case, record)
+            result = self.result(spec, self._time_limit)
+            errors = evaluate(spec.space, result.snapshots) if evaluate else []
+            record = self.keep(spec, result, errors, repeat)
+        self._watcher.done(spec, record)
         return record
 
-    def outcome(self, case: Case, time_limit: float | None = None) -> Outcome:
+    def result(self, spec: RunSpec, time_limit: float | None = None) -> Result:
         """Make a run, warm, with a look at the machine before it."""
         self._interruption.check()
-        self._watcher.begin(case)
-        compiled = self._warmed(case)
-        self._calibrate(case)
-        outcome = execute(case, self._interruption, time_limit, self._watcher.tick)
-        if "compile_seconds" in outcome.numbers:
-            outcome.numbers["compile_seconds"] += compiled
-        return outcome
+        self._watcher.begin(spec)
+        compiled = self._warmed(spec)
+        rhs_seconds = self._timed_rhs(spec)
+        result = execute(spec, self._interruption, time_limit, self._watcher.tick)
+        result.rhs_seconds = rhs_seconds
+        if "compile_seconds" in result.numbers:
+            result.numbers["compile_seconds"] += compiled
+        return result
 
-    def keep(self, case: Case, outcome: Outcome, verdict: Verdict, repeat: int) -> dict[str, Any]:
-        """Write a run into the journal."""
-        record = run_record(case, repeat, outcome, verdict) | {"time_limit": self._time_limit}
-        self._journal.append(record | self._sources)
-        kept = self._journal.records[-1]
-        self._known[case.key, repeat] = kept
+    def keep(
+        self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
+    ) -> RunRecord:
+        """Write the record of a run."""
+        numbers = {**result.numbers, **asdict(spec.space.limits)}
+        record = RunRecord(
+            key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
+            status=result.status, reason=result.reason, numbers=numbers, errors=errors,
+            rhs_seconds=result.rhs_seconds, time_limit=self._time_limit, sources=self._sources,
+        )  # fmt: skip
+        kept = self._known[spec.key, repeat] = self._store.add(record)
         return kept
 
-    def _warmed(self, case: Case) -> float:
+    def _warmed(self, spec: RunSpec) -> float:
         """Seconds of compiling for this kind of run, in the first of which it is done."""
-        config = case.config
-        kind = (id(case.bench), config.stepper, config.preconditioner)
-        if kind in self._warm or case.refusal is not None:
+        if spec.integrator in self._warm or spec.refusal is not None:
             return 0.0
-        self._warm[kind] = warm_up(case)
-        return self._warm[kind]
+        self._warm.add(spec.integrator)
+        return warm_up(spec)
 
-    def _calibrate(self, case: Case) -> None:
-        """Time right-hand sides now and then on every mesh."""
-        now, bench = time.perf_counter(), case.bench
-        if case.refusal is None and now - self._calibrated.get(id(bench), -EVERY) >= EVERY:
-            self._journal.append(calibration_record(case, bench.time_rhs()) | self._sources)
-            self._calibrated[id(bench)] = now
+    def _timed_rhs(self, spec: RunSpec) -> float | None:
+        """Time of a right-hand side, taken now and then on every mesh."""
+        now, mesh = time.perf_counter(), spec.space.identity
+        if spec.refusal is not None or now - self._timed.get(mesh, -EVERY) < EVERY:
+            return None
+        seconds = spec.space.time_rhs()
+        self._timed[mesh] = now
+        return seconds

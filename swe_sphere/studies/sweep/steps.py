@@ -1,4 +1,4 @@
-"""Searches along the step: the longest one that works, and the longest one that is good enough."""
+"""Which steps to take: sequences, and searches for the longest that works or is accurate."""
 
 from __future__ import annotations
 
@@ -6,13 +6,40 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Target", "longest_accurate", "longest_working"]
+__all__ = ["Target", "dt_sequence", "longest_accurate", "longest_working"]
+
+RATIO = math.sqrt(2.0)
+"""Between the steps of an explicit stepper, whose useful range is short."""
+FARTHEST = 64.0
+"""The longest implicit step, in gravity limits: what studies found useful, and a little more."""
+SHORTEST = 2.0
+"""The shortest one; below, an explicit stepper does the same for a fraction of the time."""
 
 GROWTH = 1.25
 """Between steps while the limit is not yet enclosed."""
 REFINEMENTS = 6
 PLATEAU = 0.9
 """An error that a halved step leaves above this part of itself does not depend on the step."""
+
+
+def dt_sequence(
+    usable: float, explicit: bool, gravity: float, longest: float, levels: int
+) -> list[float]:
+    """Steps [s] for a stepper, the longest first, where the user names none.
+
+    usable: safe part of the stability limit [s], infinite where there is none; explicit: whether
+    gravity waves set that limit; gravity: limit [s] of leapfrog; longest: no step is longer [s];
+    levels: how many steps.
+    """
+    top = min(usable, FARTHEST * gravity, longest)
+    bottom = min(gravity if math.isfinite(usable) else SHORTEST * gravity, top)
+    if explicit:
+        ratio = RATIO
+    elif levels == 1 or top <= bottom * (1.0 + 1e-9):
+        return [top]
+    else:
+        ratio = float((top / bottom) ** (1.0 / (levels - 1)))
+    return [top / ratio**n for n in range(levels)]
 
 
 def longest_working(
@@ -30,21 +57,15 @@ def longest_working(
     """
     low = high = min(max(guess, shortest), longest)
     if works(low):
-        while high < longest:
-            high = min(growth * low, longest)
-            if not works(high):
-                break
+        while low < longest and works(high := min(growth * low, longest)):
             low = high
-        else:
+        if low >= longest:
             return longest
     else:
-        while True:
-            if high <= shortest:
-                return None
-            low = max(high / growth, shortest)
-            if works(low):
-                break
+        while high > shortest and not works(low := max(high / growth, shortest)):
             high = low
+        if high <= shortest:
+            return None
     while high > (1.0 + tolerance) * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if works(middle) else (low, middle)

@@ -1,0 +1,167 @@
+"""A scene on a mesh in one precision, and what all runs on it share, made once."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from swe_sphere.equations.scene import Scene
+from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.evaluator import state_integrals
+from swe_sphere.simulation.setup import identity, make_mesh
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.snapshot import Fields
+from swe_sphere.simulation.stepping import stepper_options
+from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.studies.sweep.plan import SweepPlan
+
+if TYPE_CHECKING:
+    import warp as wp
+
+    from swe_sphere.steppers import Stepper
+
+__all__ = ["Discretisation", "Discretisations", "History", "Limits"]
+
+History = dict[float, Fields]
+"""Fields by report day."""
+
+BATCH = 0.01
+"""Time of one batch of right-hand sides [s]."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Steps [s] that the start of a scene allows on a mesh."""
+
+    gravity_limit: float
+    """Leapfrog's without filter: 1 over the spectral radius."""
+    advective_limit: float
+    """The same, were there no gravity waves."""
+
+
+class Discretisation:
+    """A scene on a mesh: its start, limits, fresh simulations, the cost of a right-hand side.
+
+    config: of any run on it; its stepper does not matter.  own: a scene in the place of the one
+    that is named there.  Raises ConfigError where scene or mesh
+    cannot be made.
+    """
+
+    def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
+        self.config, self._own = config, own
+        self.scene = Supplied(own).scene_of(config)
+        self.mesh = make_mesh(config, self.scene)
+        self._radii: dict[object, tuple[float, float]] = {}
+        self._batch = 1
+
+    @property
+    def label(self) -> str:
+        """The mesh and the precision in words."""
+        return f"ne{self.mesh.ne} np{self.mesh.np} {self.config.precision}"
+
+    @cached_property
+    def identity(self) -> str:
+        """The same for all discretisations of the same settings, files and code."""
+        device, launch = self.config.device, self.config.launch
+        same = identity(self.config, self.scene, self.mesh) | {"device": device, "launch": launch}
+        same |= {"stepper": None, "code": code_fingerprint()}
+        if self._own is not None:  # its functions may hang on more than its parameters
+            same |= {name: str(values.tobytes()) for name, values in self.start.items()}
+        return fingerprint(same)
+
+    def simulation(self, config: RunConfig) -> Simulation:
+        """A simulation with a model of its own: nothing of one run is left to the next.
+
+        Raises:
+            ConfigError: the stepper does not suit the scene, or takes no such option.
+        """
+        return Simulation.from_config(config, Supplied(self._own, self.mesh))
+
+    @cached_property
+    def _sim(self) -> Simulation:
+        return self.simulation(self.config)
+
+    @property
+    def start(self) -> Fields:
+        """All fields at the start, bottom and Coriolis parameter included; each (N,)."""
+        return self._sim.start
+
+    @cached_property
+    def limits(self) -> Limits:
+        """The gravity and the advective limit at the start."""
+        model = self._sim.model
+        radius = model.spectrum(model.initial_state()).wave
+        gravity = 1.0 / radius if radius > 0.0 else np.inf
+        if self.scene.effect("pressure-gradient") is None:
+            return Limits(gravity, gravity)
+        at_start = state_integrals(model, self.start)
+        wind, wave = at_start["max_wind"], at_start["max_wave"]
+        return Limits(gravity, gravity * (wind + wave) / wind if wind > 0.0 else np.inf)
+
+    def stable_dt(self, kind: type[Stepper]) -> float:
+        """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
+        how = kind.spectrum.__func__  # type: ignore[attr-defined]
+        if how not in self._radii:
+            spectrum = kind.spectrum(self._sim.model, self._sim.model.initial_state())
+            self._radii[how] = (spectrum.wave, spectrum.dissipation)
+        return kind.stable_dt(*self._radii[how])
+
+    def options(self, config: RunConfig) -> dict[str, Any]:
+        """What the stepper of a run is built with."""
+        from swe_sphere.steppers import get_stepper
+
+        return stepper_options(get_stepper(config.stepper), config)
+
+    @cached_property
+    def _state(self) -> tuple[wp.array, wp.array]:
+        """The start, and room for a tendency."""
+        return self._sim.model.initial_state(), self._sim.model.zeros()
+
+    def time_rhs(self) -> float:
+        """Time of one right-hand side [s], the mean over a short batch."""
+        if self._batch == 1:
+            once = min(self._time_batch() for _ in range(4))
+            self._batch = max(3, round(BATCH / once))
+        return self._time_batch()
+
+    def _time_batch(self) -> float:
+        (state, out), model = self._state, self._sim.model
+        began = time.perf_counter()
+        for _ in range(self._batch):
+            model.tendency(state, 0.0, out)
+        _synchronize(model.device)
+        return (time.perf_counter() - began) / self._batch
+
+
+class Discretisations:
+    """The meshes and precisions of a plan, each made when it is first asked for."""
+
+    def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
+        self._plan, self._own = plan, own
+        self._known: dict[tuple[int, int, str], Discretisation] = {}
+        scene = Supplied(own).scene_of(plan.run_config())
+        self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
+
+    def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
+        """The one of that mesh and precision."""
+        key = (ne, np, precision)
+        if key not in self._known:
+            config = self._plan.run_config(ne=ne, np=np, precision=precision)
+            self._known[key] = Discretisation(config, self._own)
+        return self._known[key]
+
+    def all(self) -> list[Discretisation]:
+        """Those that the plan asks for."""
+        precisions = self._plan.precision
+        return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]
+
+
+def _synchronize(device: str) -> None:
+    import warp as wp
+
+    wp.synchronize_device(device)

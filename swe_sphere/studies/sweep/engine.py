@@ -1,0 +1,226 @@
+"""A sweep while it goes on: reference runs, then the grid or the searches, all of it resumable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from swe_sphere.durable import write_whole
+from swe_sphere.equations.scene import Scene
+from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.studies.peak_memory import settled_objects
+from swe_sphere.studies.sweep.api import SweepWatcher
+from swe_sphere.studies.sweep.discretisation import Discretisations
+from swe_sphere.studies.sweep.evaluator import Evaluator
+from swe_sphere.studies.sweep.plan import SweepPlan
+from swe_sphere.studies.sweep.record import (
+    HEADER,
+    Header,
+    RunRecord,
+    current,
+    header_of,
+    read_header,
+    runs_of,
+    stale_note,
+)
+from swe_sphere.studies.sweep.references import ReferenceRuns, choose_reference, sweep_sources
+from swe_sphere.studies.sweep.runner import Runner
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, integrators
+from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
+
+__all__ = ["Sweep"]
+
+CONVERGED = "converged"
+"""Folder of the fields of reference runs."""
+
+SHORTEST = 64.0
+"""A search for an error goes down to this part of the longest step or of the gravity limit."""
+TRIAL_GROWTH = {True: 1.12, False: 2.0}
+"""Between trials while a limit is sought: where theory names one, and where it names none."""
+NEAR_BEST = 1.5
+"""Runs up to so many times the time of the cheapest good one are timed again."""
+
+
+class Sweep:
+    """Carries out a plan in a folder; what the folder holds already is not made again.
+
+    Raises ConfigError for a plan that cannot be carried out, or a folder of another scene.
+    """
+
+    def __init__(
+        self,
+        plan: SweepPlan,
+        folder: Path,
+        watcher: SweepWatcher,
+        own: Scene | None = None,
+    ) -> None:
+        self._plan, self._watcher = plan, watcher
+        self._spaces = Discretisations(plan, own)
+        scene = self._spaces.all()[0].scene
+        self._schedule = Schedule.of(scene.days if plan.days is None else plan.days,
+                                     plan.report_days)  # fmt: skip
+        total = choose_reference(
+            scene, self._schedule.report_days, plan.reference, plan.finer, max(self._spaces.ne)
+        )
+        self._sources = sweep_sources(plan, scene, own, total)
+        self._store = runs_of(folder)
+        self._note_plan(folder, header_of(plan, scene, self._sources))
+        self._interruption = Interruption()
+        self._runner = Runner(
+            self._store, self._sources, self._interruption, watcher, plan.time_limit
+        )
+        runs = ReferenceRuns(self._runner, folder / CONVERGED, self._schedule, total.name)
+        self._evaluator = Evaluator(plan, self._spaces, total, runs)
+
+    def _note_plan(self, folder: Path, header: Header) -> None:
+        """Write down what is asked for; tell the user what there is and counts no more."""
+        stale = stale_note(folder, self._store.records, header)
+        last = read_header(folder)
+        same = {"created": header.created, "command": header.command}
+        if last is None or last.model_copy(update=same) != header:
+            write_whole(folder / HEADER, header.as_text())
+        if stale:
+            self._watcher.note(stale)
+
+    @property
+    def has_runs(self) -> bool:
+        """Whether there is a record of any run of these sources."""
+        return bool(current(self._store.records, self._sources))
+
+    def run(self) -> None:
+        """Make all runs that are still missing.
+
+        Raises:
+            Interrupted: the user asked to stop; all finished runs are kept.
+            RunFailed: the disk does not take the results.
+        """
+        spaces = self._spaces.all()
+        everyone = integrators(self._plan, spaces, self._schedule, self._evaluator.names)
+        with settled_objects(), self._interruption:
+            for space in spaces:
+                self._evaluator.converged(space)
+            if self._plan.target_error is None:
+                self._grid(everyone)
+            else:
+                self._search(everyone, self._plan.target_error)
+            if self._plan.find_limit:
+                for integrator in everyone:
+                    self._find_limit(integrator)
+
+    # --- grid
+
+    def _grid(self, everyone: list[Integrator]) -> None:
+        runs = [run for integrator in everyone for run in integrator.grid(self._plan)]
+        self._watcher.expect(len(runs) * self._plan.repeats)
+        self._repeat(runs)
+
+    def _repeat(self, runs: list[RunSpec]) -> None:
+        """Rounds through all runs, so that a busy moment of the machine meets many of them."""
+        for repeat in range(self._plan.repeats):
+            for run in _ordered(runs):
+                self._make(run, repeat)
+
+    def _make(self, run: RunSpec, repeat: int) -> None:
+        """One run; what failed the first time is not tried again."""
+        first = self._runner.known(run)
+        if repeat and first is not None and first.status != "completed":
+            self._watcher.done(run, first)
+            return
+        self._runner.run(run, None if repeat else self._evaluator, repeat)
+
+    # --- the longest stable step
+
+    def _find_limit(self, integrator: Integrator) -> None:
+        if integrator.refusal is not None:
+            return
+        limit, gravity = integrator.stable_dt, integrator.space.limits.gravity_limit
+        known = math.isfinite(limit)
+        guess = limit if known else 8.0 * gravity
+        ends: set[str] = set()
+
+        def works(dt: float) -> bool:
+            self._watcher.expect(1)
+            status = self._runner.run(integrator.trial(dt)).status
+            ends.add(status)
+            return status == "completed"
+
+        found = longest_working(
+            works, guess, min(guess, gravity) / 8.0, integrator.longest, growth=TRIAL_GROWTH[known]
+        )
+        hurried = " (some trials ran out of time)" if "timed-out" in ends else ""
+        self._watcher.note(_limit_found(integrator, found) + hurried)
+
+    # --- the longest step with an error
+
+    def _search(self, everyone: list[Integrator], target: float) -> None:
+        for integrator in everyone:
+            tried: dict[RunSpec, None] = {}
+            found = self._longest_accurate(integrator, target, tried)
+            if found.dt is None:
+                self._watcher.note(f"{integrator.label}: {found.reason}")
+                continue
+            good = self._worth_timing(tried, target)
+            self._watcher.expect(len(good) * (self._plan.repeats - 1))
+            self._repeat(good)
+
+    def _longest_accurate(
+        self, integrator: Integrator, target: float, tried: dict[RunSpec, None]
+    ) -> Target:
+        """Search along the step; the runs made are left in `tried`."""
+        if integrator.refusal is not None:
+            return Target(None, integrator.refusal)
+
+        def error(dt: float) -> float:
+            run = integrator.run(dt, role="target")
+            if run not in tried:
+                self._watcher.expect(1)
+                tried[run] = None
+            return self._error(self._runner.run(run, self._evaluator))
+
+        longest = integrator.dt_sequence(1)[0]
+        shortest = min(longest, integrator.space.limits.gravity_limit) / SHORTEST
+        return longest_accurate(error, target, longest, shortest)
+
+    def _worth_timing(self, tried: Iterable[RunSpec], target: float) -> list[RunSpec]:
+        """The good runs that may turn out to be the cheapest."""
+        records = {run: self._runner.known(run) for run in tried}
+        walls = {
+            run: record.numbers["wall_seconds"] or 0.0
+            for run, record in records.items()
+            if record is not None and self._error(record) <= target
+        }
+        best = min(walls.values(), default=math.inf)
+        return [run for run, wall in walls.items() if wall <= NEAR_BEST * best]
+
+    def _error(self, record: RunRecord) -> float:
+        """The error at the end of a run that the plan's target speaks of; infinite if it failed."""
+        plan = self._plan
+        field = "vorticity" if plan.target_kind == "slow" else plan.target_field
+        found: dict[str, float | None] = {
+            error.kind: getattr(error, plan.target_norm)
+            for error in record.errors
+            if (error.field, error.day) == (field, self._schedule.days)
+        }
+        auto = "total" if "total" in found else "time"
+        value = found.get(auto if plan.target_kind == "auto" else plan.target_kind)
+        return math.inf if value is None else value
+
+
+def _ordered(runs: list[RunSpec]) -> list[RunSpec]:
+    """Round the integrators: first the longest step of each, then the next."""
+    rank: dict[object, int] = {}
+    placed = []
+    for number, run in enumerate(runs):
+        rank[run.integrator] = rank.get(run.integrator, -1) + 1
+        placed.append((rank[run.integrator], number, run))
+    return [run for _, _, run in sorted(placed, key=lambda item: item[:2])]
+
+
+def _limit_found(integrator: Integrator, found: float | None) -> str:
+    if found is None:
+        return f"{integrator.label}: no step gets to the end"
+    if found >= integrator.longest:
+        return f"{integrator.label}: stable at every step up to {found:.4g} s"
+    gravity = found / integrator.space.limits.gravity_limit
+    return f"{integrator.label}: longest stable step {found:.4g} s, {gravity:.3g} gravity limits"

@@ -1,0 +1,20 @@
+"""What `--help` prints is what the commands say of themselves, units in brackets included."""
+
+import pytest
+import typer
+
+from swe_sphere.cli.main import app, main
+
+COMMANDS = typer.main.get_command(app).commands
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_prints_every_text_whole(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1000")
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    printed = " ".join(capsys.readouterr().out.split())
+    assert end.value.code == 0
+    texts = [parameter.help for parameter in COMMANDS[name].params if parameter.help]
+    for text in (COMMANDS[name].help.partition("\n")[0], *texts):
+        assert text.replace("\\[", "[") in printed

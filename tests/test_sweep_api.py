@@ -1,0 +1,95 @@
+"""`sweep` in Python: scenes and steppers as objects, the user's own diagnostics, its example."""
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sweeps import assert_same_rows
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.diagnostics import diagnostic, forget
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.studies.sweep import sweep
+from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.testcases import get_scene
+
+TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
+
+
+def test_the_example_of_the_docstring_runs():
+    tests = doctest.DocTestFinder().find(sweep, "sweep", globs={"sweep": sweep})
+    assert [doctest.DocTestRunner().run(test).failed for test in tests] == [0]
+    assert sum(len(test.examples) for test in tests) == 4
+
+
+def test_a_scene_as_an_object_gives_what_its_name_gives():
+    named = sweep("williamson2", "rk4", alpha=0.3, **TINY)
+    assert_same_rows(sweep(get_scene("williamson2", alpha=0.3), "rk4", **TINY), named)
+
+
+def test_scenes_of_one_name_that_differ_in_their_start_do_not_share_runs(tmp_path):
+    """Also where what differs is no parameter of theirs."""
+    first = get_scene("williamson2")
+
+    def faster(lon, lat):
+        u, v, h = first.initial(lon, lat)
+        return 1.01 * u, v, h
+
+    sweep(first, "rk4", out=tmp_path, **TINY)
+    before = len(runs_of(tmp_path).records)
+    sweep(first, "rk4", out=tmp_path, **TINY)
+    assert len(runs_of(tmp_path).records) == before == 3
+    sweep(replace(first, initial=faster), "rk4", out=tmp_path, **TINY)
+    assert len(runs_of(tmp_path).records) == 6
+
+
+def test_a_stepper_as_a_class_gives_what_its_name_gives():
+    named = sweep("lauter", ["rk4", "kg5"], **TINY)
+    assert_same_rows(sweep("lauter", [RK4, STEPPERS["kg5"]], **TINY), named)
+    assert_same_rows(sweep("lauter", RK4, **TINY), sweep("lauter", "rk4", **TINY))
+
+
+def test_a_stepper_of_the_users_own_is_run_and_its_code_is_kept_in_mind(tmp_path):
+    class Twin(RK4):
+        """As rk4."""
+
+        name = "twin-of-rk4"
+
+    found = sweep("lauter", [RK4, Twin], out=tmp_path, **TINY)
+    grid = found.isel(run=found.role.values == "grid")
+    assert grid.stepper.values.tolist() == ["rk4", "twin-of-rk4"]
+    assert (np.diff(grid.error.sel(kind="total"), axis=0) == 0.0).all()
+    assert "the stepper twin-of-rk4" in found.attrs["sources"]
+    assert "the stepper rk4" not in found.attrs["sources"]
+
+
+@pytest.mark.parametrize("wrong", [int, 3, [object()]])
+def test_what_is_no_stepper_is_told_in_one_line(wrong):
+    with pytest.raises(ConfigError, match="steppers: must be names, files or classes") as error:
+        sweep("lauter", wrong, **TINY)
+    assert "\n" not in str(error.value)
+
+
+def test_numbers_of_the_users_own_are_variables_of_the_dataset():
+    @diagnostic(units="m s-1")
+    def strongest(sim):
+        return sim.snapshot.fields["u"].max()
+
+    try:
+        found = sweep("williamson2", "rk4", **TINY)
+    finally:
+        forget("strongest")
+    values = found["strongest"].values
+    assert values.shape == (found.sizes["run"],) and np.allclose(values, 38.6, rtol=0.02)
+    assert "strongest" not in sweep("williamson2", "rk4", **TINY)
+
+
+def test_a_target_of_the_slow_flow_is_that_of_potential_vorticity():
+    """Its error stands in the place of that of vorticity, whatever field is asked for."""
+    options = TINY | {"dt": "auto", "ne": 3}
+    found = sweep("williamson6", "rk4", finer=0, target_kind="slow", target_error=1e-4, **options)
+    tried = found.isel(run=found.role.values == "target")
+    slow = tried.error.sel(kind="slow", field="vorticity", norm="l2").isel(report_day=-1).values
+    assert slow.min() <= 1e-4
