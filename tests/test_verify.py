@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,49 +15,62 @@ import pytest
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.verify import CASES, Case, Rung, Setting, choose, page, verify
-from swe_sphere.studies.verify.cases.constants import CASES as STARTS
+from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.verify import Case, all_cases, choose, page, verify
+from swe_sphere.studies.verify.families import read_cases
 from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
-from swe_sphere.studies.verify.verdict import Check
 from swe_sphere.testcases import SCENES
 
 DOCS = Path(__file__).parents[1] / "docs"
-QUICK = [case for case in CASES if any(rung.quick for rung in case.rungs)]
+CASES = all_cases()
+QUICK = [case for case in CASES if any(level.quick for level in case.levels)]
 
 
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
 def test_quick_verification_passes(case: Case) -> None:
     for row in verify([case], quick=True):
         assert row.checks
-        assert [check for check in row.checks if not check.passed] == []
+        assert [str(check) for check in row.checks if not check.holds] == []
 
 
-def test_every_scene_and_stepper_is_verified() -> None:
-    names = {case.scene for case in CASES}
-    assert set(SCENES) <= names
-    assert {f"stepper-{name}" for name in STEPPERS} <= {case.name for case in CASES}
+def test_every_scene_is_verified() -> None:
+    assert set(SCENES) <= {case.scene for case in CASES}
 
 
-def test_every_case_has_a_name_and_every_rung_a_bound() -> None:
+def test_every_stepper_is_held_in_a_narrow_band() -> None:
+    """Of its errors at two steps at least, which differ as its order says."""
+    ours = {n: kind for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
+    for name, kind in ours.items():
+        (case,) = choose([f"stepper-{name}"])
+        assert case.at(case.levels[0]).config.stepper == name
+        (long, first), (short, second) = (
+            (case.at(level).config.dt, level.values["l2_v"]) for level in case.levels
+        )
+        assert np.log(first / second) / np.log(long / short) > kind.order - 0.65, name
+        for bound in (b for level in case.levels for b in case.bounds(level)):
+            width = bound.high - bound.low
+            assert bound.quantity == "mass_drift" or width <= 4.1e-3 * bound.high, name
+
+
+def test_every_case_has_a_name_and_every_level_a_bound() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
     for case in CASES:
-        for rung in case.rungs:
-            assert rung.upper() or rung.values or rung.floors, case.name
-        if case.setting.days and case.scene != "lake-at-rest" and case.along != "dt":
-            assert all(rung.h for rung in case.rungs), case.name
+        for level in case.levels:
+            assert any(b.quantity != "mass_drift" for b in case.bounds(level)), case.name
+        if not case.start and case.scene != "lake-at-rest" and case.along != "dt":
+            assert all(level.h for level in case.levels), case.name
 
 
-def test_exact_scenes_have_ladders_in_ne_and_np() -> None:
-    """Of three meshes at least where the solution is smooth; an order is asked for."""
+def test_exact_scenes_have_orders_in_ne_and_np() -> None:
     for name in ("williamson1", "williamson2", "williamson3", "williamson4", "lauter"):
         for along in ("ne", "np"):
-            ladders = [case for case in CASES if case.scene == name and case.along == along]
-            assert any("order" in rung.floors for case in ladders for rung in case.rungs), name
+            cases = [case for case in CASES if case.scene == name and case.along == along]
+            assert any(level.order for case in cases for level in case.levels), name
 
 
 def start(name: str) -> dict[str, float]:
-    (case,) = (case for case in STARTS if case.name == f"start-{name}")
-    return dict(case.rungs[0].values)
+    (case,) = choose([f"start-{name}"])
+    return dict(case.levels[0].values)
 
 
 def test_constants_are_those_of_closed_formulas() -> None:
@@ -98,39 +112,92 @@ def test_scenes_on_a_larger_planet_are_those_of_the_formulas() -> None:
     np.testing.assert_allclose(h, depth, rtol=1e-12)
 
 
-def test_bounds() -> None:
-    assert Check("x", 1.0, high=1.0).passed
-    assert not Check("x", 1.01, high=1.0).passed
-    assert not Check("x", math.nan, high=1.0).passed
-    assert Check("x", 0.9, high=1.0).used == pytest.approx(0.9)
-    assert Check("x", 2.0, low=1.0).used == pytest.approx(0.5)
-    assert Check("x", 1.1, low=0.9, high=1.1).used == pytest.approx(1.0)
-    assert Check("x", 1.0, low=0.9, high=1.1).used == pytest.approx(0.0)
-    assert Check("x", math.inf, high=1.0).used == math.inf
+CASE = """
+title = "Two"
+[shared]
+run = {scene = "williamson2", days = 0.1}
+[[case]]
+name = "easy"
+title = "a short run"
+note = "a note"
+levels = [
+    {ne = 2, h = [1.0, 1.0, 1.0], v = [2.0, 2.0, 3.0]},
+    {ne = 4, order = [2.0, 1.5], at_most = {max_v = 50.0}},
+    {ne = 3, values = {nothing = 1.0}, quick = true, published = [{source = "X", l2_h = 0.5}]},
+]
+[[case]]
+name = "none"
+run = {stepper = "leapfrog"}
+mass = inf
+levels = []
+"""
 
 
-EASY = Case(
-    "easy",
-    "a short run",
-    Setting("williamson2", days=0.1),
-    (Rung(2, (1.0, 1.0, 1.0)), Rung(4, floors={"order": 2.0}), Rung(3, limits={"nothing": 1.0})),
-    note="a note",
+@pytest.fixture
+def easy(tmp_path) -> Case:
+    (tmp_path / "cases.toml").write_text(CASE)
+    return read_cases(tmp_path / "cases.toml")[1][0]
+
+
+def test_cases_in_a_file(easy, tmp_path) -> None:
+    title, (_, none) = read_cases(tmp_path / "cases.toml")
+    assert (title, none.name, none.mass) == ("Two", "none", math.inf)
+    assert none.base.config.stepper == "leapfrog"
+    assert none.base.config.scene == "williamson2"
+    first, second, third = ([str(b) for b in easy.bounds(level)] for level in easy.levels)
+    high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
+    assert first == [*high, "mass_drift ≤ 1e-13"]
+    assert second == ["max_v ≤ 50", "order ≥ 2", "order_v ≥ 1.5", "mass_drift ≤ 1e-13"]
+    assert third == ["0.999 ≤ nothing ≤ 1.001", "mass_drift ≤ 1e-13"]
+    last = easy.levels[2]
+    assert (last.quick, last.published[0].source) == (True, "X")
+    assert last.published[0].values == {"l2_h": 0.5}
+    assert easy.at(last) == Configuration(
+        {"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"}
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("note =", "nota =", "nota: Extra inputs"),
+        ("h = [1.0, 1.0, 1.0]", "h = [1.0, 1.0]", "levels.0.h"),
+        ("order = [2.0, 1.5]", 'order = "two"', "levels.1.order"),
+        ("[[case]]", "[[cases]]", "must be tables"),
+    ],
 )
+def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace(old, new))
+    with pytest.raises(ConfigError, match=re.escape(complaint)):
+        read_cases(tmp_path / "cases.toml")
 
 
-def test_rows_judge_what_was_measured() -> None:
-    first, second, third = verify([EASY])
+def changed(case: Case, **changes: Any) -> Case:
+    return Case.model_validate(case.model_dump() | changes)
+
+
+def test_rows_judge_what_was_measured(easy) -> None:
+    first, second, third = verify([easy])
     assert first.passed
     assert second.passed
     assert not third.passed  # what was not measured fails
     expected = math.log2(first.quantities["l2_h"] / second.quantities["l2_h"])
     assert second.quantities["order"] == pytest.approx(expected)
-    assert second.setting == replace(EASY.setting, ne=4)
-    tight = replace(EASY, rungs=(Rung(2, (1e-12, 1.0, 1.0)),))
+    tight = changed(easy, levels=[{"ne": 2, "h": (1e-12, 1.0, 1.0)}])
     (row,) = verify([tight])
-    assert [check.quantity for check in row.checks if not check.passed] == ["l1_h"]
-    assert row.used > 1e3
+    assert [check.quantity for check in row.checks if not check.holds] == ["l1_h"]
+    assert row.worst.used > 1e3
     assert row.as_dict()["passed"] is False
+
+
+def test_a_run_that_stops_fails_and_says_why(easy) -> None:
+    (row,) = verify([changed(easy, levels=[{"ne": 2, "dt": 8640.0, "h": (1.0, 1.0, 1.0)}])])
+    assert row.passed
+    run = easy.run | {"days": 60.0, "dt": 43200.0}
+    (row,) = verify([changed(easy, run=run, levels=[{"ne": 4, "h": (1.0, 1.0, 1.0)}])])
+    assert not row.passed
+    assert (row.as_dict()["status"], row.as_dict()["quantities"]) == ("unstable", {})
+    assert "The run was unstable: " in page([replace(row, case=QUICK[0])], "again")
 
 
 def test_page_has_every_row_and_tells_failures() -> None:
@@ -141,7 +208,7 @@ def test_page_has_every_row_and_tells_failures() -> None:
     assert text.count("✓") == len(rows)
     assert "**lake-at-rest**" in text
     assert "largest wind [m/s]" in text
-    failing = replace(rows[-1], case=replace(rows[-1].case, tolerance=1e-9))
+    failing = replace(rows[-1], case=changed(rows[-1].case, tolerance=1e-9))
     text = page([*rows[:-1], failing], "again")
     assert "1 of" in text
     assert "**fails**" in text
@@ -158,18 +225,38 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
 
 
 def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
-    make = Setting.make_scene
+    make = Configuration.make_scene
 
-    def with_other_gravity(setting: Setting):
-        scene = make(setting)
+    def with_other_gravity(configuration: Configuration):
+        scene = make(configuration)
         return replace(scene, planet=replace(scene.planet, gravity=9.81))
 
-    monkeypatch.setattr(Setting, "make_scene", with_other_gravity)
+    monkeypatch.setattr(Configuration, "make_scene", with_other_gravity)
     with pytest.raises(SystemExit) as end:
         main(["verify", "--quick", "--json", "--scenes", "start-williamson2"])
     assert end.value.code == 1
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     assert [c["quantity"] for c in row["checks"] if not c["passed"]] == ["energy"]
+    monkeypatch.setenv("COLUMNS", "30")
+    with pytest.raises(SystemExit):
+        main(["verify", "--quick", "--scenes", "start-williamson2"])
+    obtained = next(c["obtained"] for c in row["checks"] if c["quantity"] == "energy")
+    assert f"FAILED: energy is {obtained:.6g}, not 3.02608e+07 ≤ energy" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("columns", [20, 60, 80, 200])
+def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
+    """Neither on a narrow terminal nor in a pipe, which counts as one of 80 columns."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    (row, *_) = rows = list(verify(choose(["stepper-rk4"]), quick=True))
+    with pytest.raises(SystemExit):
+        main(["verify", "--quick", "--scenes", "stepper-rk4"])
+    lines = capsys.readouterr().out.splitlines()
+    for row in rows:
+        numbers = [f"{row.quantities[name]:.2e}" for name in ("l2_h", "l2_v")]
+        (line,) = (line for line in lines if numbers[0] in line)
+        for text in ("stepper-rk4", *numbers, f"{row.measure.dt:.4g}", f"{row.worst.used:.2f}"):
+            assert text in line
 
 
 @pytest.mark.parametrize(

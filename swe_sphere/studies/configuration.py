@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Scene
@@ -14,10 +16,16 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.setup import make_scene
+from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.parameters import checked
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["Configuration", "merged", "read_tables"]
+
+if TYPE_CHECKING:
+    from swe_sphere.simulation.simulation import Simulation
+
+M = TypeVar("M", bound=BaseModel)
 
 FIELDS = {"set": "settings"}
 """Keys of a configuration file whose fields are called otherwise."""
@@ -55,6 +63,16 @@ class Configuration:
         parameters = checked(config.scene, factory, settings_of(config.settings, SCENE))
         return apply_settings(factory(**parameters), effect_settings(config.settings))
 
+    def simulation(self) -> Simulation:
+        """All set up, at its start.
+
+        Raises:
+            ConfigError: it cannot be run.
+        """
+        from swe_sphere.simulation.simulation import Simulation
+
+        return Simulation.from_config(self.config, Supplied(scene=self.make_scene()))
+
 
 def _own_scenes(study: str) -> Mapping[str, Callable[..., Scene]]:
     module = import_module(f"swe_sphere.studies.{study}.scenes")
@@ -72,14 +90,21 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
     return {**table, **changes, **deep}
 
 
-def read_tables(path: Path, name: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """A file of a study: the keys of the whole file, and the tables [[name]] merged into `shared`.
+def read_tables(path: Path, name: str, form: type[M]) -> tuple[dict[str, Any], tuple[M, ...]]:
+    """A file of a study: the keys of the whole file, and its tables [[name]] as models.
+
+    A table [shared] has what all of these tables share.
 
     Raises:
-        ConfigError: the file cannot be read, or has no such tables.
+        ConfigError: the file cannot be read, or has no such tables, or they are not of that form.
     """
     whole = read_toml(path)
     shared, tables = whole.pop("shared", {}), whole.pop(name, None)
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{path}: there must be tables [[{name}]]")
-    return whole, [merged(shared, table) for table in tables]
+    try:
+        return whole, tuple(form.model_validate(merged(shared, table)) for table in tables)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ConfigError(f"{path}: {where}: {first['msg']}") from None

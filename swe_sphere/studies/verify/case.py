@@ -1,16 +1,17 @@
-"""What a verification run is, as data: a scene, a ladder of resolutions, and a bound for each."""
+"""What a verification case is, as data: a scene at several resolutions, with bounds for each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from swe_sphere.equations.effects import Effect
-from swe_sphere.equations.scene import Scene
-from swe_sphere.testcases import get_scene
+from pydantic import BaseModel, ConfigDict, model_validator
 
-__all__ = ["Case", "Figure", "Rung", "Setting"]
+from swe_sphere.studies.bounds import Bound
+from swe_sphere.studies.configuration import Configuration
+
+__all__ = ["CONVERGED", "NORMS", "ORDERS", "Case", "Level", "Published"]
 
 Norms = tuple[float, float, float]
 """l1, l2 and linf."""
@@ -18,111 +19,118 @@ Norms = tuple[float, float, float]
 CONVERGED = "converged"
 """In the place of a reference: a run on the same mesh with a step so short that it has no error."""
 
+NORMS = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
+"""The names of the six normalised errors."""
 
-@dataclass(frozen=True)
-class Figure:
-    """A published number beside ours."""
+ORDERS = {
+    "l2_h": "order",
+    "l2_v": "order_v",
+    "energy_drift": "order_energy",
+    "l2_q_gaussian_hills": "order_q",
+}
+"""What falls with resolution, and the name of its observed order."""
 
-    quantity: str
-    value: float
+DEFAULTS = {"ne": 8, "np": 4, "days": 5.0}
+"""Of all runs, unless a case says otherwise."""
+
+
+class Published(BaseModel):
+    """Published numbers beside ours: values by quantity, and their source."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, float]
+
     source: str
 
-
-@dataclass(frozen=True)
-class Setting:
-    """One run."""
-
-    scene: str | Callable[..., Scene]
-    """Name of a scene, or a function that makes one."""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    """Of the scene."""
-    effects: tuple[Effect, ...] = ()
-    """Added to those of the scene."""
-    ne: int = 8
-    np: int = 4
-    mesh: Mapping[str, Any] = field(default_factory=dict)
-    """Further arguments of `build_mesh`: stretch, centre, spin."""
-    days: float = 5.0
-    """Length of the run [days]; 0 for a look at the initial state."""
-    dt: float | None = None
-    """Time step [s]; None: the safe one of the stepper."""
-    stepper: str = "rk4"
-    options: Mapping[str, Any] = field(default_factory=dict)
-    """Of the stepper."""
-    precision: str = "float64"
-    launch: str | None = None
-    """Shape of kernel launches, "element" or "node"; None: as the device likes it."""
-
-    def make_scene(self) -> Scene:
-        """The scene with its parameters and the added effects."""
-        make = self.scene
-        scene = (
-            get_scene(make, **self.parameters) if isinstance(make, str) else make(**self.parameters)
-        )
-        for effect in self.effects:
-            scene = scene.with_effect(effect)
-        return scene
+    @property
+    def values(self) -> Mapping[str, float]:
+        """By quantity."""
+        return self.__pydantic_extra__
 
 
-@dataclass(frozen=True)
-class Rung:
+class Level(BaseModel):
     """One resolution of a case, and what is asked of it."""
 
-    at: float
-    """The ne, np or time step [s] of this rung."""
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    run: dict[str, Any] = {}
+    """What differs from the run of the case; in a file the keys that are none of the others."""
     h: Norms | None = None
     """Upper bounds of l1, l2, linf of the height."""
     v: Norms | None = None
     """Upper bounds of l1, l2, linf of the wind."""
-    limits: Mapping[str, float] = field(default_factory=dict)
+    order: tuple[float] | tuple[float, float] | None = None
+    """Lower bounds of the orders of height and wind since the level before that was run."""
+    at_most: dict[str, float] = {}
     """Upper bounds of other quantities; of a drift, of its size."""
-    floors: Mapping[str, float] = field(default_factory=dict)
-    """Lower bounds; of an order, where the rung is not the first one run."""
-    values: Mapping[str, float] = field(default_factory=dict)
+    at_least: dict[str, float] = {}
+    """Lower bounds; of an order, where the level is not the first one run."""
+    values: dict[str, float] = {}
     """Numbers to be met to within `Case.tolerance`."""
-    figures: tuple[Figure, ...] = ()
-    """Published numbers."""
+    published: tuple[Published, ...] = ()
     quick: bool = False
     """Whether the quick form runs it too."""
-    changes: Mapping[str, Any] = field(default_factory=dict)
-    """What else differs from the setting of the case."""
 
-    def upper(self) -> dict[str, float]:
-        """All upper bounds by quantity."""
-        pairs = (("h", self.h), ("v", self.v))
-        norms = [
-            (f"{norm}_{name}", bound)
-            for name, bounds in pairs
-            for norm, bound in zip(("l1", "l2", "linf"), bounds or (), strict=False)
-        ]
-        return dict(norms) | dict(self.limits)
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, table: Any) -> Any:
+        if not isinstance(table, Mapping) or "run" in table:
+            return table
+        run = {key: value for key, value in table.items() if key not in cls.model_fields}
+        return {key: value for key, value in table.items() if key not in run} | {"run": run}
+
+    def bounds(self, tolerance: float) -> Iterator[Bound]:
+        """All bounds; tolerance: relative, of `values`."""
+        highest = dict(zip(NORMS, (self.h or 3 * (math.inf,)) + (self.v or ()), strict=False))
+        for name, high in (highest | self.at_most).items():
+            if math.isfinite(high):
+                yield Bound(name, high)
+        lowest = dict(zip(("order", "order_v"), self.order or (), strict=False))
+        for name, low in (lowest | self.at_least).items():
+            yield Bound(name, low=low)
+        for name, value in self.values.items():
+            room = tolerance * abs(value)
+            yield Bound(name, value + room, value - room)
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(BaseModel):
     """A scene run at one or more resolutions."""
 
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
     name: str
-    title: str
-    setting: Setting
-    rungs: tuple[Rung, ...]
+    title: str = ""
+    run: dict[str, Any]
+    """As in a `--config` file, see `Configuration`; it may lack what is in `DEFAULTS`."""
+    levels: tuple[Level, ...]
     along: Literal["ne", "np", "dt"] = "ne"
-    """What differs from rung to rung; the observed order is in terms of it."""
-    against: str | Setting | None = None
-    """What to compare with: a shipped reference "scene_dayD", a setting (a run on a finer mesh), or
-    `CONVERGED`; None: the exact solution."""
+    """What differs from level to level; the observed order is in terms of it."""
+    start: bool = False
+    """Whether only the initial state is looked at."""
+    against: str | dict[str, Any] | None = None
+    """What to compare with: a shipped reference "scene_dayD", a run with these changes on a finer
+    mesh, or `CONVERGED`; None: the exact solution."""
     tolerance: float = 1e-3
-    """Relative, of the `values` of the rungs."""
-    mass: float | None = 1e-13
-    """Largest relative drift of mass; None where mass is not conserved."""
+    """Relative, of the `values` of the levels."""
+    mass: float = 1e-13
+    """Largest relative drift of mass; infinite where mass is not conserved."""
     note: str = ""
 
-    def at(self, rung: Rung) -> Setting:
-        """The setting of a rung."""
-        level = rung.at if self.along == "dt" else int(rung.at)
-        return replace(self.setting, **{self.along: level, **rung.changes})
+    @property
+    def base(self) -> Configuration:
+        """The run of the case before its levels change it."""
+        return Configuration(DEFAULTS).changed(self.run)
+
+    def at(self, level: Level) -> Configuration:
+        """The run of a level."""
+        return self.base.changed(level.run)
+
+    def bounds(self, level: Level) -> list[Bound]:
+        """All that is asked of a level."""
+        mass = [Bound("mass_drift", self.mass)] if math.isfinite(self.mass) else []
+        return [*level.bounds(self.tolerance), *mass]
 
     @property
     def scene(self) -> str:
         """Name of the scene."""
-        return self.setting.make_scene().name
+        return self.base.make_scene().name

@@ -1,136 +1,110 @@
-"""Running one setting and taking its measure."""
+"""Running one configuration and taking its measure."""
 
 from __future__ import annotations
 
 import math
-import time
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swe_sphere.equations.scene import Scene
-from swe_sphere.io.integrals import drifts, integrals
-from swe_sphere.io.norms import area_mean, errors
-from swe_sphere.io.tracer_diagnostics import tracer_errors, tracer_masses, tracer_numbers
-from swe_sphere.mesh import Interpolator, Mesh, build_mesh
-from swe_sphere.planet import DAY
-from swe_sphere.simulation.warp_start import start_warp
-from swe_sphere.studies.verify.case import CONVERGED, Setting
+from swe_sphere.errors import RunFailed
+from swe_sphere.io.norms import area_mean
+from swe_sphere.mesh import Interpolator
+from swe_sphere.simulation.evaluator import flow_errors, state_integrals
+from swe_sphere.simulation.snapshot import Fields
+from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.verify.case import CONVERGED
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
+    from swe_sphere.mesh import Mesh
+    from swe_sphere.simulation.config import RunConfig
+    from swe_sphere.simulation.simulation import Simulation
 
 __all__ = ["Finer", "Measure", "measure"]
 
-Array = NDArray[np.float64]
-Fields = dict[str, Array]
-
-CONVERGED_DT = 60.0
-"""Step of rk4 in a run to compare with [s]."""
+CONVERGED_RUN = {"dt": 60.0, "stepper": "rk4", "tolerance": None}
+"""What differs in a run to compare with whose time error is none."""
 
 
 @dataclass(frozen=True)
 class Measure:
     """What a run came to."""
 
+    config: RunConfig
     quantities: dict[str, float]
+    """None of a run that did not get to its end."""
     dt: float
     """Step taken [s]."""
     seconds: float
     """Wall time of the steps alone [s]."""
-
-
-@dataclass(frozen=True)
-class _Run:
-    model: Model
-    start: Fields
-    end: Fields
-    time: float
-    dt: float
-    seconds: float
-
-    @property
-    def scene(self) -> Scene:
-        return self.model.scene
+    status: str = "completed"
+    """How it ended, as `Summary.status`."""
+    reason: str | None = None
 
 
 class Finer:
     """The end of a run on a finer mesh, to be looked at on the nodes of others."""
 
-    def __init__(self, setting: Setting) -> None:
-        run = _integrate(setting)
-        self._mesh, self._end = run.model.mesh, run.end
+    def __init__(self, configuration: Configuration) -> None:
+        self._sim = _completed(configuration)
 
     def at_nodes(self, mesh: Mesh) -> Fields:
         """Wind and depth at the nodes of a mesh."""
-        interpolator = Interpolator(self._mesh, mesh.lon, mesh.lat)
-        u, v = interpolator.wind(self._end["u"], self._end["v"])
-        return {"u": u, "v": v, "h": interpolator(self._end["h"])}
+        interpolator, end = Interpolator(self._sim.mesh, mesh.lon, mesh.lat), self._sim.snapshot
+        u, v = interpolator.wind(end.fields["u"], end.fields["v"])
+        return {"u": u, "v": v, "h": interpolator(end.fields["h"])}
 
 
-def measure(setting: Setting, against: str | Finer | None = None) -> Measure:
-    """Run a setting and take, as far as they are defined,
+def measure(
+    configuration: Configuration, against: str | Finer | None = None, start: bool = False
+) -> Measure:
+    """Run a configuration (start: look at its initial state alone) and take, as far as defined,
 
-    l1_h ... linf_v   errors against the exact solution, or what else is to be compared with
-    rms_h, max_h      the same of depth, not normalised [m]
+    all that `Simulation.diagnostics` has at the end, with errors against what else is to be
+    compared with in the place of those against the exact solution, and
+    rms_h, max_h      errors of depth, not normalised [m]
     l2_vorticity, decorrelation   against a reference; 1 - correlation of vorticity
-    mass_drift, energy_drift, enstrophy_drift
     area              relative error of the sphere's area
     mean_depth [m], energy [m3 s-2], enstrophy [m-1 s-2], max_wind [m s-1], mean_bottom [m],
     rms_coriolis [s-1]   at the start
-    max_v, max_speed [m s-1], min_depth [m]   at the end: largest northward wind either way,
-        largest wind, least depth
-    l1_q_NAME, l2_q_NAME, linf_q_NAME   errors of a tracer
+    max_v, max_speed [m s-1]   at the end: largest northward wind either way, largest wind
     beyond_bounds, tracer_mass_drift   of all tracers: how far mixing ratios are out of the bounds
         of the initial ones, and the largest relative drift of mass
     """
-    run = _integrate(setting)
-    found = _invariants(run) | _all_errors(run, setting, against) | _tracers(run)
-    return Measure(found, run.dt, run.seconds)
+    sim = _simulation(configuration)
+    if not start:
+        sim.run(progress=False)
+    found: dict[str, float] = {}
+    if start or sim.outcome.completed:
+        found = sim.diagnostics | _constants(sim) | _extremes(sim)
+        found |= _errors(sim, configuration, against)
+    ended = sim.outcome
+    return Measure(
+        sim.config, found, sim.plan.dt, sim.wall_seconds,
+        "completed" if start else ended.status, ended.reason,
+    )  # fmt: skip
 
 
-def _integrate(setting: Setting) -> _Run:
-    start_warp()
-    from swe_sphere.equations.model import Model
-    from swe_sphere.steppers import get_stepper
-
-    scene = setting.make_scene()
-    mesh = build_mesh(setting.ne, setting.np, scene.planet.radius, **setting.mesh)
-    model = Model(mesh, scene, precision=setting.precision, shape=setting.launch)
-    cls, state = get_stepper(setting.stepper), model.initial_state()
-    length, dt = setting.days * DAY, setting.dt
-    if dt is None:
-        spectrum = cls.spectrum(model, state)
-        dt = cls.safety * cls.stable_dt(spectrum.wave, spectrum.dissipation)
-    count = math.ceil(length / dt - 1e-9)
-    stepper = cls(model, length / count if count else dt, **setting.options)
-    stepper.start(state)
-    started = time.perf_counter()
-    for _ in range(count):
-        stepper.step()
-    seconds = time.perf_counter() - started
-    start = _fields(model, state, 0.0)
-    end = _fields(model, stepper.state, length)
-    return _Run(model, start, end, length, stepper.dt, seconds)
+def _simulation(configuration: Configuration) -> Simulation:
+    """The run with no frames between start and end, to which its step would have to fit."""
+    days = configuration.config.days
+    return configuration.changed({"every": 24.0 * days} if days else {}).simulation()
 
 
-def _fields(model: Model, state: Any, t: float) -> Fields:
-    curl = model.vorticity(state, t)
-    return model.fields(state, t) | {"b": model.bottom, "vorticity": curl}
+def _completed(configuration: Configuration) -> Simulation:
+    sim = _simulation(configuration)
+    if not sim.run(progress=False).completed:
+        raise RunFailed(f"a run to compare with was {sim.outcome.status}: {sim.outcome.reason}")
+    return sim
 
 
-def _invariants(run: _Run) -> dict[str, float]:
-    """Drifts, and what the mesh and the initial state integrate to."""
-    model = run.model
-    mesh, names = model.mesh, ("u", "v", "h", "b", "vorticity")
-    before, after = (
-        integrals(mesh, model.scene.planet, f=model.coriolis, **{n: fields[n] for n in names})
-        for fields in (run.start, run.end)
-    )
+def _constants(sim: Simulation) -> dict[str, float]:
+    """What the mesh and the initial state integrate to."""
+    mesh, model = sim.mesh, sim.model
+    before = state_integrals(model, sim.start)
     sphere = 4.0 * math.pi * mesh.radius**2
-    return drifts(before, after) | {
+    return {
         "area": abs(float(mesh.area.sum()) / sphere - 1.0),
         "mean_depth": before["mass"],
         "energy": before["energy"],
@@ -138,64 +112,51 @@ def _invariants(run: _Run) -> dict[str, float]:
         "max_wind": before["max_wind"],
         "mean_bottom": area_mean(mesh.area, model.bottom),
         "rms_coriolis": math.sqrt(area_mean(mesh.area, model.coriolis**2)),
-        "max_v": float(np.abs(run.end["v"]).max()),
-        "max_speed": after["max_wind"],
-        "min_depth": after["min_depth"],
     }
 
 
-def _tracers(run: _Run) -> dict[str, float]:
-    """Errors, excursions and masses of tracers."""
-    mesh, scene = run.model.mesh, run.scene
-    if not scene.tracers:
-        return {}
-    masses = tracer_masses(mesh, run.start, scene.tracers)
-    numbers = tracer_numbers(mesh, run.end, masses)
-    firsts = {name: run.start[f"q_{name}"] for name in scene.tracers}
-    under = [first.min() - numbers[f"min_q_{name}"] for name, first in firsts.items()]
-    over = [numbers[f"max_q_{name}"] - first.max() for name, first in firsts.items()]
+def _extremes(sim: Simulation) -> dict[str, float]:
+    """Largest winds, and what tracers do that they should not."""
+    end, names = sim.diagnostics, tuple(sim.scene.tracers or ())
     found = {
-        "beyond_bounds": float(max(*under, *over)),
-        "tracer_mass_drift": max(abs(numbers[f"mass_drift_q_{name}"]) for name in firsts),
+        "max_v": float(np.abs(sim.snapshot.fields["v"]).max()),
+        "max_speed": end["max_wind"],
     }
-    if scene.exact_tracers is None:
+    if not names:
         return found
-    return found | tracer_errors(mesh, run.end, scene.exact_tracers(mesh.lon, mesh.lat, run.time))
+    firsts = {name: sim.start[f"q_{name}"] for name in names}
+    under = [float(first.min()) - end[f"min_q_{name}"] for name, first in firsts.items()]
+    over = [end[f"max_q_{name}"] - float(first.max()) for name, first in firsts.items()]
+    drifts = [abs(end[f"mass_drift_q_{name}"]) for name in names]
+    return found | {"beyond_bounds": max(*under, *over), "tracer_mass_drift": max(drifts)}
 
 
-def _all_errors(run: _Run, setting: Setting, against: str | Finer | None) -> dict[str, float]:
+def _errors(
+    sim: Simulation, configuration: Configuration, against: str | Finer | None
+) -> dict[str, float]:
     if against == CONVERGED:
-        fine = replace(setting, dt=CONVERGED_DT, stepper="rk4", options={})
-        return _errors(run, _integrate(fine).end)
-    if isinstance(against, Finer):
-        return _errors(run, against.at_nodes(run.model.mesh))
-    if against is not None:
-        return _reference_errors(run, against)
-    if run.scene.exact is None:
+        other = _completed(configuration.changed(CONVERGED_RUN)).snapshot.fields
+    elif isinstance(against, Finer):
+        other = against.at_nodes(sim.mesh)
+    elif against is not None:
+        return _reference_errors(sim, against)
+    elif sim.scene.exact is not None:
+        exact = sim.scene.exact(sim.mesh.lon, sim.mesh.lat, sim.time)
+        other = dict(zip("uvh", exact, strict=True))
+    else:
         return {}
-    mesh = run.model.mesh
-    exact = run.scene.exact(mesh.lon, mesh.lat, run.time)
-    return _errors(run, dict(zip("uvh", exact, strict=True)))
-
-
-def _errors(run: _Run, other: Fields) -> dict[str, float]:
-    """Errors of height and wind, the latter unless it is prescribed."""
-    mesh, scene = run.model.mesh, run.scene
-    names = "h" if scene.wind is not None else "uvh"
-    bottom = run.model.bottom if scene.error_field == "surface" else None
-    off = run.end["h"] - other["h"]
-    absolute = {
-        "rms_h": math.sqrt(area_mean(mesh.area, off**2)),
+    off = sim.snapshot.fields["h"] - other["h"]
+    return flow_errors(sim.model, sim.snapshot.fields, other) | {
+        "rms_h": math.sqrt(area_mean(sim.mesh.area, off**2)),
         "max_h": float(np.abs(off).max()),
     }
-    return absolute | errors(mesh, run.end, {n: other[n] for n in names}, bottom)
 
 
-def _reference_errors(run: _Run, name: str) -> dict[str, float]:
+def _reference_errors(sim: Simulation, name: str) -> dict[str, float]:
     """Errors of the free surface, and of wind and vorticity where the reference has them."""
     from swe_sphere.io.reference_solution import SHIPPED, Reference, reference_errors
 
-    path, mesh = SHIPPED / f"{name}.nc", run.model.mesh
+    path, fields = SHIPPED / f"{name}.nc", sim.snapshot.with_constants
     reference = Reference(path)
     there = {"surface": "h", "vorticity": "vorticity"}
     if "u" in reference.fields:
@@ -203,9 +164,9 @@ def _reference_errors(run: _Run, name: str) -> dict[str, float]:
     found = {
         f"{norm}_{short}": value
         for field, short in there.items()
-        for norm, value in reference_errors(path, mesh, run.end, field).items()
+        for norm, value in reference_errors(path, sim.mesh, fields, field).items()
     }
-    ours = Interpolator(mesh, *reference.points)(run.end["vorticity"])
+    ours = Interpolator(sim.mesh, *reference.points)(fields["vorticity"])
     covariance = np.cov(ours, reference.values("vorticity"), aweights=reference.area)
     product = math.sqrt(covariance[0, 0] * covariance[1, 1])
     return found | {"decorrelation": 1.0 - float(covariance[0, 1]) / product}

@@ -5,32 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from swe_sphere.machine import versions
-from swe_sphere.studies.verify.cases import FAMILIES
-from swe_sphere.studies.verify.verdict import NORMS, Check, Row
+from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.markdown import filled, table
+from swe_sphere.studies.verify.case import NORMS
+from swe_sphere.studies.verify.families import families
+from swe_sphere.studies.verify.verdict import Row
 
 __all__ = ["page"]
-
-HEAD = """# Verification
-
-Every scene on a ladder of resolutions: errors against its exact solution, or against an independent
-model where there is none, and what the discrete equations must keep. Made by
-
-    {command}
-
-Unless said otherwise: float64, rk4 with its own safe step, no dissipation, errors at the end of 5
-days. l1, l2, linf are the normalised norms of Williamson et al. (1992); h is the depth, or the free
-surface where the bottom is not flat; v is the wind vector. The order is that of l2 since the row
-before, for h and for v: in 1/ne, in 1/(np - 1) (where it should grow), or in the time step.
-
-Every norm has an upper bound, 1.2 to 1.35 times what was found when the row was made; orders have
-a lower bound; time errors of steppers and the constants of scenes are held in narrow bands; mass
-must be kept to 1e-13 by every run. The last column says how much of its tightest bound a row uses:
-above 1 it fails.
-
-**{verdict}** {count} rows in {seconds:.0f} s of stepping; largest drift of mass where it is
-conserved, float64: {mass:.1e}; Python {python}, Warp {warp}.
-"""
 
 MASS = "mass_drift"
 """Told once for all rows, unless it is out of bounds."""
@@ -63,72 +44,65 @@ LABELS = {
 }
 """Quantities in words, where the name does not say enough."""
 
-
-def page(rows: Sequence[Row], command: str) -> str:
-    """The page (Markdown) of these rows, in the order of the families."""
-    failed, found = sum(not row.passed for row in rows), versions()
-    head = HEAD.format(
-        command=command,
-        verdict=f"{failed} of" if failed else "All bounds hold:",
-        count=f"{len(rows)} rows fail:" if failed else len(rows),
-        seconds=sum(row.measure.seconds for row in rows),
-        mass=max((_drift(row) for row in rows), default=0.0),
-        python=found["python"],
-        warp=found["warp"],
-    )
-    return "\n".join([head, *(line for line in _families(rows))]) + "\n"
-
-
-def _drift(row: Row) -> float:
-    """Relative drift of mass, 0 where it is not to be conserved to round-off."""
-    kept = row.case.mass is not None and row.setting.precision == "float64"
-    return abs(row.quantities[MASS]) if kept else 0.0
-
-
-def _families(rows: Sequence[Row]) -> Iterator[str]:
-    for title, cases in FAMILIES.items():
-        names = {case.name for case in cases}
-        mine = [row for row in rows if row.case.name in names]
-        if not mine:
-            continue
-        yield f"## {title}\n"
-        for name in dict.fromkeys(row.case.name for row in mine):
-            yield from _case([row for row in mine if row.case.name == name])
-
-
-def _case(rows: list[Row]) -> Iterator[str]:
-    case = rows[0].case
-    yield f"**{case.name}** ({case.scene})" + (f": {case.title}\n" if case.title else "\n")
-    columns = [name for name in _NUMBERS if any(name in _shown(row) for row in rows)]
-    heads = [_NUMBERS[name] for name in columns]
-    others = any(_others(row) for row in rows)
-    heads = ["ne", "np", "Δt [s]", *heads, *["other"] * others, "of bound"]
-    yield "| " + " | ".join(heads) + " |"
-    yield "|" + "---|" * len(heads)
-    for row in rows:
-        yield "| " + " | ".join(_cells(row, columns, others)) + " |"
-    yield ""
-    yield from _remarks(rows)
-
-
-_NUMBERS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
+COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
     "order": "order(h)",
     "order_v": "order(v)",
 }
 """Quantities that have a column of their own, and its head."""
 
+EXACT = ("mean_depth", "energy", "enstrophy", "max_wind", "rms_coriolis", "mean_bottom")
+"""Numbers worth all their digits."""
 
-def _cells(row: Row, columns: list[str], others: bool) -> Iterator[str]:
-    setting = row.setting
-    yield f"{setting.ne}"
-    yield f"{setting.np}"
-    yield f"{row.measure.dt:.4g}" if setting.days else "-"
-    shown = _shown(row)
-    for name in columns:
-        yield _number(name, shown[name]) if name in shown else ""
-    if others:
-        yield "; ".join(_others(row))
-    yield f"{row.used:.2f} {'✓' if row.passed else '**fails**'}"
+
+def page(rows: Sequence[Row], command: str) -> str:
+    """The page (Markdown) of these rows, in the order of the families."""
+    failed = sum(not row.passed for row in rows)
+    head = filled(
+        "swe_sphere.studies.verify",
+        "page.md",
+        command=command,
+        verdict=f"{failed} of" if failed else "All bounds hold:",
+        count=f"{len(rows)} rows fail:" if failed else len(rows),
+        seconds=sum(row.measure.seconds for row in rows),
+        mass=max((_drift(row) for row in rows), default=0.0),
+    )
+    return "\n".join([head, *_families(rows)]) + "\n"
+
+
+def _drift(row: Row) -> float:
+    """Relative drift of mass, 0 where it is not to be conserved to round-off."""
+    kept = math.isfinite(row.case.mass) and row.measure.config.precision == "float64"
+    return abs(row.quantities.get(MASS, 0.0)) if kept else 0.0
+
+
+def _families(rows: Sequence[Row]) -> Iterator[str]:
+    for title, cases in families().items():
+        found = [[row for row in rows if row.case.name == case.name] for case in cases]
+        if any(found):
+            yield f"## {title}\n"
+        for mine in filter(None, found):
+            yield from _case(mine)
+
+
+def _case(rows: list[Row]) -> Iterator[str]:
+    case = rows[0].case
+    yield f"**{case.name}** ({case.scene})" + (f": {case.title}\n" if case.title else "\n")
+    columns = [name for name in COLUMNS if any(name in _shown(row) for row in rows)]
+    others = any(_others(row) for row in rows)
+    heads = ["ne", "np", "Δt [s]", *(COLUMNS[name] for name in columns)]
+    yield from table(
+        [*heads, *["other"] * others, "of bound"], [_cells(row, columns, others) for row in rows]
+    )
+    yield from _remarks(rows)
+
+
+def _cells(row: Row, columns: list[str], others: bool) -> list[str]:
+    config, shown = row.measure.config, _shown(row)
+    step = "-" if row.case.start else f"{row.measure.dt:.4g}"
+    numbers = [_number(name, shown[name]) if name in shown else "" for name in columns]
+    other = ["; ".join(_others(row))] if others else []
+    verdict = f"{row.worst.used:.2f} {'✓' if row.passed else '**fails**'}"
+    return [f"{config.ne}", f"{config.np}", step, *numbers, *other, verdict]
 
 
 def _shown(row: Row) -> dict[str, float]:
@@ -136,31 +110,33 @@ def _shown(row: Row) -> dict[str, float]:
     bounded = {check.quantity for check in row.checks}
     orders = {name for name in ("order", "order_v") if bounded & set(NORMS)}
     wanted = bounded | orders
-    return {name: x for name, x in row.quantities.items() if name in wanted and name in _NUMBERS}
+    return {name: x for name, x in row.quantities.items() if name in wanted and name in COLUMNS}
 
 
 def _others(row: Row) -> list[str]:
     """Numbers without a column."""
     return [
-        f"{_label(check.quantity)} {_number(check.quantity, check.obtained)}{_bound(check)}"
+        f"{_label(check.quantity)} {_number(check.quantity, check.obtained)}{_limit(check)}"
         for check in row.checks
-        if check.quantity not in _NUMBERS and (check.quantity != MASS or not check.passed)
+        if check.quantity not in COLUMNS and (check.quantity != MASS or not check.holds)
     ]
 
 
-def _bound(check: Check) -> str:
-    if math.isinf(check.low):
-        return f" (≤ {check.high:.3g})"
-    return f" (≥ {check.low:.3g})" if math.isinf(check.high) else ""
+def _limit(check: Check) -> str:
+    if math.isinf(check.bound.low):
+        return f" (≤ {check.bound.high:.3g})"
+    return f" (≥ {check.bound.low:.3g})" if math.isinf(check.bound.high) else ""
 
 
 def _remarks(rows: list[Row]) -> Iterator[str]:
     lines = [
-        f"* {_label(figure.quantity)}: {_number(figure.quantity, row.quantities[figure.quantity])}"
-        f" here, {figure.value:.4g} published ({figure.source})."
+        f"* {_label(name)}: {_number(name, row.quantities.get(name, math.nan))}"
+        f" here, {value:.4g} published ({published.source})."
         for row in rows
-        for figure in row.rung.figures
+        for published in row.level.published
+        for name, value in published.values.items()
     ]
+    lines += [f"* The run was {r.measure.status}: {r.measure.reason}." for r in rows if r.stopped]
     if rows[0].case.note:
         lines.append(f"* {rows[0].case.note[0].upper()}{rows[0].case.note[1:]}.")
     yield from lines
@@ -169,14 +145,10 @@ def _remarks(rows: list[Row]) -> Iterator[str]:
 
 
 def _label(name: str) -> str:
-    return LABELS.get(name) or _NUMBERS.get(name, name)
+    return LABELS.get(name) or COLUMNS.get(name, name)
 
 
 def _number(name: str, value: float) -> str:
     if name.startswith("order"):
         return f"{value:.1f}"
     return f"{value:.7g}" if name in EXACT else f"{value:.2e}"
-
-
-EXACT = ("mean_depth", "energy", "enstrophy", "max_wind", "rms_coriolis", "mean_bottom")
-"""Numbers worth all their digits."""

@@ -4,138 +4,97 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
-from swe_sphere.studies.verify.case import Case, Rung, Setting
+from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.verify.case import ORDERS, Case, Level
 from swe_sphere.studies.verify.measure import Finer, Measure, measure
 
-__all__ = ["NORMS", "ORDERS", "Check", "Row", "verify"]
-
-NORMS = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
-"""The names of the six normalised errors."""
-
-ORDERS = {
-    "l2_h": "order",
-    "l2_v": "order_v",
-    "energy_drift": "order_energy",
-    "l2_q_gaussian_hills": "order_q",
-}
-"""What falls with resolution, and the name of its order."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One number and its bounds."""
-
-    quantity: str
-    obtained: float
-    low: float = -math.inf
-    high: float = math.inf
-
-    @property
-    def passed(self) -> bool:
-        """Whether the number is within its bounds; what is no number is not."""
-        return self.low <= self.obtained <= self.high
-
-    @property
-    def used(self) -> float:
-        """Part of the bound that is used: 1 is just within; inf for what is no number."""
-        x, low, high = self.obtained, self.low, self.high
-        if not math.isfinite(x):
-            return math.inf
-        if math.isinf(low):
-            return x / high
-        if math.isinf(high):
-            return low / x if x > 0.0 else math.inf
-        return abs(2.0 * x - low - high) / (high - low)
+__all__ = ["Row", "verify"]
 
 
 @dataclass(frozen=True)
 class Row:
-    """One rung of a case: what was measured and what it was held against."""
+    """One level of a case: what was measured and what it was held against."""
 
     case: Case
-    rung: Rung
-    setting: Setting
+    level: Level
     measure: Measure
-    order: dict[str, float] | None = None
-    """Observed order of what falls with resolution, since the rung before; None for the first."""
+    orders: dict[str, float] = field(default_factory=dict)
+    """Observed orders since the level before, by the names in `ORDERS`; none for the first."""
+    first: bool = True
+    """Whether it is the first level run."""
 
     @property
     def quantities(self) -> dict[str, float]:
         """All numbers, with `order` of height, `order_v` of wind and `order_energy`."""
-        orders = {ORDERS[name]: x for name, x in (self.order or {}).items()}
-        return self.measure.quantities | orders
+        return self.measure.quantities | self.orders
 
     @property
     def checks(self) -> list[Check]:
-        """Every bound of the rung; a quantity that was not measured fails it."""
-        return list(self._checks())
+        """Every bound of the level; a quantity that was not measured fails it."""
+        skipped = set(ORDERS.values()) if self.first else set()
+        bounds = [b for b in self.case.bounds(self.level) if b.quantity not in skipped]
+        found = ((bound, self.quantities.get(bound.quantity, math.nan)) for bound in bounds)
+        # an upper bound alone is one of the size
+        return [Check(bound, abs(x) if math.isinf(bound.low) else x) for bound, x in found]
 
     @property
     def passed(self) -> bool:
         """Whether all bounds hold."""
-        return all(check.passed for check in self.checks)
+        return all(check.holds for check in self.checks)
 
     @property
-    def used(self) -> float:
-        """Part of the tightest bound that is used."""
-        return max((check.used for check in self.checks), default=0.0)
+    def stopped(self) -> bool:
+        """Whether the run did not get to its end."""
+        return self.measure.status != "completed"
+
+    @property
+    def worst(self) -> Check:
+        """The check that uses most of its bound."""
+        return max(self.checks, key=lambda check: check.used)
 
     def as_dict(self) -> dict[str, object]:
         """All of it in plain numbers and words; None for what is not finite."""
+        config = self.measure.config
         return {
             "case": self.case.name,
             "scene": self.case.scene,
             "title": self.case.title,
-            "ne": self.setting.ne,
-            "np": self.setting.np,
+            "ne": config.ne,
+            "np": config.np,
             "dt": self.measure.dt,
-            "days": self.setting.days,
-            "stepper": self.setting.stepper,
+            "days": 0.0 if self.case.start else config.days,
+            "stepper": config.stepper,
             "seconds": self.measure.seconds,
+            "status": self.measure.status,
+            "reason": self.measure.reason,
             "quantities": {name: _plain(x) for name, x in self.quantities.items()},
-            "checks": [
-                {key: _plain(value) for key, value in asdict(check).items()}
-                | {"passed": check.passed}
-                for check in self.checks
+            "checks": [_told(check) for check in self.checks],
+            "published": [
+                {"quantity": quantity, "value": value, "source": published.source}
+                for published in self.level.published
+                for quantity, value in published.values.items()
             ],
-            "figures": [asdict(figure) for figure in self.rung.figures],
             "passed": self.passed,
         }
 
-    def _checks(self) -> Iterator[Check]:
-        rung, tolerance = self.rung, self.case.tolerance
-        for name, bound in rung.upper().items():
-            yield Check(name, abs(self._of(name)), high=bound)
-        for name, bound in rung.floors.items():
-            if self.order is not None or name not in ORDERS.values():
-                yield Check(name, self._of(name), low=bound)
-        for name, value in rung.values.items():
-            room = tolerance * abs(value)
-            yield Check(name, self._of(name), value - room, value + room)
-        if self.case.mass is not None:
-            yield Check("mass_drift", abs(self._of("mass_drift")), high=self.case.mass)
-
-    def _of(self, name: str) -> float:
-        return self.quantities.get(name, math.nan)
-
 
 def verify(cases: Iterable[Case], quick: bool = False) -> Iterator[Row]:
-    """Run the rungs of the cases one by one; quick: only those marked so."""
+    """Run the levels of the cases one by one; quick: only those marked so."""
     for case in cases:
-        rungs = [rung for rung in case.rungs if rung.quick or not quick]
-        if rungs:
-            yield from _rows(case, rungs)
+        levels = [level for level in case.levels if level.quick or not quick]
+        if levels:
+            yield from _rows(case, levels)
 
 
-def _rows(case: Case, rungs: list[Rung]) -> Iterator[Row]:
-    against = Finer(case.against) if isinstance(case.against, Setting) else case.against
+def _rows(case: Case, levels: list[Level]) -> Iterator[Row]:
+    against = case.against
+    finer = Finer(case.base.changed(against)) if isinstance(against, dict) else against
     before: Row | None = None
-    for rung in rungs:
-        row = Row(case, rung, case.at(rung), measure(case.at(rung), against))
-        before = row if before is None else replace(row, order=_orders(before, row))
+    for level in levels:
+        row = Row(case, level, measure(case.at(level), finer, start=case.start))
+        before = row if before is None else replace(row, orders=_orders(before, row), first=False)
         yield before
 
 
@@ -144,18 +103,26 @@ def _orders(coarse: Row, fine: Row) -> dict[str, float]:
     ratio = math.log(_fineness(fine) / _fineness(coarse))
     old, new = coarse.measure.quantities, fine.measure.quantities
     return {
-        name: math.log(abs(old[name] / new[name])) / ratio
-        for name in ORDERS
+        order: math.log(abs(old[name] / new[name])) / ratio
+        for name, order in ORDERS.items()
         if old.get(name) and new.get(name)
     }
 
 
 def _fineness(row: Row) -> float:
-    """What the rungs of the case differ in."""
-    if row.case.along == "dt":
+    """What the levels of the case differ in."""
+    config, along = row.measure.config, row.case.along
+    if along == "dt":
         return 1.0 / row.measure.dt
-    return float(row.setting.ne if row.case.along == "ne" else row.setting.np - 1)
+    return float((config.ne or 0) if along == "ne" else (config.np or 0) - 1)
 
 
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _told(check: Check) -> dict[str, object]:
+    bound = check.bound
+    numbers = {"obtained": check.obtained, "low": bound.low, "high": bound.high}
+    plain = {name: _plain(x) for name, x in numbers.items()}
+    return {"quantity": check.quantity, **plain, "passed": check.holds}
+
+
+def _plain(value: float) -> float | None:
+    return value if math.isfinite(value) else None
