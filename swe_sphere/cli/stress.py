@@ -39,7 +39,7 @@ def stress(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
-    from swe_sphere.studies.stress import Store, choose
+    from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
     trials = [
         trial for group in choose(_names(groups), _names(steppers), quick) for trial in group.trials
@@ -50,17 +50,15 @@ def stress(
     try:
         results = _run(trials, store, quiet=as_json)
     except Interrupted as error:
-        raise Stopped(f"stopped by {error}; --resume goes on after the last trial") from None
+        raise Stopped(f"{error}; --resume goes on after the last trial") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
     if as_json:
         values: dict[str, Any] = {"quick": quick, **counts}
-        typer.echo(json.dumps(values | {"results": [result.as_dict() for result in results]}))
+        plain = [result.model_dump(mode="json") for result in results]
+        typer.echo(json.dumps(values | {"results": plain}))
     else:
         typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))
     return 1 if counts["failed"] else 0
-
-
-OUTCOMES = ("passed", "refused", "broke", "failed")
 
 
 def _names(text: str | None) -> list[str]:
@@ -86,7 +84,7 @@ def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
 
 def _told(result: Result) -> str:
     """The outcome in a line."""
-    seconds = result.numbers.get("seconds", 0.0)
+    seconds = result.numbers.get("seconds") or 0.0
     reason = f": {result.reason}" if result.reason else ""
     return f"{result.outcome} ({seconds:.1f} s){reason}"
 

@@ -29,11 +29,11 @@ class Leapfrog(Stepper):
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
 
     def __init__(
-        self, model: Model, dt: float, strength: float | None = None, share: float | None = None
+        self, model: Model, dt: float, strength: float = FILTER, share: float = SHARE
     ) -> None:
         super().__init__(model, dt)
-        self._displacement = 0.5 * (FILTER if strength is None else strength)
-        self._share = SHARE if share is None else share
+        self._displacement = 0.5 * strength
+        self._share = share
         self._previous, self._slope = model.zeros(), model.zeros()
         self._damping = wp.zeros((1, model.size), dtype=self.state.dtype, device=model.device)
         self._add_damping = Combiner(model, self._damping, np.ones(1))

@@ -28,7 +28,7 @@ SOURCES = ("swe_sphere", "kernels", "testcases", "tests")
 
 @dataclass(frozen=True)
 class Mutant:
-    """A fault, and the cases (quick rungs) or tests that are asked to notice it, in order."""
+    """A fault, and the cases (quick levels) or tests that are asked to notice it, in order."""
 
     name: str
     where: str
@@ -59,7 +59,7 @@ class Swap(Mutant):
         cases = choose(self.cases)
         with self.planted():
             for row in run_cases(cases, quick=True):
-                if failed := [check.quantity for check in row.checks if not check.passed]:
+                if failed := [check.quantity for check in row.checks if not check.holds]:
                     return f"{row.case.name}: {', '.join(failed)}"
         return None
 

@@ -58,17 +58,20 @@ def _entry(index: int) -> Callable[[Any], Any]:
     return scale
 
 
+MAKE_SCENE = "swe_sphere.studies.configuration:Configuration.make_scene"
+
+
 def _scene(name: str, cases: tuple[str, ...], field: str, scale: Callable[[Any], Any]) -> Swap:
     """Scenes one of whose functions is changed, after the exact solution was made."""
 
     def change(make_scene: Callable[..., Any]) -> Callable[..., Any]:
-        def mutated(setting: Any) -> Any:
-            scene = make_scene(setting)
+        def mutated(configuration: Any) -> Any:
+            scene = make_scene(configuration)
             return replace(scene, **{field: _returning(scale)(getattr(scene, field))})
 
         return mutated
 
-    return Swap(name, "swe_sphere.studies.verify.case:Setting.make_scene", cases, change)
+    return Swap(name, MAKE_SCENE, cases, change)
 
 
 def _drop_contributor(contributors: Callable[..., Any]) -> Callable[..., Any]:

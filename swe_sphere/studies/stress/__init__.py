@@ -1,10 +1,10 @@
 """Stress trials: hard runs with criteria decided beforehand, for every stepper."""
 
-from swe_sphere.studies.stress.groups import GROUPS, choose
+from swe_sphere.studies.stress.groups import choose, groups
 from swe_sphere.studies.stress.page import page
-from swe_sphere.studies.stress.result import Result, judge, try_out
+from swe_sphere.studies.stress.result import OUTCOMES, Result, judge, try_out
 from swe_sphere.studies.stress.store import Store
-from swe_sphere.studies.stress.trial import Bound, Group, Trial
+from swe_sphere.studies.stress.trial import Group, Trial
 
-__all__ = ["GROUPS", "Bound", "Group", "Result", "Store", "Trial", "choose", "judge", "page",
+__all__ = ["OUTCOMES", "Group", "Result", "Store", "Trial", "choose", "groups", "judge", "page",
            "try_out"]  # fmt: skip

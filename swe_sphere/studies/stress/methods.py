@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from swe_sphere.errors import SweError
 from swe_sphere.io.norms import errors
-from swe_sphere.simulation.execution import INTERRUPTED
 from swe_sphere.simulation.interrupt import Interrupted
-from swe_sphere.simulation.run import run as run_experiment
-from swe_sphere.studies.stress.attempt import Ended, Tick, attempt, config_of, line, ready
-from swe_sphere.studies.stress.random_state import random_scene, random_setting
+from swe_sphere.simulation.progress import Watcher
+from swe_sphere.studies.stress.attempt import Ended, Tick, attempt, line
+from swe_sphere.studies.stress.random_state import random_setting
 from swe_sphere.studies.stress.trial import Trial
 
 __all__ = ["METHODS", "measure"]
@@ -29,29 +26,26 @@ def measure(trial: Trial, tick: Tick | None = None) -> Ended:
 
 
 def _with_file(trial: Trial, tick: Tick | None) -> Ended:
-    """Run as the command does, with a file, and count what is no number in it: not_finite."""
+    """Run as the command does, with a file, and count NaN and infinities in it: not_finite."""
+    run = trial.configuration
     try:
-        dt = trial.part and trial.part * ready(trial).stable_dt
+        if trial.part is not None:
+            run = run.changed({"dt": trial.part * run.simulation().stable_dt})
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "trial.nc"
-            asked = {"out": path, **({"dt": dt} if dt else {})}
-            config = config_of(replace(trial, run={**trial.run, **asked}))
-            summary = run_experiment(config)
+            summary = run.simulation().run(out=path, watcher=Watcher())
             counted = _not_finite(path)
     except SweError as error:
-        return Ended("refused", line(error))
-    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps", "days")}
-    numbers |= {"not_finite": counted, "last_day": numbers.pop("days")}
-    if summary.exit_status == INTERRUPTED:
+        return Ended(error.status, line(error))
+    if summary.status == "interrupted":
         raise Interrupted(summary.reason)
-    if summary.completed:
-        return Ended("completed", "", numbers)
-    timed_out = "time limit" in (summary.reason or "")
-    return Ended("timed-out" if timed_out else "unstable", summary.reason or "", numbers)
+    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
+    numbers |= {"not_finite": counted, "last_day": float(summary["days"] or 0.0)}
+    return Ended(summary.status, summary.reason or "", numbers)
 
 
 def _not_finite(path: Path) -> float:
-    """Values of the fields in a file that are no numbers, or missing."""
+    """Values of the fields in a file that are NaN, infinite, or missing."""
     import netCDF4
 
     with netCDF4.Dataset(path) as data:
@@ -61,12 +55,14 @@ def _not_finite(path: Path) -> float:
 
 def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
     """The run in float32, and apart_h, apart_v: relative l2 distance from that in float64."""
-    exact = attempt(replace(trial, run={**trial.run, "precision": "float64"}), tick)
-    if exact.status != "completed":
-        return replace(exact, reason=f"in float64: {exact.reason}")
-    rough = attempt(replace(trial, run={**trial.run, "precision": "float32"}), tick)
-    if rough.status == "completed" and rough.mesh is not None:
-        apart = errors(rough.mesh, rough.fields, exact.fields)
+    exact = attempt(trial.changed(run={"precision": "float64"}), tick)
+    if exact.sim is None or exact.status != "completed":
+        exact.reason = f"in float64: {exact.reason}"
+        return exact
+    rough = attempt(trial.changed(run={"precision": "float32"}), tick)
+    if rough.status == "completed" and rough.sim is not None:
+        fields = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
+        apart = errors(rough.sim.mesh, *fields)
         rough.numbers |= {"apart_h": apart["l2_h"], "apart_v": apart["l2_v"]}
     rough.numbers["seconds"] += exact.numbers["seconds"]
     return rough
@@ -89,9 +85,11 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
 
 
 def _of_seed(trial: Trial, seed: int) -> Trial:
-    run, length = random_setting(seed)
-    one = replace(trial, run={**trial.run, **run}, scene=partial(random_scene, seed))
-    return replace(one, part=length.part, courant=length.courant, advective=ADVECTIVE)
+    mesh, length = random_setting(seed)
+    scene = {"scene": "stress:random-state", "set": {"scene": {"seed": seed}}}
+    return trial.changed(
+        run={**mesh, **scene}, part=length.part, courant=length.courant, advective=ADVECTIVE
+    )
 
 
 def _add(batch: Ended, seed: int, ended: Ended) -> None:
@@ -103,7 +101,7 @@ def _add(batch: Ended, seed: int, ended: Ended) -> None:
     if ended.status != "completed":
         numbers["stopped"] += 1.0
         batch.reason = batch.reason or f"seed {seed}: {ended.status}: {ended.reason}"
-    if ended.status in ("timed-out", "crashed"):
+    if ended.status in ("timed-out", "failed"):
         batch.status = ended.status
 
 

@@ -10,11 +10,10 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.studies.stress.scenes import noise
 from swe_sphere.testcases.formulas import coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
-__all__ = ["Length", "random_scene", "random_setting"]
+__all__ = ["Length", "noise", "random_scene", "random_setting"]
 
 SHALLOWEST = 0.2
 """A state is admissible if its depth is nowhere below this part of the mean."""
@@ -30,6 +29,11 @@ class Length:
 
     part: float
     courant: float
+
+
+def noise(shape: tuple[int, ...], seed: int) -> Array:
+    """Three fields of independent normal numbers: as rough as a mesh can show."""
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
 
 
 def random_setting(seed: int) -> tuple[dict[str, Any], Length]:

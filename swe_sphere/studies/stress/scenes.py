@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation
-from swe_sphere.equations.scene import Array, Scalar, Scene
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import Planet
+from swe_sphere.studies.stress.random_state import noise, random_scene
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import cone, coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
-__all__ = [
-    "PLANETS", "dry_spot", "eddies", "flow_over", "lake_over", "mesa", "noise", "noisy", "peak",
-    "thin_layer", "zonal",
-]  # fmt: skip
+__all__ = ["BOTTOMS", "PLANETS", "SCENES"]
 
 PLACE = (1.5 * np.pi, np.pi / 6.0)
 """Where the mountain of williamson5 stands [rad]."""
@@ -31,11 +30,6 @@ PLANETS = {
 """Planets that are not the Earth, and the mean depth of their water here [m]."""
 
 
-def noise(shape: tuple[int, ...], seed: int) -> Array:
-    """Three fields of independent normal numbers: as rough as a mesh can show."""
-    return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
-
-
 def mesa(lon: Array, lat: Array) -> Array:
     """A mountain with vertical sides: 2000 m within 20 degrees of its centre, else nothing."""
     return np.where(distance(lon, lat, *PLACE) < RADIUS, 2000.0, 0.0)
@@ -47,26 +41,42 @@ def peak(lon: Array, lat: Array) -> Array:
     return height
 
 
-def lake_over(bottom: Scalar) -> Scene:
+def island(lon: Array, lat: Array) -> Array:
+    """The cone of williamson5, 7000 m high: it looks out of the water."""
+    height: Array = 3.5 * cone(lon, lat)
+    return height
+
+
+BOTTOMS = {"mesa": mesa, "peak": peak, "island": island}
+"""Bottoms by name."""
+
+Bottom = Literal["mesa", "peak", "island"]
+
+
+def lake_over(bottom: Bottom) -> Scene:
     """The lake at rest over another bottom."""
     lake: Scene = get_scene("lake-at-rest")
+    mountain = BOTTOMS[bottom]
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         still = 0.0 * (lon + lat)
-        return still, still.copy(), 5960.0 - bottom(lon, lat)
+        return still, still.copy(), 5960.0 - mountain(lon, lat)
 
-    return replace(lake, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, bottom=bottom)
+    return replace(
+        lake, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, bottom=mountain
+    )
 
 
-def flow_over(bottom: Scalar) -> Scene:
+def flow_over(bottom: Bottom) -> Scene:
     """The flow of williamson5 over another bottom."""
     base: Scene = get_scene("williamson5")
+    mountain = BOTTOMS[bottom]
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, h = base.initial(lon, lat)
-        return u, v, h + cone(lon, lat) - bottom(lon, lat)
+        return u, v, h + cone(lon, lat) - mountain(lon, lat)
 
-    return replace(base, initial=initial, bottom=bottom)
+    return replace(base, initial=initial, bottom=mountain)
 
 
 def noisy(name: str, wind: float = 1.0, depth: float = 10.0, seed: int = 1) -> Scene:
@@ -92,12 +102,10 @@ def thin_layer(outside: float) -> Scene:
     return replace(base, initial=initial)
 
 
-def dry_spot() -> Scene:
-    """The flow of williamson5 with a mountain that looks out of the water."""
-    return flow_over(lambda lon, lat: 3.5 * cone(lon, lat))
+PlanetName = Literal["mars", "jupiter", "venus", "still"]
 
 
-def zonal(name: str, speed: float = 40.0) -> Scene:
+def zonal(name: PlanetName, speed: float = 40.0) -> Scene:
     """Steady zonal flow as in williamson2 on another planet (exact)."""
     planet, depth = PLANETS[name]
     fall = (planet.radius * planet.rotation * speed + 0.5 * speed**2) / planet.gravity
@@ -116,7 +124,7 @@ def zonal(name: str, speed: float = 40.0) -> Scene:
     )
 
 
-def eddies(name: str, speed: float = 10.0) -> Scene:
+def eddies(name: PlanetName, speed: float = 10.0) -> Scene:
     """A random balanced flow on another planet, without any dissipation."""
     planet, depth = PLANETS[name]
     psi = random_streamfunction(_falling, 8, speed, planet.radius, seed=3)
@@ -134,3 +142,15 @@ def eddies(name: str, speed: float = 10.0) -> Scene:
 
 def _falling(n: Array) -> Array:
     return 1.0 / n**2
+
+
+SCENES = {
+    "lake-over": lake_over,
+    "flow-over": flow_over,
+    "noisy": noisy,
+    "thin-layer": thin_layer,
+    "zonal": zonal,
+    "eddies": eddies,
+    "random-state": random_scene,
+}
+"""By the names in files of trials; their keyword parameters are those of the scene."""

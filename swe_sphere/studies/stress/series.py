@@ -10,7 +10,7 @@ import numpy as np
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.studies.stress.probes import Probe
+from swe_sphere.studies.stress.symmetries import Symmetry
 
 __all__ = ["Series"]
 
@@ -24,10 +24,10 @@ GROWING = ("l2_h", "l2_v")
 
 
 class Series:
-    """An observer that samples integrals, errors and probes about `SAMPLES` times."""
+    """An observer that samples diagnostics and symmetries about `SAMPLES` times."""
 
-    def __init__(self, plan: TimePlan, probes: Sequence[Probe]) -> None:
-        self._probes = probes
+    def __init__(self, plan: TimePlan, symmetries: Sequence[Symmetry] = ()) -> None:
+        self._watched = symmetries
         self._every = max(1, plan.steps // SAMPLES)
         self._days: list[float] = []
         self._rows: list[dict[str, float]] = []
@@ -39,8 +39,8 @@ class Series:
     def observe(self, sim: Simulation) -> None:
         """Take a sample."""
         row = dict(sim.diagnostics)
-        for probe in self._probes:
-            row |= probe(sim.snapshot)
+        for symmetry in self._watched:
+            row |= symmetry(sim.snapshot)
         self._days.append(sim.time / DAY)
         self._rows.append(row)
 

@@ -2,57 +2,39 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, Literal
 
-from swe_sphere.equations.scene import Scene
+from pydantic import BaseModel, ConfigDict
+
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.studies.bounds import Bound, Limits, read_bounds
+from swe_sphere.studies.configuration import Configuration, merged
+from swe_sphere.studies.stress.random_state import random_setting
 
-__all__ = ["Bound", "Group", "Trial", "each", "remedied"]
+__all__ = ["Group", "Table", "Trial"]
 
-Expectation = Literal["pass", "either", "refuse", "break"]
-HYPERVISCOSITY = "hyperviscosity.nu=default"
-
-
-@dataclass(frozen=True)
-class Bound:
-    """One number of the run and the limits it must keep to."""
-
-    quantity: str
-    high: float = math.inf
-    low: float = -math.inf
-    always: bool = False
-    """Whether it holds for a run that was refused too."""
-
-    def holds(self, value: float) -> bool:
-        """Whether the value is within; what is no number is not."""
-        return self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        if math.isinf(self.high):
-            return f"{self.quantity} ≥ {self.low:g}"
-        low = "" if math.isinf(self.low) else f"{self.low:g} ≤ "
-        return f"{low}{self.quantity} ≤ {self.high:g}"
+QUICK_SEEDS = 2
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One run that is to be survived."""
+class _Asked(BaseModel):
+    """What a trial and a table of trials have in common."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     """Unlike that of any other trial."""
-    run: Mapping[str, Any]
-    """Fields of a `RunConfig`."""
-    bounds: tuple[Bound, ...] = ()
-    scene: Callable[[], Scene] | None = None
-    """Makes a scene that has no name on the command line; None: the one of the run."""
-    expect: Expectation = "pass"
+    run: dict[str, Any]
+    """As in a `--config` file, see `Configuration`."""
+    bounds: Limits = {}
+    always: Limits = {}
+    """Bounds that hold also for a run that was stopped early."""
+    expect: Literal["pass", "either", "refuse", "break"] = "pass"
     """pass: must end within its bounds; refuse: must stop itself and say why; either: one of
     these two; break: it may also go beyond its bounds, as a trial with a remedy follows."""
-    method: str = "run"
-    """How it is measured: a key of `methods.METHODS`."""
+    method: Literal["run", "file", "precisions", "seeds"] = "run"
+    """How it is measured, see `methods`."""
     part: float | None = None
     """The step as a part of the stepper's own stability limit."""
     courant: float | None = None
@@ -61,34 +43,109 @@ class Trial:
     """Largest advective Courant number of a step that follows `courant`."""
     steps: int | None = None
     """Length of the run in steps; with days in `run`, whichever is shorter."""
-    probes: tuple[str, ...] = ()
-    """What is watched besides the usual: keys of `probes.PROBES`."""
+    symmetries: tuple[str, ...] = ()
+    """What is watched besides the usual: keys of `symmetries.SYMMETRIES`."""
     report: tuple[str, ...] = ()
     """Numbers worth telling that have no bound."""
-    seeds: tuple[int, ...] = ()
-    """Of a trial that is a batch of random ones."""
-    quick: Mapping[str, Any] | None = None
-    """Changes of the trial for the quick form; None: it is not in it."""
     seconds: float = 900.0
     """Wall time that its steps may take [s]; using it up is a failure."""
+
+
+class Trial(_Asked):
+    """One run that is to be survived."""
+
+    seeds: tuple[int, ...] = ()
+    """Of a trial that is a batch of random ones."""
+    quick: dict[str, Any] | None = None
+    """Changes of the trial for the quick form; None: it is not in it."""
 
     @property
     def stepper(self) -> str:
         """Name of the stepper."""
         return str(self.run["stepper"])
 
+    @property
+    def all_bounds(self) -> tuple[Bound, ...]:
+        """Those that hold always, and then the others."""
+        return (*read_bounds(self.always, always=True), *read_bounds(self.bounds))
+
+    @property
+    def configuration(self) -> Configuration:
+        """The run."""
+        return Configuration({"time-limit": self.seconds} | self.run)
+
+    def changed(self, **changes: Any) -> Trial:
+        """The trial with other values; those in `run` are added to it."""
+        run = merged(self.run, changes.pop("run", {}))
+        return Trial.model_validate(self.model_dump() | {"run": run} | changes)
+
     def quickly(self) -> Trial:
         """The trial of the quick form."""
-        changes = dict(self.quick or {})
-        run = {**self.run, **changes.pop("run", {})}
-        return replace(self, run=run, **changes)
+        return self.changed(**(self.quick or {}))
 
     @property
     def fingerprint(self) -> str:
         """The same for two trials that ask for the same of the same code."""
-        asked = (self.run, self.bounds, self.expect, self.method, self.part, self.courant,
-                 self.advective, self.steps, self.probes, self.seeds)  # fmt: skip
-        return fingerprint([repr(asked), code_fingerprint("studies.stress")])
+        return fingerprint([self.model_dump(exclude={"quick"}), code_fingerprint("studies.stress")])
+
+
+class Table(_Asked):
+    """A table of a group's file: a trial for each of some steppers, called NAME-STEPPER."""
+
+    steppers: tuple[str, ...]
+    """Names, or words for several, see `named`."""
+    seeds: int = 0
+    """How many random states are dealt out to the steppers."""
+    remedy: dict[str, dict[str, Any]] = {}
+    """Settings with which trials are made again."""
+    remedied: tuple[str, ...] | None = None
+    """The steppers known to need the remedy; None: all of them."""
+    quick: tuple[str, ...] = ()
+    """The steppers that the quick form has too, with the changes `quickly`."""
+    quickly: dict[str, Any] = {}
+
+    def trials(self) -> Iterator[Trial]:
+        """All of them; a trial with the remedy, which must pass, after the one that may break."""
+        for trial in self._plain():
+            if not self.remedy:
+                yield trial
+                continue
+            stated = "expect" in self.model_fields_set
+            needed = self.remedied is None or trial.stepper in self.remedied
+            usual = "break" if needed else "either"
+            yield trial.changed(expect=self.expect if stated else usual)
+            if needed:
+                name = f"{trial.name}+{next(iter(self.remedy))}"
+                yield trial.changed(name=name, run={"set": self.remedy}, quick=None)
+
+    def _plain(self) -> Iterator[Trial]:
+        """A trial for each stepper."""
+        asked = self.model_dump(include=set(_Asked.model_fields))
+        steppers = named(self.steppers)
+        for index, stepper in enumerate(steppers):
+            seeds = range(index, self.seeds, len(steppers))
+            few = {"seeds": _few(seeds)} if seeds else {}
+            yield Trial(
+                **asked | {"name": f"{self.name}-{stepper}", "run": self.run | {"stepper": stepper}},
+                seeds=tuple(seeds),
+                quick=self.quickly | few if stepper in self.quick else None,
+            )
+
+
+def named(words: tuple[str, ...]) -> list[str]:
+    """Steppers by name: of a family "explicit", "imex" or "implicit", of "all", or single ones."""
+    from swe_sphere.steppers import STEPPERS, get_stepper
+
+    found: dict[str, None] = {}
+    for word in words:
+        family = [name for name, kind in STEPPERS.items() if word in ("all", kind.family)]
+        found |= dict.fromkeys(family or [get_stepper(word).name])
+    return list(found)
+
+
+def _few(seeds: range) -> tuple[int, ...]:
+    """The first ones with np 4: others compile kernels of their own."""
+    return tuple(s for s in seeds if random_setting(s)[0]["np"] == 4)[:QUICK_SEEDS]
 
 
 @dataclass(frozen=True)
@@ -99,44 +156,4 @@ class Group:
     title: str
     text: str
     """What is tried and what is asked of it, as a paragraph of the page."""
-    trials: tuple[Trial, ...] = field(default=())
-
-
-def each(steppers: Sequence[str], quick: Sequence[str] = (), **values: Any) -> list[Trial]:
-    """A trial for each of the steppers, called `name`-STEPPER.
-
-    quick: the steppers that the quick form has too, with the changes given as `quickly`.
-    """
-    name, changes = values.pop("name"), values.pop("quickly", {})
-    run = values.pop("run")
-    return [
-        Trial(
-            f"{name}-{stepper}",
-            {**run, "stepper": stepper},
-            quick=changes if stepper in quick else None,
-            **values,
-        )
-        for stepper in steppers
-    ]
-
-
-def remedied(
-    trials: Sequence[Trial], steppers: Sequence[str], setting: str = HYPERVISCOSITY
-) -> list[Trial]:
-    """The trials, which may be refused; after those of the steppers one with the remedy each.
-
-    That one must pass.  steppers: those for which the first one is known to break, which is told
-    but is no failure.
-    """
-    found = []
-    for trial in trials:
-        if trial.stepper not in steppers:
-            found.append(replace(trial, expect="either"))
-            continue
-        helped = {**trial.run, "settings": (*trial.run.get("settings", ()), setting)}
-        name = f"{trial.name}+{setting.partition('.')[0]}"
-        found += [
-            replace(trial, expect="break"),
-            replace(trial, name=name, run=helped, quick=None),
-        ]
-    return found
+    trials: tuple[Trial, ...] = ()

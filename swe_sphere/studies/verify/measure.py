@@ -12,6 +12,7 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean
 from swe_sphere.mesh import Interpolator
 from swe_sphere.simulation.evaluator import flow_errors, state_integrals
+from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.verify.case import CONVERGED
@@ -74,7 +75,7 @@ def measure(
     """
     sim = _simulation(configuration)
     if not start:
-        sim.run(progress=False)
+        sim.run(watcher=Watcher())
     found: dict[str, float] = {}
     if start or sim.outcome.completed:
         found = sim.diagnostics | _constants(sim) | _extremes(sim)
@@ -94,7 +95,7 @@ def _simulation(configuration: Configuration) -> Simulation:
 
 def _completed(configuration: Configuration) -> Simulation:
     sim = _simulation(configuration)
-    if not sim.run(progress=False).completed:
+    if not sim.run(watcher=Watcher()).completed:
         raise RunFailed(f"a run to compare with was {sim.outcome.status}: {sim.outcome.reason}")
     return sim
 

@@ -1,4 +1,4 @@
-"""What is watched during a trial besides integrals and errors: symmetries of the flow."""
+"""Diagnostics of a trial besides integrals and errors: symmetries of the flow."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from swe_sphere.simulation.snapshot import Snapshot
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
 
-__all__ = ["PROBES", "Probe"]
+__all__ = ["SYMMETRIES", "Symmetry"]
 
 Array = NDArray[np.float64]
-Probe = Callable[[Snapshot], dict[str, float]]
+Symmetry = Callable[[Snapshot], dict[str, float]]
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """A quarter turn about the axis of the planet."""
@@ -38,7 +38,7 @@ class Fourfold:
         self._turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
 
     def __call__(self, snapshot: Snapshot) -> dict[str, float]:
-        """off_wave at that moment."""
+        """off_wave of a state."""
         v = snapshot.fields["v"]
         rest = v - sum(v[turn] for turn in self._turns) / 4.0
         whole = area_mean(self._area, v**2) or 1.0
@@ -55,14 +55,14 @@ class Mirrored:
         self._area, self._other = mesh.area, _images(mesh, MIRROR)
 
     def __call__(self, snapshot: Snapshot) -> dict[str, float]:
-        """off_mirror at that moment."""
+        """off_mirror of a state."""
         h = snapshot.fields["h"]
         spread = area_mean(self._area, (h - area_mean(self._area, h)) ** 2) or 1.0
         return {"off_mirror": np.sqrt(area_mean(self._area, (h - h[self._other]) ** 2) / spread)}
 
 
-PROBES: dict[str, Callable[[Mesh], Probe]] = {"fourfold": Fourfold, "mirror": Mirrored}
-"""All probes by name; each is made for a mesh."""
+SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": Fourfold, "mirror": Mirrored}
+"""All of them by name; each is made for a mesh."""
 
 
 def _images(mesh: Mesh, map_: Array) -> NDArray[np.intp]:
