@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from pydantic import BaseModel
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.bounds import Bound, Check, read_bounds
@@ -74,11 +75,18 @@ def test_scenes_of_a_study() -> None:
         run.changed({"set": {"scene": {"mu": 1.0}}}).make_scene()
 
 
+class Entry(BaseModel):
+    run: dict[str, int] = {}
+
+
 def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file = tmp_path / "cases.toml"
     file.write_text('title = "T"\nshared.run = {ne = 4}\n[[case]]\nrun = {np = 6}\n[[case]]\n')
-    whole, tables = read_tables(file, "case")
+    whole, tables = read_tables(file, "case", Entry)
     assert whole == {"title": "T"}
-    assert tables == [{"run": {"ne": 4, "np": 6}}, {"run": {"ne": 4}}]
+    assert [table.run for table in tables] == [{"ne": 4, "np": 6}, {"ne": 4}]
     with pytest.raises(ConfigError, match=r"must be tables \[\[trial\]\]"):
-        read_tables(file, "trial")
+        read_tables(file, "trial", Entry)
+    file.write_text('[[case]]\nrun = {ne = "four"}\n')
+    with pytest.raises(ConfigError, match=r"cases\.toml: run\.ne: .* integer"):
+        read_tables(file, "case", Entry)

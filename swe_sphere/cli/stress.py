@@ -54,7 +54,7 @@ def stress(
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
     if as_json:
         values: dict[str, Any] = {"quick": quick, **counts}
-        plain = [result.model_dump(mode="json") for result in results]
+        plain = [json.loads(result.as_text()) for result in results]  # NaN is null
         typer.echo(json.dumps(values | {"results": plain}))
     else:
         typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))

@@ -61,8 +61,8 @@ def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
         return exact
     rough = attempt(trial.changed(run={"precision": "float32"}), tick)
     if rough.status == "completed" and rough.sim is not None:
-        fields = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
-        apart = errors(rough.sim.mesh, *fields)
+        ends = [sim.snapshot.fields for sim in (rough.sim, exact.sim)]
+        apart = errors(rough.sim.mesh, ends[0], ends[1])
         rough.numbers |= {"apart_h": apart["l2_h"], "apart_v": apart["l2_v"]}
     rough.numbers["seconds"] += exact.numbers["seconds"]
     return rough

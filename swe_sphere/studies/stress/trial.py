@@ -125,8 +125,9 @@ class Table(_Asked):
         for index, stepper in enumerate(steppers):
             seeds = range(index, self.seeds, len(steppers))
             few = {"seeds": _few(seeds)} if seeds else {}
+            own = {"name": f"{self.name}-{stepper}", "run": self.run | {"stepper": stepper}}
             yield Trial(
-                **asked | {"name": f"{self.name}-{stepper}", "run": self.run | {"stepper": stepper}},
+                **(asked | own),
                 seeds=tuple(seeds),
                 quick=self.quickly | few if stepper in self.quick else None,
             )
