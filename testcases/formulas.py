@@ -10,6 +10,7 @@ import numpy as np
 
 from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
+from swe_sphere.sphere import angle, position
 
 __all__ = [
     "cone",
@@ -18,17 +19,8 @@ __all__ = [
     "solid_body",
     "tilted_latitude",
     "turned",
-    "unit_vector",
     "wrapped",
 ]
-
-
-def unit_vector(lon: Array | float, lat: Array | float) -> Array:
-    """Position (..., 3) on the unit sphere."""
-    lon, lat = np.broadcast_arrays(lon, lat)
-    around = np.cos(lat)
-    point: Array = np.stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)], axis=-1)
-    return point
 
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
@@ -47,16 +39,12 @@ def solid_body(lon: Array, lat: Array, alpha: float) -> tuple[Array, Array]:
     return east, -np.sin(lon) * np.sin(alpha) + 0.0 * lat
 
 
-def turned(point: Array, alpha: float, angle: float) -> Array:
-    """Points (..., 3) turned by the angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
+def turned(point: Array, alpha: float, turn: float) -> Array:
+    """Points (..., 3) turned by an angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     along = (point @ axis)[..., np.newaxis] * axis
-    result: Array = (
-        point * np.cos(angle)
-        + np.cross(axis, point) * np.sin(angle)
-        + along * (1.0 - np.cos(angle))
-    )
-    return result
+    result = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn)
+    return result + along * (1.0 - np.cos(turn))
 
 
 def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:
@@ -70,11 +58,8 @@ def wrapped(angle: Array) -> Array:
 
 
 def distance(lon: Array, lat: Array, lon0: float, lat0: float) -> Array:
-    """Angle [rad] between points and the point (lon0, lat0): accurate near and far."""
-    point, centre = unit_vector(lon, lat), unit_vector(lon0, lat0)
-    apart, along = (np.linalg.norm(x, axis=-1) for x in (point - centre, point + centre))
-    angle: Array = 2.0 * np.arctan2(apart, along)
-    return angle
+    """Angle [rad] between points and the point (lon0, lat0)."""
+    return angle(position(lon, lat), position(lon0, lat0))
 
 
 def cone(lon: Array, lat: Array) -> Array:

@@ -6,8 +6,9 @@ import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.sphere import position
 from swe_sphere.testcases.formulas import cone as conical_mountain
-from swe_sphere.testcases.formulas import coriolis, unit_vector
+from swe_sphere.testcases.formulas import coriolis
 
 __all__ = ["lake_at_rest"]
 
@@ -31,8 +32,7 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     bottom = conical_mountain if cone else _smooth_bottom
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        still = 0.0 * (lon + lat)
-        return still, still.copy(), SURFACE - bottom(lon, lat)
+        return 0.0 * lon, 0.0 * lat, SURFACE - bottom(lon, lat)
 
     return Scene(
         name="lake-at-rest",
@@ -56,6 +56,6 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
 
 def _smooth_bottom(lon: Array, lat: Array) -> Array:
     """Height [m] of a smooth mountain at (3π/2, π/6)."""
-    offset = unit_vector(lon, lat) - unit_vector(1.5 * np.pi, np.pi / 6.0)
+    offset = position(lon, lat) - position(1.5 * np.pi, np.pi / 6.0)
     height: Array = 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / WIDTH**2)
     return height

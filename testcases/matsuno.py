@@ -82,8 +82,7 @@ NAMES = {
 
 
 def _rest(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    still = 0.0 * (lon + lat)
-    return still, still.copy(), still + DEPTH
+    return 0.0 * lon, 0.0 * lat, DEPTH + 0.0 * lat
 
 
 @dataclass(frozen=True)

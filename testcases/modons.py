@@ -33,9 +33,8 @@ def modons() -> Scene:
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        still = 0.0 * (lon + lat)
         bursts = (_burst(lon, lat, 0.5 * np.pi), _burst(lon, lat, 1.5 * np.pi))
-        return SPEED * (bursts[0] - bursts[1]), still, still + 5000.0
+        return SPEED * (bursts[0] - bursts[1]), 0.0 * lat, 5000.0 + 0.0 * lat
 
     return Scene(
         name="modons",

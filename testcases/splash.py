@@ -38,8 +38,7 @@ def splash(rotating: bool = False) -> Scene:
     spin = WIND / EARTH.radius
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        still = 0.0 * (lon + lat)
-        return (WIND * np.cos(lat) + still if rotating else still), still.copy(), _heap(lon, lat)
+        return (WIND * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, _heap(lon, lat)
 
     return Scene(
         name="splash",
@@ -81,11 +80,9 @@ def gravity_bumps() -> Scene:
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        still = 0.0 * (lon + lat)
-        heights = (
-            1000.0 * np.exp(-w * distance(lon, lat, np.pi * x, np.pi * y) ** 2) for x, y, w in BUMPS
-        )
-        return still, still.copy(), 1e4 + sum(heights, start=still)
+        distances = (distance(lon, lat, np.pi * x, np.pi * y) for x, y, _ in BUMPS)
+        bumps = (np.exp(-w * d**2) for d, (_, _, w) in zip(distances, BUMPS, strict=True))
+        return 0.0 * lon, 0.0 * lat, 1e4 + 1000.0 * sum(bumps, start=0.0 * lat)
 
     return Scene(
         name="gravity-bumps",
@@ -123,9 +120,8 @@ def dam_break(width: float = 0.05) -> Scene:
         raise ConfigError(f"dam-break: width must be positive, not {width}")
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        still = 0.0 * (lon + lat)
         across = np.tanh((distance(lon, lat, *CENTRE) - np.pi / 9.0) / width)
-        return still, still.copy(), 1500.0 - 500.0 * across
+        return 0.0 * lon, 0.0 * lat, 1500.0 - 500.0 * across
 
     return Scene(
         name="dam-break",

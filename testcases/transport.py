@@ -10,7 +10,8 @@ import numpy as np
 from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.formulas import solid_body, turned, unit_vector
+from swe_sphere.sphere import frame, position
+from swe_sphere.testcases.formulas import distance, solid_body, turned
 
 __all__ = ["deformational", "moving_vortices"]
 
@@ -37,22 +38,22 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     Args:
         alpha: tilt of the axis [rad]; with π/4 the vortices pass over the corners of the cube.
     """
-    start = unit_vector(1.5 * np.pi, 0.0)
+    start = position(1.5 * np.pi, 0.0)
 
     def wind(lon: Array, lat: Array, t: float) -> tuple[Array, Array]:
         centre = turned(start, alpha, TURN * t)
-        point = unit_vector(lon, lat)
+        point = position(lon, lat)
         spin = _vortex_speed(point @ centre)
         swirl = np.cross(centre, point)
         background = solid_body(lon, lat, alpha)
         east, north = (
             EARTH.radius * (TURN * around + spin * np.sum(swirl * axis, axis=-1))
-            for around, axis in zip(background, _frame(lon, lat), strict=True)
+            for around, axis in zip(background, frame(lon, lat), strict=True)
         )
         return east, north
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        origin = turned(unit_vector(lon, lat), alpha, -TURN * t)
+        origin = turned(position(lon, lat), alpha, -TURN * t)
         return *wind(lon, lat, t), AIR * _rolled_front(origin, start, t)
 
     return Scene(
@@ -110,12 +111,6 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     )
 
 
-def _frame(lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Unit vectors east and north (..., 3)."""
-    quarter = 0.5 * np.pi
-    return unit_vector(lon + quarter, 0.0 * lat), unit_vector(lon, lat + quarter)
-
-
 def _vortex_speed(sine: Array) -> Array:
     """Angular speed [s-1] about the vortex centre; sine of the latitude as seen from there."""
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
@@ -128,7 +123,7 @@ def _vortex_speed(sine: Array) -> Array:
 def _rolled_front(point: Array, centre: Array, t: float) -> Array:
     """The tracer at points (..., 3) after the time t [s] about a vortex centre that rests."""
     lon, lat = np.arctan2(centre[1], centre[0]), np.arcsin(centre[2])
-    east, north = _frame(lon, lat)
+    east, north = frame(lon, lat)
     sine = point @ centre
     longitude = np.arctan2(point @ east, -(point @ north))
     rho = 3.0 * np.sqrt(np.maximum(1.0 - sine**2, 0.0))
@@ -195,14 +190,13 @@ def _about(centres: Centres, formula: Callable[[Centres, Array, Array], Array]) 
 
 
 def _gaussian_hills(centres: Centres, lon: Array, lat: Array) -> Array:
-    point = unit_vector(lon, lat)
-    offsets = (point - unit_vector(*centre) for centre in centres)
+    offsets = (position(lon, lat) - position(*centre) for centre in centres)
     hills: Array = 0.95 * sum(np.exp(-5.0 * np.sum(offset**2, axis=-1)) for offset in offsets)
     return hills
 
 
 def _cosine_bells(centres: Centres, lon: Array, lat: Array) -> Array:
-    one, other = (np.minimum(2.0 * _distance(centre, lon, lat), 1.0) for centre in centres)
+    one, other = (np.minimum(2.0 * distance(lon, lat, *centre), 1.0) for centre in centres)
     bells: Array = 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
     return bells
 
@@ -213,15 +207,8 @@ def _slotted_cylinders(centres: Centres, lon: Array, lat: Array) -> Array:
     for centre, side in zip(centres, (-1.0, 1.0), strict=True):
         beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
         beyond = side * (lat - centre[1]) > 5.0 / 24.0
-        inside |= (_distance(centre, lon, lat) <= 0.5) & (beside | beyond)
+        inside |= (distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
     return np.where(inside, 1.0, 0.1)
-
-
-def _distance(centre: tuple[float, float], lon: Array, lat: Array) -> Array:
-    """Great-circle distance [rad] from the centre."""
-    chord = np.linalg.norm(unit_vector(lon, lat) - unit_vector(*centre), axis=-1)
-    distance: Array = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-    return distance
 
 
 def _is_back(t: float) -> bool:

@@ -10,14 +10,8 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Rotation
 from swe_sphere.equations.scene import Array, Scene, Wind
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.formulas import (
-    cone,
-    coriolis,
-    solid_body,
-    tilted_latitude,
-    turned,
-    unit_vector,
-)
+from swe_sphere.sphere import angle, position
+from swe_sphere.testcases.formulas import cone, coriolis, solid_body, tilted_latitude, turned
 
 __all__ = ["williamson1", "williamson2", "williamson5", "williamson6"]
 
@@ -44,8 +38,8 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     wind = _solid_body_wind(alpha)
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        centre = turned(unit_vector(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
-        return *wind(lon, lat, t), bell(unit_vector(lon, lat) - centre)
+        centre = turned(position(1.5 * np.pi, 0.0), alpha, 2.0 * np.pi * t / TURN)
+        return *wind(lon, lat, t), bell(position(lon, lat), centre)
 
     return Scene(
         name="williamson1",
@@ -115,7 +109,7 @@ def williamson5() -> Scene:
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         surface = 5960.0 - fall * np.sin(lat) ** 2
-        return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), surface - cone(lon, lat)
+        return speed * np.cos(lat), 0.0 * lat, surface - cone(lon, lat)
 
     return Scene(
         name="williamson5",
@@ -196,15 +190,13 @@ def _solid_body_wind(alpha: float) -> Wind:
     return wind
 
 
-def _cosine_bell(offset: Array) -> Array:
-    """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
-    chord = np.linalg.norm(offset, axis=-1)
-    distance = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-    depth: Array = 500.0 * (1.0 + np.cos(np.pi * np.minimum(3.0 * distance, 1.0)))
-    return depth
+def _cosine_bell(point: Array, centre: Array) -> Array:
+    """Depth [m] at unit vectors (..., 3)."""
+    within = np.minimum(3.0 * angle(point, centre), 1.0)
+    return 500.0 * (1.0 + np.cos(np.pi * within))
 
 
-def _gaussian_bell(offset: Array) -> Array:
-    """Depth [m] at a straight-line offset (..., 3) from the centre, on the unit sphere."""
-    depth: Array = 1000.0 * np.exp(-5.0 * np.sum(offset**2, axis=-1))
+def _gaussian_bell(point: Array, centre: Array) -> Array:
+    """Depth [m] at unit vectors (..., 3)."""
+    depth: Array = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
     return depth

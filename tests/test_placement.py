@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swe_sphere.mesh import build_mesh
-from swe_sphere.mesh.frame import frame, position
+from swe_sphere.sphere import frame, position
 from swe_sphere.mesh.schmidt import Placement
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.mesh.frame import frame, position
+from swe_sphere.sphere import frame, position
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
-"""Longitude and latitude, and the eastward and northward unit vectors that go with them."""
+"""Longitude and latitude, and the unit vectors that go with them: position, east and north."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -9,9 +9,17 @@ POLE_RADIUS = 1e-14
 """A point nearer to the axis than this [sphere radii] is meant to be at the pole."""
 
 
-def position(lon: Array, lat: Array) -> Array:
-    """Unit vectors (..., 3) of longitudes and latitudes [rad] of one shape (...)."""
+def position(lon: ArrayLike, lat: ArrayLike) -> Array:
+    """Unit vectors (..., 3) of longitudes and latitudes [rad], broadcast together."""
+    lon, lat = np.broadcast_arrays(lon, lat)
     return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
+
+
+def angle(point: Array, other: Array) -> Array:
+    """Angle [rad] between unit vectors (..., 3): accurate near and far."""
+    apart, along = (np.linalg.norm(x, axis=-1) for x in (point - other, point + other))
+    result: Array = 2.0 * np.arctan2(apart, along)
+    return result
 
 
 def frame(lon: Array, lat: Array) -> tuple[Array, Array]:
