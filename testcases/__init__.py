@@ -13,10 +13,11 @@ from swe_sphere.errors import unknown_name
 from swe_sphere.testcases.galewsky import galewsky
 from swe_sphere.testcases.lake import lake_at_rest
 from swe_sphere.testcases.lauter import lauter
+from swe_sphere.testcases.made import made
 from swe_sphere.testcases.matsuno import matsuno
 from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
-from swe_sphere.testcases.parameters import SceneFactory, checked
+from swe_sphere.testcases.parameters import SceneFactory
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
 from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.turbulence import turbulence
@@ -27,27 +28,13 @@ from swe_sphere.testcases.williamson7 import williamson7
 
 __all__ = ["SCENES", "get_scene", "list_scenes"]
 
-SCENES: dict[str, SceneFactory] = {
-    "williamson1": williamson1,
-    "williamson2": williamson2,
-    "williamson3": williamson3,
-    "williamson4": williamson4,
-    "williamson5": williamson5,
-    "williamson6": williamson6,
-    "williamson7": williamson7,
-    "galewsky": galewsky,
-    "lauter": lauter,
-    "moving-vortices": moving_vortices,
-    "deformational": deformational,
-    "lake-at-rest": lake_at_rest,
-    "mcdonald-bates": mcdonald_bates,
-    "modons": modons,
-    "matsuno": matsuno,
-    "turbulence": turbulence,
-    "splash": splash,
-    "gravity-bumps": gravity_bumps,
-    "dam-break": dam_break,
-}
+_FACTORIES: tuple[SceneFactory, ...] = (
+    williamson1, williamson2, williamson3, williamson4, williamson5, williamson6, williamson7,
+    galewsky, lauter, moving_vortices, deformational, lake_at_rest, mcdonald_bates, modons, matsuno,
+    turbulence, splash, gravity_bumps, dam_break,
+)  # fmt: skip
+
+SCENES = {factory.__name__.replace("_", "-"): factory for factory in _FACTORIES}
 """Factories by name; their keyword parameters are the parameters of the scene."""
 
 
@@ -56,22 +43,19 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
 
     Args:
         name: a key of `SCENES`, the path of a .py file that defines `scene(**parameters)`, or
-            that of a .toml file (see `swe_sphere.testcases.toml_scene`).
+            that of a .toml file (see `swe_sphere.testcases.user_scenes`).
         parameters: numbers, switches and words, or text that can be read as such.
 
     Raises:
         ConfigError: unknown name or parameter, a value that cannot be read, a file that fails.
     """
     if name.endswith((".py", ".toml")):
-        from swe_sphere.testcases import python_scene, toml_scene  # few runs need them
+        from swe_sphere.testcases.user_scenes import load  # few runs need it
 
-        kind = python_scene if name.endswith(".py") else toml_scene
-        found: Scene = kind.load(Path(name), parameters)
-        return found
+        return load(Path(name), parameters)
     if name not in SCENES:
         raise unknown_name("scene", name, SCENES)
-    scene: Scene = SCENES[name](**checked(name, SCENES[name], parameters))
-    return scene
+    return made(name, SCENES[name], parameters)
 
 
 def list_scenes() -> dict[str, str]:

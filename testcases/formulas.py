@@ -43,8 +43,9 @@ def turned(point: Array, alpha: float, turn: float) -> Array:
     """Points (..., 3) turned by an angle [rad] about (-sin α, 0, cos α): Rodrigues' formula."""
     axis = np.array([-np.sin(alpha), 0.0, np.cos(alpha)])
     along = (point @ axis)[..., np.newaxis] * axis
-    result = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn)
-    return result + along * (1.0 - np.cos(turn))
+    along = along * (1.0 - np.cos(turn))
+    result: Array = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn) + along
+    return result
 
 
 def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:

@@ -61,7 +61,6 @@ def galewsky(perturbed: bool = True) -> Scene:
         np=8,
         dt=150.0,
         days=6.0,
-        parameters={"perturbed": perturbed},
     )
 
 

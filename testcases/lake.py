@@ -50,7 +50,6 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
         dt=600.0,
         days=5.0,
         error_field="surface",
-        parameters={"cone": cone, "rotating": rotating},
     )
 
 

@@ -68,7 +68,6 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         np=8,
         dt=200.0,
         days=5.0,
-        parameters={"alpha": alpha},
     )
 
 

@@ -70,7 +70,6 @@ def matsuno(
         np=8,
         dt=1500.0,
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
-        parameters={"wave": wave, "k": k, "n": n, "amplitude": amplitude, "linear": linear},
     )
 
 

@@ -57,7 +57,6 @@ def splash(rotating: bool = False) -> Scene:
         np=4,
         dt=600.0,
         days=2.0,
-        parameters={"rotating": rotating},
     )
 
 
@@ -137,5 +136,4 @@ def dam_break(width: float = 0.05) -> Scene:
         np=4,
         dt=600.0,
         days=1.0,
-        parameters={"width": width},
     )

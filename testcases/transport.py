@@ -70,7 +70,6 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
         np=4,
         dt=1200.0,
         days=12.0,
-        parameters={"alpha": alpha},
     )
 
 
@@ -107,7 +106,6 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         np=4,
         dt=900.0,
         days=12.0,
-        parameters={"case": case},
     )
 
 

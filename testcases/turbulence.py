@@ -63,10 +63,7 @@ def turbulence(
         np=4,
         dt=200.0,
         days=20.0,
-        parameters={
-            "rotating": rotating, "speed": speed, "wavenumber": wavenumber, "seed": seed,
-        },
-    )  # fmt: skip
+    )
 
 
 def _streamfunction(speed: float, wavenumber: int, seed: int) -> Complex:

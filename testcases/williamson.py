@@ -55,7 +55,6 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         np=4,
         dt=1200.0,
         days=12.0,
-        parameters={"alpha": alpha, "gaussian": gaussian},
     )
 
 
@@ -89,7 +88,6 @@ def williamson2(alpha: float = 0.0) -> Scene:
         np=4,
         dt=600.0,
         days=5.0,
-        parameters={"alpha": alpha},
     )
 
 
@@ -159,7 +157,6 @@ def williamson6(perturbation: float = 0.0) -> Scene:
         np=4,
         dt=360.0,
         days=14.0,
-        parameters={"perturbation": perturbation},
     )
 
 

@@ -56,7 +56,6 @@ def williamson3(alpha: float = 0.0) -> Scene:
         np=8,
         dt=300.0,
         days=5.0,
-        parameters={"alpha": alpha},
     )
 
 

@@ -57,7 +57,6 @@ def williamson4(u0: float = 20.0) -> Scene:
         np=8,
         dt=150.0,
         days=5.0,
-        parameters={"u0": u0},
     )
 
 

@@ -9,9 +9,9 @@ from scipy.special import sph_harm_y
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh, build_mesh
 from swe_sphere.mesh.cubed_sphere import lattice_tangents
-from swe_sphere.sphere import frame, longitude_latitude, position
 from swe_sphere.mesh.gll import derivative_matrix, gll_points, gll_weights
 from swe_sphere.mesh.numbering import FACES
+from swe_sphere.sphere import frame, longitude_latitude, position
 
 TILTED = {"centre": (0.7, 0.4), "spin": 0.3}
 STRETCHED = {"stretch": 2.5, "centre": (-1.9, 0.8), "spin": -0.2}

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swe_sphere.mesh import build_mesh
-from swe_sphere.sphere import frame, position
 from swe_sphere.mesh.schmidt import Placement
+from swe_sphere.sphere import frame, position
 
 
 @settings(max_examples=60, deadline=None)

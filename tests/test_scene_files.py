@@ -11,6 +11,8 @@ import pytest
 
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.parameters import checked
 
@@ -96,7 +98,26 @@ def test_toml_scene_builds_on_other_files(tmp_path: Path) -> None:
     )
     written(tmp_path / "deep" / "b.toml", 'base = "own.py"\nne = 7\n[parameters]\ntilt = 0.1\n')
     scene = get_scene(written(tmp_path / "a.toml", 'base = "deep/b.toml"\nnp = 9\n'), tilt=0.3)
-    assert (scene.name, scene.ne, scene.np) == ("a", 7, 9) and scene.parameters == {"alpha": 0.3}
+    assert (scene.name, scene.ne, scene.np) == ("a", 7, 9)
+    assert scene.parameters == {"alpha": 0.3, "tilt": 0.3}
+
+
+def test_a_scene_in_a_file_knows_its_parameters(tmp_path: Path) -> None:
+    """Also those left at their defaults, so that a restart with others is refused."""
+    text = (
+        "from dataclasses import replace\n"
+        "from swe_sphere.testcases import get_scene\n"
+        "def scene(speed: float = 20.0, file=None):\n"
+        "    return replace(get_scene('williamson5'), name='mine')\n"
+    )
+    path = written(tmp_path / "mine.py", text)
+    assert get_scene(path).parameters == {"speed": 20.0}
+    assert get_scene(path, speed="30").parameters == {"speed": 30.0}
+    small = {"scene": path, "ne": 2, "np": 4}
+    run(make_config(small | {"days": 0.1, "out": tmp_path / "a.nc"}))
+    again = {"restart": tmp_path / "a.nc", "days": 0.2, "settings": ["scene.speed=30"]}
+    with fails("scene_parameters is {'speed': 20.0} there and {'speed': 30.0} here"):
+        run(make_config(small | again))
 
 
 @pytest.mark.parametrize(

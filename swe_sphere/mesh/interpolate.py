@@ -6,9 +6,9 @@ from scipy import sparse
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere
-from swe_sphere.sphere import frame, position
 from swe_sphere.mesh.gll import lagrange
 from swe_sphere.mesh.mesh import Mesh
+from swe_sphere.sphere import frame, position
 
 Array = NDArray[np.float64]
 

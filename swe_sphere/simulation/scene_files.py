@@ -11,7 +11,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.testcases.files import scene_files
+from swe_sphere.testcases.user_scenes import scene_files
 from swe_sphere.user_file import is_user_file
 
 __all__ = ["SCENE_FILE", "method_sources", "scene_sources"]

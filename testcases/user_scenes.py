@@ -1,4 +1,5 @@
-"""A scene in a TOML file of the user: another scene with some things changed.
+"""Scenes in files of the user: Python files that define `scene(**parameters) -> Scene`, and TOML
+files, each of which is another scene with some things changed:
 
 base = "williamson5"                    # a scene, or a .py or .toml file beside this one
 name = "my-mountain"                    # by default the name of the file
@@ -16,6 +17,8 @@ rotation = false                        # off; then the exact solution no longer
 
 from __future__ import annotations
 
+import os
+import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -27,9 +30,11 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.guarded import guarded
+from swe_sphere.testcases.made import made
 from swe_sphere.toml_file import read_toml
+from swe_sphere.user_file import file_contents, is_user_file, load_file
 
-__all__ = ["load"]
+__all__ = ["is_scene_file", "load", "scene_files"]
 
 DEPTH = 8
 """So many files may build on each other; more are taken for a circle."""
@@ -57,12 +62,35 @@ class _File(BaseModel):
     effects: dict[str, dict[str, Value] | Literal[False]] = {}
 
 
-def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
-    """The scene that the file describes, with these parameters before those of the file.
+def is_scene_file(name: str) -> bool:
+    """Whether the name of a scene is that of a file."""
+    return is_user_file(name) or name.endswith(".toml")
+
+
+def scene_files(name: str) -> list[Path]:
+    """The file of a scene that can be loaded, then its base's, and so on; none for a scene by name.
 
     Raises:
-        ConfigError: no such file, no TOML, an unknown key, or what the base does not have.
+        OSError: one of them is gone meanwhile.
     """
+    path = Path(name)
+    if not is_scene_file(name):
+        return []
+    if is_user_file(name):
+        return [path]
+    base = str(tomllib.loads(path.read_text(encoding="utf-8"))["base"])
+    return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
+
+
+def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
+    """The scene that the file makes or describes, with these parameters before those of the file.
+
+    Raises:
+        ConfigError: no such file, a file that fails or is no TOML, an unknown key, or what the
+            scene does not have.
+    """
+    if is_user_file(path):
+        return _from_python(path, parameters)
     if depth == DEPTH:
         raise ConfigError(f"{path}: its bases go round in a circle")
     file = _checked(path)
@@ -76,10 +104,16 @@ def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sce
     return replace(scene, name=file.name or path.stem, **said)
 
 
+def _from_python(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
+    factory = getattr(load_file(path, "scene"), "scene", None)
+    if not callable(factory):
+        raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
+    return guarded(f"scene() of {path}", made, str(path), factory, parameters)
+
+
 def _checked(path: Path) -> _File:
     """What the file says."""
-    if not guarded(f"looking for {path}", path.is_file):
-        raise ConfigError(f"there is no scene file {path}")
+    file_contents(path, "scene")
     try:
         return _File.model_validate(read_toml(path))
     except ValidationError as error:
@@ -103,10 +137,9 @@ def _base(path: Path, base: str, given: Mapping[str, Parameter], depth: int) -> 
     """The scene that the file builds on; paths are relative to the file."""
     from swe_sphere.testcases import get_scene
 
-    if base.endswith(".toml"):
+    if is_scene_file(base):
         return load(path.parent / base, given, depth + 1)
-    found: Scene = get_scene(str(path.parent / base) if base.endswith(".py") else base, **given)
-    return found
+    return get_scene(base, **given)
 
 
 def _with_effects(scene: Scene, file: _File) -> Scene:
