@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,13 +15,26 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
-from swe_sphere.studies.stress import Result, Store, Trial, choose, groups, judge, try_out
+from swe_sphere.studies.store import read_record
+from swe_sphere.studies.stress import (
+    Result,
+    Store,
+    Trial,
+    choose,
+    groups,
+    judge,
+    page,
+    try_out,
+)
 from swe_sphere.studies.stress.attempt import Ended
 from swe_sphere.studies.stress.groups import read_group
 from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
 from swe_sphere.studies.stress.series import Series
+from swe_sphere.studies.stress.store import Results
 from swe_sphere.studies.stress.symmetries import SYMMETRIES
 from swe_sphere.testcases import get_scene
+
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 def find(name: str) -> Trial:
@@ -374,3 +388,11 @@ def test_the_limit_of_ars343_holds_over_hills(seed: int) -> None:
     run = {"stepper": "ars343", "days": 1.0, **random_setting(seed)[0], **scene}
     trial = Trial(name="hills", run=run, part=0.95, steps=40)
     assert try_out(trial).outcome == "passed"
+
+
+def test_the_page_in_docs_is_made_of_the_numbers_beside_it() -> None:
+    """Every result is of a trial that there is, and the page shows it."""
+    made = page(read_record(DOCS / "stability.json", Results).results, quick=False)
+    text = (DOCS / "stability.md").read_text(encoding="utf-8")
+    assert text.partition("\n| group |")[2] == made.partition("\n| group |")[2]
+    assert len(text) > 10_000
