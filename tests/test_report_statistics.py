@@ -10,20 +10,17 @@ from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.report.answer import answers, noise_sentence, saturation_sentence
-from swe_sphere.studies.report.axes import spread
-from swe_sphere.studies.report.loss import largest_step, threshold
+from swe_sphere.studies.report.answer import rankings
+from swe_sphere.studies.report.largest_steps import largest_step, threshold
 from swe_sphere.studies.report.palette import curves, look
-from swe_sphere.studies.report.rows import Metric, metrics, read_rows
-from swe_sphere.studies.report.saturation import plateau
+from swe_sphere.studies.report.rows import MODELLED, WALL, Metric, metrics, read_rows
 from swe_sphere.studies.report.statistics import (
     candidates,
     cheapest,
-    error_levels,
     pareto,
+    plateau,
     smallest,
-    tiers,
-    time_interval,
+    targets,
     told_apart,
 )
 
@@ -84,11 +81,11 @@ def test_of_equal_rows_the_first_stays_on_the_front():
 
 
 @pytest.mark.parametrize(
-    ("level", "expected"),
-    [(1e-3, [3, 5, 2]), (4e-4, [5, 2]), (1.5e-4, [1]), (1e-5, []), (math.nan, [])],
+    ("target", "expected"), [(1e-3, 3), (4e-4, 5), (1.5e-4, 1), (1e-5, None), (math.nan, None)]
 )
-def test_the_cheapest_row_of_each_stepper_that_reaches_a_level(level, expected):
-    assert numbers(cheapest(rows_of(*RACE), TOTAL, level)) == expected
+def test_the_cheapest_row_that_reaches_a_target(target, expected):
+    found = cheapest(rows_of(*RACE), TOTAL, target)
+    assert (found and found.number) == expected
 
 
 def test_the_smallest_error_and_its_absence():
@@ -99,10 +96,10 @@ def test_the_smallest_error_and_its_absence():
 def test_an_empty_dataset_concludes_nothing():
     rows = read_rows(make_sweep())
     assert rows == []
-    assert metrics(rows) == pareto(rows, TOTAL) == tiers(rows) == error_levels(rows, TOTAL) == []
+    assert metrics(rows) == pareto(rows, TOTAL) == targets([rows], TOTAL) == []
     assert threshold(rows, TOTAL) is None
     assert plateau(rows, TOTAL) is None
-    assert answers(rows, TOTAL, "here", 0.1) == []
+    assert rankings(rows, metrics(rows), "here") == []
 
 
 def test_a_dataset_that_is_not_of_a_sweep_is_refused():
@@ -139,91 +136,96 @@ def test_metrics_are_of_the_last_moment_that_has_an_error():
     ],
 )
 def test_how_far_a_wall_time_is_known(walls, spread, noise, low, high):
-    (row,) = rows_of(run("rk4", 1.0, 2.0, walls=walls, wall_spread=spread))
-    assert time_interval(row, noise) == pytest.approx((low, high))
+    (row,) = rows_of(run("rk4", 1.0, 2.0, walls=walls, wall_spread=spread), noise=noise)
+    assert (row.cost_kind, row.cost) == (WALL, 2.0)
+    assert row.interval == pytest.approx((low, high))
 
 
-def test_rows_are_told_apart_if_their_times_do_not_overlap():
-    a, b = rows_of(run("rk4", 1.0, 2.0), run("bdf2", 1.0, 2.2))
-    assert told_apart(a, b, 0.05)
-    assert told_apart(b, a, 0.05)
-    assert not told_apart(a, b, 0.12)
+@pytest.mark.parametrize(("noise", "apart"), [(0.05, True), (0.12, False)])
+def test_rows_are_told_apart_if_their_times_do_not_overlap(noise, apart):
+    a, b = rows_of(run("rk4", 1.0, 2.0), run("bdf2", 1.0, 2.2), noise=noise)
+    assert told_apart(a, b) == told_apart(b, a) == apart
 
 
-def test_rows_too_close_to_the_fastest_share_its_tier():
-    rows = rows_of(
-        run("rk4", 1.0, 1.0), run("bdf2", 1.0, 1.08), run("ark2", 1.0, 1.16), run("kg5", 1.0, 9.0)
-    )
-    assert [numbers(tier) for tier in tiers(rows, 0.1)] == [[1, 2], [3], [4]]
-    assert [numbers(tier) for tier in tiers(rows, 0.0)] == [[1], [2], [3], [4]]
+def test_modelled_times_rank_where_all_that_are_compared_have_one():
+    fast = run("rk4", 1.0, 9.0, 1e-4, modelled_seconds=1.0, walls=(5.0, 9.0, 20.0))
+    slow = run("bdf2", 1.0, 8.0, 1e-4, modelled_seconds=1.1, walls=(5.0, 8.0, 20.0))
+    failed = run("ark2", 1.0, 1.0, status="unstable")
+    rows = rows_of(fast, slow, failed, noise=0.5)
+    assert [row.cost for row in rows[:2]] == [1.0, 1.1]
+    assert rows[0].cost_kind == MODELLED
+    assert told_apart(*rows[:2])
+    assert cheapest(rows, TOTAL, 1e-3).number == 1
+    rows = rows_of(fast, slow, run("kg5", 1.0, 2.0, 1e-4), noise=0.5)
+    assert [row.cost for row in rows] == [9.0, 8.0, 2.0]
+    assert not told_apart(*rows[:2])
 
 
-# levels and sentences
+# targets and the table
 
 
 @pytest.mark.parametrize(
-    ("errors", "levels"),
+    ("errors", "expected"),
     [
-        ({"rk4": 2e-4, "bdf2": 5e-4}, [1e-3, 3e-4, 1e-4]),
-        ({"rk4": 2e-4, "bdf2": 5e-2}, [1e-1, 1e-2, 1e-3, 1e-4]),
-        ({"rk4": 2e-12, "bdf2": 5e-2}, [1e-1, 1e-2, 1e-3, 1e-4]),
-        ({"rk4": 1e-3}, [1e-3, 3e-4]),
+        ({"rk4": 2e-4, "bdf2": 5e-4}, [1e-3, 3e-4]),
+        ({"rk4": 2e-5, "bdf2": 5e-4}, [1e-3, 3e-4, 1e-4, 3e-5]),
+        ({"rk4": 2e-3, "bdf2": 5e-2}, [1e-1, 3e-2, 1e-2, 3e-3]),
+        ({"rk4": 2e-5, "bdf2": 5e-2}, [1e-1, 1e-2, 1e-3, 1e-4]),
+        ({"rk4": 2e-12, "bdf2": 5e-2}, [1e-1, 1e-2, 1e-3, 1e-4, 1e-5]),
+        ({"rk4": 1e-3}, [1e-3]),
+        ({"rk4": 9e-4}, [1e-3]),
         ({"rk4": 0.0}, []),
     ],
 )
-def test_levels_go_from_what_all_reach_to_what_nobody_does(errors, levels):
+def test_targets_go_from_what_all_reach_to_what_one_does(errors, expected):
     rows = rows_of(*(run(name, 1.0, 1.0, error) for name, error in errors.items()))
-    assert error_levels(rows, TOTAL) == levels
+    assert targets([[row] for row in rows], TOTAL) == expected
 
 
-def test_the_answer_names_the_fastest_the_next_and_the_rows():
-    told = answers(rows_of(*RACE), TOTAL, "williamson5 at ne16 np4", 0.02, [1e-3])
-    assert told[0].text == (
-        "To reach l2(h) ≤ 1e-3 on williamson5 at ne16 np4: bdf2 at 3600 s, 2.0 s (row 3); "
-        "next best leapfrog at 200 s, 2.5 s (row 5); then rk4 at 600 s, 3.0 s (row 2)."
+def test_errors_below_what_is_resolved_are_no_targets():
+    rows = rows_of(run("rk4", 1.0, 1.0, 1e-8), run("bdf2", 1.0, 1.0, 5e-4))
+    assert targets([[row] for row in rows], TOTAL, 2e-5) == [1e-3, 3e-4, 1e-4, 3e-5]
+
+
+def ranked(*runs, levels=(), **attributes):
+    rows = rows_of(*runs, **{"noise": 0.02} | attributes)
+    return rankings(rows, metrics(rows), "here", levels=levels)
+
+
+def test_the_table_has_step_cost_and_error_of_the_cheapest_and_marks_the_best():
+    (found,) = ranked(*RACE, levels=[1e-3, 2e-4])
+    assert found.heads == ["stepper", "≤ 1e-3", "≤ 2e-4", "smallest error"]
+    assert found.body == [
+        ["bdf2", "★ 3600 s, 2.0 s, 8.0e-4", "–", "1800 s, 4.0 s, 5.0e-4"],
+        ["leapfrog", "200 s, 2.5 s, 4.0e-4", "–", "200 s, 2.5 s, 4.0e-4"],
+        ["rk4", "600 s, 3.0 s, 2.0e-4", "★ 600 s, 3.0 s, 2.0e-4", "300 s, 6.0 s, 1.0e-4"],
+    ]
+    assert found.headline == (
+        "Cheapest to l2(h) ≤ 1e-3 (total error, day 15) on here: bdf2, Δt 3600 s, 2.0 s of wall "
+        "time (row 3); next is leapfrog at 1.2× that."
     )
-    assert told[0].steppers == 3
 
 
-def test_the_answer_does_not_rank_what_the_noise_hides():
-    (answer, _) = answers(rows_of(*RACE), TOTAL, "here", 0.36, [1e-3])
-    assert "bdf2 at 3600 s, 2.0 s (row 3) and leapfrog at 200 s, 2.5 s (row 5)" in answer.text
-    assert "too close to rank, as the wall times are uncertain by up to ±18 %" in answer.text
-    assert "next best rk4" in answer.text
+def test_ties_are_marked_as_ties():
+    (found,) = ranked(*RACE, levels=[1e-3], noise=0.36)
+    assert [line[1][:1] for line in found.body] == ["≈", "≈", "6"]
+    assert "bdf2 and leapfrog tie; Δt 3600 s, 2.0 s" in found.headline
+    assert found.headline.endswith("next is rk4 at 1.5× that.")
 
 
-def test_the_answer_says_when_nobody_reaches_a_level():
-    (answer,) = answers(rows_of(*RACE), TOTAL, "here", 0.02, [1e-6])
-    assert "no stepper reaches it. The smallest error is 1.0e-4: rk4 at 300 s" in answer.text
-    assert answer.steppers == 0
+def test_a_target_that_only_one_reaches_makes_the_headline_where_there_is_no_other():
+    (found,) = ranked(*RACE, levels=[2e-4])
+    assert found.headline.endswith("rk4, Δt 600 s, 3.0 s of wall time (row 2).")
+    (found,) = ranked(*RACE, levels=[1e-6])
+    assert found.headline == "No run on here reaches an error of 1e-6: the smallest is 1.0e-4."
 
 
-def test_levels_with_one_answer_share_a_sentence():
-    told = answers(rows_of(run("rk4", 60.0, 1.0, 1e-7)), TOTAL, "here", 0.0, [1e-3, 1e-5])
-    assert told[0].text.startswith("To reach l2(h) ≤ 1e-3 or 1e-5 on here: rk4")
-    assert told[1].text.startswith("The smallest error of all is 1.0e-7")
-
-
-def test_nothing_is_said_on_levels_that_are_not_resolved():
-    told = answers(rows_of(*RACE), TOTAL, "here", 0.0, [1e-3, 1e-6], resolved=1e-5)
-    assert [answer.text.split(" on ")[0] for answer in told[:1]] == ["To reach l2(h) ≤ 1e-3"]
-    assert [answer.steppers for answer in told] == [3, 0]
-    assert "smallest error of all" in told[1].text
-
-
-@pytest.mark.parametrize(
-    ("runs", "noise", "parts"),
-    [
-        ([], math.nan, ["No calibration run", "differ by more"]),
-        ([run("rk4", 1.0, 1.0)], 0.05, ["timed once", "up to 2.0 %", "varied by 5.0 %"]),
-        ([run("rk4", 1.0, 1.0, walls=(1.0, 2.0))], 0.5, ["up to 2 repeats", "too noisy"]),
-        ([run("rk4", 1.0, 1.0, wall_spread=0.6)], 0.01, ["up to 60 %", "too noisy"]),
-    ],
-)
-def test_the_report_says_how_noisy_the_machine_was(runs, noise, parts):
-    text = noise_sentence(rows_of(*runs), noise)
-    assert all(part in text for part in parts), text
-    assert ("too noisy" in text) == ("too noisy" in parts)
+def test_variants_of_a_stepper_are_lines_of_their_own():
+    (found,) = ranked(
+        run("bdf2", 1.0, 1.0, 1e-3, preconditioner="helmholtz"),
+        run("bdf2", 1.0, 2.0, 1e-3, preconditioner="none"),
+    )
+    assert [line[0] for line in found.body] == ["bdf2, helmholtz", "bdf2, no preconditioner"]
 
 
 # saturation
@@ -234,13 +236,20 @@ FLAT = [run(name, dt, 1.0, e) for name in ("bdf2", "tr-bdf2") for dt, e in
 
 
 def test_an_error_that_long_steps_do_not_change_saturates():
-    found = plateau(rows_of(*FLAT, run("rk4", 600.0, 1.0, 1e-4)), TOTAL)
+    runs = [*FLAT, run("rk4", 600.0, 1.0, 1e-4)]
+    found = plateau(rows_of(*runs), TOTAL)
     assert (found.shortest.dt, found.longest.dt, found.everywhere) == (1800.0, 14400.0, False)
-    text = saturation_sentence(
-        rows_of(*FLAT, run("rk4", 600.0, 1.0, 1e-4)), TOTAL, "here", slow=True
-    )
-    assert "between 7.0e-4 (row 1) and 9.0e-4 (row 2), while rk4 at 600 s" in text
-    assert "slow-flow error" in text
+    (note,) = ranked(*runs)[0].notes
+    assert "between 7.0e-4 (row 1) and 9.0e-4 (row 2), against 1.0e-4 of rk4" in note
+
+
+def test_the_slow_flow_ranks_where_the_depth_saturates():
+    slow = [r | {"errors": r["errors"] | {("slow", "vorticity"): 1e-6 * r["dt"]}} for r in FLAT]
+    found = ranked(*slow, run("rk4", 600.0, 1.0, 1e-4))
+    assert [each.metric.kind for each in found] == ["slow", "total"]
+    assert "The slow-flow error ranks" in found[1].notes[0]
+    found = ranked(*slow)  # no short step to compare with
+    assert [each.metric.kind for each in found] == ["total", "slow"]
 
 
 def test_one_bad_stepper_does_not_hide_a_plateau():
@@ -249,9 +258,9 @@ def test_one_bad_stepper_does_not_hide_a_plateau():
 
 
 def test_a_plateau_that_short_steps_share_is_the_error_of_the_mesh():
-    rows = rows_of(*FLAT, run("rk4", 600.0, 1.0, 6e-4))
-    assert plateau(rows, TOTAL).everywhere
-    assert "the error of the mesh" in saturation_sentence(rows, TOTAL, "here", slow=False)
+    runs = [*FLAT, run("rk4", 600.0, 1.0, 6e-4)]
+    assert plateau(rows_of(*runs), TOTAL).everywhere
+    assert "the error of the mesh" in ranked(*runs)[0].notes[0]
 
 
 @pytest.mark.parametrize(
@@ -264,7 +273,7 @@ def test_a_plateau_that_short_steps_share_is_the_error_of_the_mesh():
 )
 def test_there_is_no_plateau(runs):
     assert plateau(rows_of(*runs), TOTAL) is None
-    assert saturation_sentence(rows_of(*runs), TOTAL, "here", slow=True) == ""
+    assert all(found.notes == [] for found in ranked(*runs))
 
 
 # without loss of accuracy
@@ -354,15 +363,4 @@ def test_curves_are_named_by_what_tells_them_apart():
     )
     found = {curve.label: [row.dt for row in curve.rows] for curve in curves(rows)}
     assert found == {"bdf2": [1.0, 2.0, 3.0], "rk4, float32": [1.0], "rk4, float64": [1.0]}
-    assert len({(curve.look, curve.line) for curve in curves(rows)}) == 3
-
-
-@pytest.mark.parametrize("heights", [[], [0.5], [0.5, 0.5, 0.5], [0.0, 0.99, 1.0, 1.0], [-3, 7]])
-def test_names_in_the_margin_do_not_overlap(heights):
-    moved = spread(heights, 0.1)
-    assert np.all(np.diff(moved) >= 0.1 - 1e-12)
-    assert all(-1e-12 <= height <= 1.0 for height in moved)
-
-
-def test_names_that_have_room_stay():
-    assert spread([0.2, 0.5, 0.9], 0.1) == [0.2, 0.5, 0.9]
+    assert len({(curve.stepper, curve.line) for curve in curves(rows)}) == 3

@@ -1,9 +1,10 @@
-"""What a sweep says: an HTML report, a page of Markdown, figures and tables.
+"""What a sweep says: a headline and a table, an HTML report, a page of Markdown, figures.
 
 Needs nothing but the dataset of a sweep.
 """
 
-from swe_sphere.studies.report.markdown import write_markdown
-from swe_sphere.studies.report.page import write_report
+from swe_sphere.studies.report.answer import Ranking
+from swe_sphere.studies.report.content import sweep_rankings
+from swe_sphere.studies.report.page import write_markdown, write_report
 
-__all__ = ["write_markdown", "write_report"]
+__all__ = ["Ranking", "sweep_rankings", "write_markdown", "write_report"]

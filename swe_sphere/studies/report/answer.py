@@ -1,184 +1,192 @@
-"""What a sweep says, in sentences; every number with the row it comes from."""
+"""What a sweep says at a glance: one sentence, and a table of target errors by steppers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.palette import curves
-from swe_sphere.studies.report.rows import Metric, Row
-from swe_sphere.studies.report.saturation import Plateau, plateau
-from swe_sphere.studies.report.statistics import (
-    cheapest,
-    error_levels,
-    smallest,
-    tiers,
-    time_interval,
-)
+from swe_sphere.studies.report.palette import Curve, curves
+from swe_sphere.studies.report.rows import KINDS, MODELLED, Metric, Row
+from swe_sphere.studies.report.statistics import cheapest, plateau, smallest, targets, told_apart
 
-__all__ = ["Answer", "answers", "noise_sentence", "saturation_sentence", "settings"]
+__all__ = ["Ranking", "rankings"]
+
+ANSWERED = {"total": ("h", "v", "vorticity"), "time": ("h", "v", "vorticity"),
+            "slow": ("vorticity", "h", "v")}  # fmt: skip
+"""For each kind of error the field that steppers are ranked by: the first one there is."""
+BEST, TIE = "★ ", "≈ "
+"""Marks of the cheapest row for a target, and of those that cannot be told from it."""
 
 
 @dataclass(frozen=True)
-class Answer:
-    """A sentence on an error level."""
+class Ranking:
+    """Who reaches which error at which cost, on one mesh."""
 
-    text: str
-    steppers: int
-    """How many reach the level."""
+    where: str
+    """For example "williamson5, ne16 np4"."""
+    metric: Metric
+    targets: list[float]
+    """Falling."""
+    lines: list[tuple[Curve, list[Row | None]]]
+    """For each stepper the cheapest row for each target, and the row of its smallest error."""
+    notes: list[str]
+    """What to keep in mind."""
 
+    def winners(self, target: int) -> list[Row]:
+        """The cheapest row for a target, by its number, and those that cannot be told from it."""
+        found = [row for cells in self.rows if (row := cells[target]) is not None]
+        found.sort(key=lambda row: row.cost)
+        return [row for row in found if not told_apart(found[0], row)]
 
-LOUD = 0.3
-"""A spread of wall times from which on they are of little use."""
-PLACES = 3
-"""So many places of a ranking are told in full."""
+    @property
+    def cost_kind(self) -> str:
+        """What steppers are ranked by."""
+        rows = (row for cells in self.rows for row in cells if row is not None)
+        return next((row.cost_kind for row in rows), MODELLED)
 
+    @property
+    def rows(self) -> list[list[Row | None]]:
+        """Those of the table, for each stepper."""
+        return [cells for _, cells in self.lines]
 
-def answers(
-    rows: Sequence[Row], metric: Metric, where: str, noise: float, levels: Sequence[float] = (),
-    resolved: float = 0.0,
-) -> list[Answer]:  # fmt: skip
-    """Who reaches each error level, by wall time; levels with one answer share a sentence.
+    @property
+    def heads(self) -> list[str]:
+        """Of the table."""
+        return ["stepper", *(f"≤ {words.level(t)}" for t in self.targets), "smallest error"]
 
-    rows: of one mesh.  where: for example "williamson5 at ne16 np4".  levels: None given, those
-    of `error_levels`.  resolved: of smaller levels nothing is said, as the errors are not known
-    that well.
-    """
-    names = settings(rows)
-    levels = sorted(levels, reverse=True) or error_levels(rows, metric)
-    levels = [level for level in levels if not level < resolved]
-    same: dict[str, list[float]] = {}
-    for level in levels:
-        found = _ranking(cheapest(rows, metric, level), names, noise)
-        same.setdefault(found or _nobody(rows, metric, names), []).append(level)
-    told = [
-        Answer(
-            f"To reach {metric.symbol} ≤ {' or '.join(map(words.level, group))} on {where}: {text}",
-            len(cheapest(rows, metric, group[-1])),
+    @cached_property
+    def body(self) -> list[list[str]]:
+        """The lines of the table: names, then step, cost and error, marked where the cheapest."""
+        winners = [self.winners(i) for i in range(len(self.targets))] + [[]]
+        return [
+            [
+                curve.label,
+                *(self._cell(row, best) for row, best in zip(cells, winners, strict=True)),
+            ]
+            for curve, cells in self.lines
+        ]
+
+    def _cell(self, row: Row | None, best: list[Row]) -> str:
+        if row is None:
+            return words.NOTHING
+        mark = "" if row not in best else BEST if len(best) == 1 else TIE
+        error = words.error(row.error(self.metric))
+        return f"{mark}{words.step(row.dt)}, {words.seconds(row.cost)}, {error}"
+
+    @property
+    def caption(self) -> str:
+        """How to read the table."""
+        return (
+            f"For each target of {self.metric.label} the cheapest run of each stepper: Δt, "
+            f"{self.cost_kind}, error. {BEST}cheapest; {TIE}cheapest too: they differ by less than "
+            "their uncertainty."
         )
-        for text, group in same.items()
+
+    @property
+    def headline(self) -> str:
+        """One sentence on the smallest target that two steppers reach, or else one."""
+        if not self.targets:
+            return f"All errors on {self.where} are zero."
+        reached = [
+            sum(cells[i] is not None for cells in self.rows) for i in range(len(self.targets))
+        ]
+        for fewest in (2, 1):
+            if told := [i for i, count in enumerate(reached) if count >= fewest]:
+                return self._sentence(told[-1])
+        best = min(cells[-1].error(self.metric) for cells in self.rows if cells[-1] is not None)
+        return (
+            f"No run on {self.where} reaches an error of {words.level(self.targets[-1])}: the "
+            f"smallest is {words.error(best)}."
+        )
+
+    def _sentence(self, i: int) -> str:
+        names = {id(cells[i]): curve.label for curve, cells in self.lines}
+        best = self.winners(i)
+        first = best[0]
+        kind = KINDS.get(self.metric.kind, self.metric.kind)
+        others = [row for cells in self.rows if (row := cells[i]) and row not in best]
+        after = min(others, key=lambda row: row.cost, default=None)
+        who = _listed([names[id(row)] for row in best]) + (" tie;" if len(best) > 1 else ",")
+        gap = words.times(after.cost / first.cost) if after else ""
+        return (
+            f"Cheapest to {self.metric.symbol} ≤ {words.level(self.targets[i])} ({kind}, day "
+            f"{self.metric.day:g}) on {self.where}: {who} Δt {words.step(first.dt)}, "
+            f"{words.seconds(first.cost)} of {self.cost_kind} (row {first.number})"
+            + (f"; next is {names[id(after)]} at {gap} that." if after else ".")
+        )
+
+
+def rankings(
+    rows: Sequence[Row], found: Sequence[Metric], where: str, own: float = math.nan,
+    levels: Sequence[float] = (), notes: Sequence[str] = (),
+) -> list[Ranking]:  # fmt: skip
+    """One for each kind of error, the one to rank by first.
+
+    That is the first of total, time and slow-flow error, but the slow one where the depth
+    saturates.  rows: of one mesh.  own: time error of the converged run that time errors are taken
+    against.  levels: targets asked for.
+    """
+    made, saturated = [], ""
+    for metric in _spoken(found):
+        text = _saturation(rows, metric, any(m.kind == "slow" for m in found))
+        saturated = saturated or (text if "saturates" in text else "")
+        made.append(_ranking(rows, metric, where, own, levels, [*notes, *filter(None, [text])]))
+    return sorted(made, key=lambda r: r.metric.kind != "slow" and bool(saturated))
+
+
+def _spoken(found: Sequence[Metric]) -> list[Metric]:
+    by_name = {(metric.kind, metric.field): metric for metric in found}
+    first = (
+        next((by_name[kind, field] for field in order if (kind, field) in by_name), None)
+        for kind, order in ANSWERED.items()
+    )
+    return [metric for metric in first if metric is not None]
+
+
+def _ranking(
+    rows: Sequence[Row], metric: Metric, where: str, own: float, levels: Sequence[float],
+    notes: list[str],
+) -> Ranking:  # fmt: skip
+    drawn = [curve for curve in curves(rows) if smallest(curve.rows, metric) is not None]
+    # the check of the converged run is on its depth
+    resolved = own if (metric.kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
+    wanted = [level for level in sorted(levels, reverse=True) if level >= resolved]
+    wanted = wanted or targets([curve.rows for curve in drawn], metric, resolved)
+    lines: list[tuple[Curve, list[Row | None]]] = [
+        (c, [*(cheapest(c.rows, metric, t) for t in wanted), smallest(c.rows, metric)])
+        for c in drawn
     ]
-    return told + _smallest_of_all(rows, metric, levels)
+    lines.sort(key=lambda line: [math.inf if row is None else row.cost for row in line[1]])
+    return Ranking(where, metric, wanted, lines, notes)
 
 
-def settings(rows: Iterable[Row]) -> dict[int, str]:
-    """Row number -> the stepper and what tells its curve from the stepper's others."""
-    return {row.number: curve.label for curve in curves(rows) for row in curve.rows}
-
-
-def _ranking(found: list[Row], names: dict[int, str], noise: float) -> str:
-    ranked = tiers(found, noise)
-    parts = [_tier(tier, names, noise) for tier in ranked[:PLACES]]
-    if not parts:
-        return ""
-    text = parts[0] + "".join(
-        f"; {lead} {part}" for lead, part in zip(("next best", "then"), parts[1:], strict=False)
-    )
-    later = [names[row.number] for tier in ranked[PLACES:] for row in tier]
-    return text + (f"; slower: {', '.join(later)}" if later else "") + "."
-
-
-def _tier(tier: list[Row], names: dict[int, str], noise: float) -> str:
-    entries = [
-        f"{names[row.number]} at {words.step(row.dt)}, {words.seconds(row.wall_seconds)} "
-        f"(row {row.number})"
-        for row in tier
-    ]
-    if len(entries) == 1:
-        return entries[0]
-    spread = max(_uncertainty(row, noise) for row in tier)
-    return (
-        f"{', '.join(entries[:-1])} and {entries[-1]} – too close to rank, as the wall times are "
-        f"uncertain by up to ±{words.percent(spread)}"
-    )
-
-
-def _uncertainty(row: Row, noise: float) -> float:
-    low, high = time_interval(row, noise)
-    return 0.5 * (high - low) / row.wall_seconds
-
-
-def _nobody(rows: Sequence[Row], metric: Metric, names: dict[int, str]) -> str:
-    best = smallest(rows, metric)
-    if best is None:
-        return "no run has such an error."
-    return f"no stepper reaches it. The smallest error is {_best(best, metric, names)}."
-
-
-def _smallest_of_all(rows: Sequence[Row], metric: Metric, levels: Sequence[float]) -> list[Answer]:
-    """The smallest error of all, where every level is reached by somebody."""
-    best = smallest(rows, metric)
-    if best is None or not levels or best.error(metric) > min(levels):
-        return []
-    return [Answer(f"The smallest error of all is {_best(best, metric, settings(rows))}.", 0)]
-
-
-def _best(row: Row, metric: Metric, names: dict[int, str]) -> str:
-    return (
-        f"{words.error(row.error(metric))}: {names[row.number]} at {words.step(row.dt)}, "
-        f"{words.seconds(row.wall_seconds)} (row {row.number})"
-    )
-
-
-def saturation_sentence(rows: Sequence[Row], metric: Metric, where: str, slow: bool) -> str:
-    """What an error that does not depend on the step means; empty where it does depend on it.
+def _saturation(rows: Sequence[Row], metric: Metric, slow: bool) -> str:
+    """What an error of the depth that does not depend on the step means; empty where it does.
 
     slow: whether the slow-flow error was measured too.
     """
-    found = plateau(rows, metric)
+    found = plateau(rows, metric) if metric.field == "h" and metric.kind != "slow" else None
     if found is None:
         return ""
+    span = f"{words.step(found.shortest.dt)} to {words.step(found.longest.dt)}"
+    low, high = (words.error(row.error(metric)) for row in (found.lowest, found.highest))
     if found.everywhere:
-        return _mesh_error(found, metric, where)
-    text = (
-        f"On {where} {metric.symbol} saturates: at steps from {words.step(found.shortest.dt)} to "
-        f"{words.step(found.longest.dt)} it stays between {words.error(found.lowest.error(metric))}"
-        f" (row {found.lowest.number}) and {words.error(found.highest.error(metric))} "
-        f"(row {found.highest.number}), while {found.best.stepper} at "
-        f"{words.step(found.best.dt)} reaches {words.error(found.best.error(metric))} "
-        f"(row {found.best.number})."
-    )
-    return text + (_TRANSIENT if slow else _FAST)
-
-
-_RULE = "Steppers are ranked only where they differ by more."
-_LOUD = (
-    "That was too noisy a machine to compare steppers by wall time unless they differ greatly; "
-    "iterations and right-hand sides do not depend on it. "
-)
-_TRANSIENT = (
-    " The start sheds gravity waves, which every long step damps or dephases: this error is "
-    "their size whatever the step and says nothing on the flow that stays. The slow-flow error "
-    "below ranks the steppers by that."
-)
-_FAST = " Long steps do not follow the fast waves, whatever the step; what is slow may be as good."
-
-
-def _mesh_error(found: Plateau, metric: Metric, where: str) -> str:
+        return (
+            f"{metric.symbol} does not depend on the step, from {span} {low} (row "
+            f"{found.lowest.number}) to {high} (row {found.highest.number}): the error of the mesh."
+        )
+    best = words.error(found.best.error(metric))
+    rank = " The slow-flow error ranks steppers instead." if slow else ""
     return (
-        f"On {where} {metric.symbol} does not depend on the step: up to "
-        f"{words.step(found.longest.dt)} it stays below {words.error(found.highest.error(metric))} "
-        f"(row {found.highest.number}), and no shorter step gets below half of "
-        f"{words.error(found.lowest.error(metric))} (row {found.lowest.number}). This is the error "
-        "of the mesh."
+        f"{metric.symbol} saturates: from {span} it stays between {low} (row {found.lowest.number})"
+        f" and {high} (row {found.highest.number}), against {best} of {found.best.stepper} (row "
+        f"{found.best.number}): the size of gravity waves of the start, which long steps damp or "
+        f"dephase.{rank}"
     )
 
 
-def noise_sentence(rows: Iterable[Row], noise: float) -> str:
-    """How far wall times can be trusted."""
-    compared = [row for row in rows if row.compared]
-    spreads = [row.wall_spread for row in compared if math.isfinite(row.wall_spread)]
-    repeats = max((len(row.walls) for row in compared), default=0)
-    timed = {0: "", 1: "Each run was timed once. "}.get(
-        repeats, f"Wall times are medians of up to {repeats} repeats. "
-    )
-    worst = f"Repeats of a run differed by up to {words.percent(max(spreads))}. " if spreads else ""
-    calibration = (
-        f"A calibration run on this machine varied by {words.percent(noise)}. "
-        if math.isfinite(noise)
-        else "No calibration run says how noisy the machine was. "
-    )
-    loud = max([noise, *spreads], default=math.nan) > LOUD
-    return timed + worst + calibration + (_LOUD if loud else "") + _RULE
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,15 +1,15 @@
-"""Axes of the diagrams: logarithmic, with limits marked and names in the margin."""
+"""Axes of the figures: logarithmic, with limits marked and names in the margin."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.palette import Curve
+from swe_sphere.studies.report.palette import Curve, look
 from swe_sphere.studies.report.rows import Row
 from swe_sphere.studies.report.svg import FAINT, GRID, INK, PAPER
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["SMALLEST", "finish", "mark_limits", "name_curves", "points", "spread"]
+__all__ = ["SMALLEST", "finish", "mark_limits", "name_curves", "points"]
 
 SMALLEST = 1e-17
 """Zero is drawn here."""
@@ -35,8 +35,6 @@ TICKS = (
 )
 """Multiples of powers of ten that have a tick, on axes up to so many decades long."""
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-GAP = 0.064
-"""Height of a name in the margin, in parts of the axes."""
 
 
 def finish(axes: Axes, x: str, y: str, scale: Literal["log", "linear"] = "log") -> None:
@@ -88,9 +86,10 @@ def points(axes: Axes, curve: Curve, xy: Sequence[tuple[float, float]], anchor: 
     """A curve through its rows; each point is a link to its row, `anchor` before its number."""
     x, y = np.array(xy, dtype=float).T
     y = np.maximum(y, SMALLEST)
-    axes.plot(x, y, curve.line, color=curve.look.colour, linewidth=1.3)
+    style = look(curve.stepper)
+    axes.plot(x, y, curve.line, color=style.colour, linewidth=1.3)
     dots = axes.scatter(
-        x, y, s=30, marker=curve.look.marker, zorder=3, linewidths=0.9, c=curve.look.colour,
+        x, y, s=40, marker=style.marker, zorder=3, linewidths=0.5, c=style.colour,
         edgecolors=PAPER,
     )  # fmt: skip
     dots.set_urls([f"#{anchor}-{row.number}" for row in curve.rows])
@@ -100,7 +99,7 @@ def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
     """Vertical lines at the gravity-wave and the advective limit of the step."""
     rows = list(rows)
     for name, title, side in LIMITS:
-        values = [v for row in rows if math.isfinite(v := float(getattr(row, name))) and v > 0.0]
+        values = [v for row in rows if math.isfinite(v := getattr(row, name)) and v > 0.0]
         if not values:
             continue
         where = float(np.median(values))
@@ -111,37 +110,17 @@ def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
         )  # fmt: skip
 
 
-def name_curves(axes: Axes, ends: Sequence[tuple[Curve, tuple[float, float]]]) -> None:
-    """Names right of the axes in their curves' colours, at about the height of their ends."""
-    if not ends:
-        return
-    transform = axes.transData + axes.transAxes.inverted()
-    ends = [(curve, transform.transform((x, max(y, SMALLEST)))) for curve, (x, y) in ends]  # type: ignore[misc]
-    ends.sort(key=lambda end: float(end[1][1]))
-    heights = spread([float(end[1][1]) for end in ends], GAP)
-    for (curve, (x, y)), height in zip(ends, heights, strict=True):
-        axes.plot(
-            [x, 1.02], [y, height], color=curve.look.colour, linewidth=0.6, alpha=0.4,
-            transform=axes.transAxes, clip_on=False, zorder=1,
-        )  # fmt: skip
-        axes.plot(
-            [1.02, 1.05, 1.08], [height] * 3, curve.line, color=curve.look.colour,
-            linewidth=1.3, marker=curve.look.marker, markevery=[1], markersize=5.5,
-            transform=axes.transAxes, clip_on=False,
-        )  # fmt: skip
-        axes.text(
-            1.095, height, curve.label, transform=axes.transAxes, va="center", fontsize=8.5,
-            color=INK,
-        )  # fmt: skip
+def name_curves(axes: Axes, ends: Mapping[Curve, float]) -> None:
+    """Names right of the axes, in the order of the heights of the curves' ends."""
+    from matplotlib.lines import Line2D
 
-
-def spread(heights: Sequence[float], gap: float) -> list[float]:
-    """Heights in rising order moved apart to at least `gap`, between 0 and 1 if there is room."""
-    moved: list[float] = []
-    for height in heights:
-        moved.append(max(height, moved[-1] + gap if moved else 0.0))
-    top = 1.0
-    for i in reversed(range(len(moved))):
-        moved[i] = min(moved[i], top)
-        top = moved[i] - gap
-    return moved
+    handles: list[Any] = []
+    for curve in sorted(ends, key=lambda curve: -ends[curve]):
+        style = look(curve.stepper)
+        shape: Any = {"color": style.colour, "marker": style.marker, "linestyle": curve.line}
+        handles.append(Line2D([], [], markersize=5.5, label=curve.label, **shape))
+    if handles:
+        axes.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False,
+            fontsize=8.5, labelcolor=INK, handlelength=2.4,
+        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The diagrams of a sweep, one panel each, so that a page can set them side by side."""
+"""The figures of a sweep, one panel each, so that a page can set them side by side."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from swe_sphere.studies.report.drawing import draw_by_step, draw_map, draw_work
-from swe_sphere.studies.report.palette import curves
-from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
-from swe_sphere.studies.report.statistics import Cost, candidates
-from swe_sphere.studies.report.svg import STYLE
+from swe_sphere.studies.report.axes import SMALLEST, finish, mark_limits, name_curves, points
+from swe_sphere.studies.report.palette import STATUS, Curve, curves, look
+from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, MODELLED, Metric, Row
+from swe_sphere.studies.report.statistics import Cost, candidates, cost, pareto
+from swe_sphere.studies.report.svg import FAINT, INK, PAPER, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,11 +24,15 @@ WIDTH, HEIGHT = 5.4, 3.7
 """Inches: on a telephone a point of text is about a pixel."""
 DRIFTS = {"mass_drift": "mass", "energy_drift": "energy", "enstrophy_drift": "potential enstrophy"}
 COUNTS = {"krylov_iterations": "Krylov", "newton_iterations": "Newton"}
+FRONT = "The ringed points are the Pareto front: nothing measured is both cheaper and better."
+LIMITS = "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
+
+Position = Callable[[Row], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Diagram:
-    """A diagram that can be drawn."""
+    """A figure that can be drawn."""
 
     name: str
     """Of its files, without ending."""
@@ -52,43 +56,18 @@ def render(diagram: Diagram, anchor: str = "row") -> Figure:
     return figure
 
 
-def error_diagrams(rows: Sequence[Row], metric: Metric, noise: float) -> list[Diagram]:
+def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
     """What an error costs on one mesh, and how it depends on the step."""
-    time = _costs(rows, metric, noise, "wall time", _wall, "wall time of the steps [s]")
-    work = _costs(rows, metric, noise, "work", _work, "CPU time [right-hand sides]")
-    limits = (
-        "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
+    kind = next((row.cost_kind for row in rows), MODELLED)
+    time = _against(rows, metric, f"{metric.name}_time", kind, cost, f"{kind} of the steps [s]")
+    work = _against(
+        rows, metric, f"{metric.name}_work", "work", _work, "CPU time [right-hand sides]"
     )
     step = _by_step(
-        rows, f"{metric.name}_step", "Error against Δt", f"{metric.label}. {limits}",
+        rows, f"{metric.name}_step", "Error against Δt", f"{metric.label}. {LIMITS}",
         _axis(metric), lambda row: row.error(metric),
     )  # fmt: skip
-    return [*time, *work, *step]
-
-
-def _costs(
-    rows: Sequence[Row], metric: Metric, noise: float, title: str, cost: Cost, label: str
-) -> list[Diagram]:
-    if not candidates(rows, metric, cost):
-        return []
-    caption = "The ringed points are the Pareto front: nothing measured is both cheaper and better."
-    draw = partial(draw_work, rows, metric, cost, (label, _axis(metric)), noise)
-    if cost is _work:
-        draw = partial(draw_work, rows, metric, cost, (label, _axis(metric)), None)
-    name = f"{metric.name}_{title.split()[0]}"
-    return [Diagram(name, f"Error against {title}", f"{metric.label}. {caption}", draw)]
-
-
-def _axis(metric: Metric) -> str:
-    return metric.label.split(" at day")[0]
-
-
-def _wall(row: Row) -> float:
-    return row.wall_seconds
-
-
-def _work(row: Row) -> float:
-    return row.equivalents
+    return [*time, *step, *work]
 
 
 def diagrams(rows: Sequence[Row]) -> list[Diagram]:
@@ -107,7 +86,15 @@ def diagrams(rows: Sequence[Row]) -> list[Diagram]:
         )
         for name, title in DRIFTS.items()
     ]  # fmt: skip
-    return [diagram for found in (*counts, *drifts, _maps(rows)) for diagram in found]
+    return [diagram for found in (*counts, *drifts, _map(rows)) for diagram in found]
+
+
+def _axis(metric: Metric) -> str:
+    return metric.label.split(" at day")[0]
+
+
+def _work(row: Row) -> float:
+    return row.equivalents
 
 
 def _per_step(name: str, row: Row) -> float:
@@ -118,18 +105,111 @@ def _size(name: str, row: Row) -> float:
     return abs(float(getattr(row, name)))
 
 
+def _against(
+    rows: Sequence[Row], metric: Metric, name: str, title: str, of: Cost, label: str
+) -> list[Diagram]:
+    """Error against a cost, where there is any."""
+    if not candidates(rows, metric, of):
+        return []
+    draw = partial(_draw_costs, rows, metric, of, label)
+    return [Diagram(name, f"Error against {title}", f"{metric.label}. {FRONT}", draw)]
+
+
 def _by_step(
     rows: Sequence[Row], name: str, title: str, caption: str, label: str,
     value: Callable[[Row], float],
 ) -> list[Diagram]:  # fmt: skip
     shown = [row for row in rows if row.compared and row.dt > 0.0 and math.isfinite(value(row))]
-    draw = partial(draw_by_step, shown, value, label)
+    draw = partial(_draw_by_step, shown, value, label)
     return [Diagram(name, title, caption, draw)] if shown else []
 
 
-def _maps(rows: Sequence[Row]) -> list[Diagram]:
+def _map(rows: Sequence[Row]) -> list[Diagram]:
     rows = [row for row in rows if row.role not in MADE_FOR_OTHERS and row.dt > 0.0]
     caption = "Every run by stepper and Δt; failures are told below."
     height = 1.4 + 0.25 * len(curves(rows))
-    chart = Diagram("stability", "How runs ended", caption, partial(draw_map, rows), height)
+    chart = Diagram("stability", "How runs ended", caption, partial(_draw_map, rows), height)
     return [chart] if rows else []
+
+
+def _draw_costs(
+    rows: Sequence[Row], metric: Metric, of: Cost, label: str, axes: Axes, anchor: str
+) -> None:
+    front = pareto(rows, metric, of)
+    x, y = zip(*((of(row), max(row.error(metric), SMALLEST)) for row in front), strict=True)
+    axes.plot(x, y, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post", zorder=1)
+    axes.scatter(x, y, s=95, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
+    drawn = curves(candidates(rows, metric, of))
+    if of is cost:
+        _draw_uncertainty(axes, drawn, metric)
+    _draw_curves(axes, drawn, lambda row: (of(row), row.error(metric)), anchor)
+    finish(axes, label, _axis(metric))
+
+
+def _draw_by_step(
+    rows: Sequence[Row], value: Callable[[Row], float], label: str, axes: Axes, anchor: str
+) -> None:
+    _draw_curves(axes, curves(rows), lambda row: (row.dt, value(row)), anchor)
+    mark_limits(axes, rows)
+    finish(axes, "Δt [s]", label)
+
+
+def _draw_curves(axes: Axes, drawn: Sequence[Curve], position: Position, anchor: str) -> None:
+    for curve in drawn:
+        points(axes, curve, [position(row) for row in curve.rows], anchor)
+    name_curves(axes, {curve: max(map(position, curve.rows))[1] for curve in drawn})
+
+
+def _draw_uncertainty(axes: Axes, drawn: Sequence[Curve], metric: Metric) -> None:
+    for curve in drawn:
+        for row in curve.rows:
+            low, high = row.interval
+            axes.plot(
+                [max(low, 0.1 * row.cost), high],  # zero is not on the axis
+                [max(row.error(metric), SMALLEST)] * 2,
+                color=look(curve.stepper).colour, linewidth=2.6, alpha=0.4, zorder=2,
+            )  # fmt: skip
+
+
+def _draw_map(rows: Sequence[Row], axes: Axes, anchor: str) -> None:
+    """How every run ended, by stepper and step."""
+    from swe_sphere.steppers import STEPPERS
+
+    order = {name: i for i, name in enumerate(STEPPERS)}
+    drawn = sorted(curves(rows), key=lambda c: order.get(c.stepper, len(order)))[::-1]
+    for height, curve in enumerate(drawn):
+        _draw_ends(axes, curve, height, anchor)
+    mark_limits(axes, rows)
+    finish(axes, "Δt [s]", "", scale="linear")
+    axes.set_ylim(-0.6, len(drawn) - 0.4)
+    axes.set_yticks(range(len(drawn)), [curve.label for curve in drawn])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    _explain_marks(axes, {row.status for row in rows})
+
+
+def _draw_ends(axes: Axes, curve: Curve, height: int, anchor: str) -> None:
+    for status, style in STATUS.items():
+        if rows := [row for row in curve.rows if row.status == status]:
+            line = style.marker == "_"
+            dots = axes.scatter(
+                [row.dt for row in rows], [height] * len(rows), s=46, marker=style.marker,
+                c=style.colour, linewidths=2.0 if line else 0.8, zorder=3,
+                edgecolors=None if line else PAPER,
+            )  # fmt: skip
+            dots.set_urls([f"#{anchor}-{row.number}" for row in rows])
+
+
+def _explain_marks(axes: Axes, found: set[str]) -> None:
+    from matplotlib.lines import Line2D
+
+    marks = [
+        Line2D([], [], marker=style.marker, color=style.colour, linestyle="", label=status)
+        for status, style in STATUS.items()
+        if status in found
+    ]
+    axes.figure.legend(
+        handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5,
+        labelcolor=INK, handletextpad=0.2,
+    )  # fmt: skip
+    axes.tick_params(colors=FAINT, labelcolor=INK)

@@ -1,4 +1,4 @@
-"""A sweep as one HTML file that needs nothing else."""
+"""A sweep as a page: one HTML file that needs nothing else, or Markdown with figures beside it."""
 
 from __future__ import annotations
 
@@ -7,25 +7,27 @@ import re
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swe_sphere.durable import write_whole
 from swe_sphere.io.disk import clear_errors
 from swe_sphere.studies.report import words
+from swe_sphere.studies.report.content import OneMesh, Section, read_sections
 from swe_sphere.studies.report.figures import Diagram, render
 from swe_sphere.studies.report.rows import Row
-from swe_sphere.studies.report.section import Part, Section, read_sections
 from swe_sphere.studies.report.svg import inline, save_svg
 from swe_sphere.studies.report.table import cell, columns, csv_text, how_it_ended
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
     from markupsafe import Markup
     from xarray import Dataset
 
-__all__ = ["Pictures", "environment", "write_report"]
+__all__ = ["write_markdown", "write_report"]
 
 DOTS_PER_INCH = 160
+TITLE = "What accuracy costs in time"
+SHOWN = ("time", "step")
+OTHERS = ("krylov_iterations", "energy_drift", "stability")
 
 
 def write_report(
@@ -40,56 +42,80 @@ def write_report(
 
     datasets: what `sweep` returns, or several by name: a section each.
     title: of the page; empty: the first dataset's.
-    levels: error levels to answer for; none given, round ones that the errors span.
-    notes: text for the section of that name, after its answer.
+    levels: target errors; none given, round ones that the errors span.
+    notes: text for the section of that name.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
-    out = Path(out)
-    sections = read_sections(datasets, levels)
-    with clear_errors(f"cannot write the report to {out}"):
-        out.mkdir(parents=True, exist_ok=True)
-    pictures = Pictures(out, png=True)
-    text = environment(html=True).get_template("report.html.j2").render(
-        title=title or _title(datasets), sections=sections, notes=notes or {},
-        picture=pictures.inline, columns=columns, cell=cell,
-    )  # fmt: skip
+    out = _made(out, "report")
+    sections, pictures = read_sections(datasets, levels), _Pictures(out, png=True)
+    values = {"title": title or _title(datasets), "sections": sections, "notes": notes or {}}
+    text = _rendered("report.html.j2", values | {"picture": pictures.inline})
     rows = csv_text([(section.title, section.rows) for section in sections])
     write_whole(out / "table.csv", rows)
-    page = out / "index.html"
-    write_whole(page, text)
-    return page
+    write_whole(out / "index.html", text)
+    return out / "index.html"
+
+
+def write_markdown(
+    datasets: Dataset | Mapping[str, Dataset],
+    folder: str | os.PathLike[str],
+    *,
+    title: str = TITLE,
+    introduction: str = "",
+    levels: Sequence[float] = (),
+    notes: Mapping[str, str] | None = None,
+    figures: Sequence[str] = OTHERS,
+) -> Path:
+    """Write README.md and its figures (SVG) into a folder.
+
+    introduction: Markdown after the title.  notes: Markdown for the section of that name.
+    figures: diagrams beside those of the errors, by name.  The rest is as for `write_report`.
+    """
+    folder = _made(folder, "page")
+    values: dict[str, Any] = {"title": title, "introduction": introduction, "notes": notes or {}}
+    values |= {"sections": read_sections(datasets, levels), "shown": SHOWN, "figures": figures}
+    pictures = _Pictures(folder, png=False)
+    text = _rendered("page.md.j2", values | {"picture": pictures.file})
+    write_whole(folder / "README.md", text)
+    return folder / "README.md"
+
+
+def _made(folder: str | os.PathLike[str], what: str) -> Path:
+    """The folder, made where there is none."""
+    with clear_errors(f"cannot write the {what} to {folder}"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    return Path(folder)
 
 
 def _title(datasets: Dataset | Mapping[str, Dataset]) -> str:
     from xarray import Dataset
 
     first = datasets if isinstance(datasets, Dataset) else next(iter(datasets.values()), None)
-    given = "" if first is None else str(first.attrs.get("title", ""))
-    return given or "What accuracy costs in time"
+    return str("" if first is None else first.attrs.get("title", "")) or TITLE
 
 
-class Pictures:
+class _Pictures:
     """Draws diagrams into files of a folder, and hands them on."""
 
     def __init__(self, folder: Path, *, png: bool) -> None:
         self._folder = folder
         self._png = png
 
-    def file(self, section: Section, part: Part, diagram: Diagram) -> str:
+    def file(self, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
         """Draw a diagram; returns the name of its SVG file."""
-        return self._draw(section, part, diagram)[0]
+        return self._draw(section, mesh, diagram)[0]
 
-    def inline(self, section: Section, part: Part, diagram: Diagram) -> Markup:
+    def inline(self, section: Section, mesh: OneMesh, diagram: Diagram) -> Markup:
         """Draw a diagram; returns it as an element of the page, its points with explanations."""
         from markupsafe import Markup
 
-        name, svg = self._draw(section, part, diagram)
-        tips = {f"{section.name}-{row.number}": _tip(row) for row in part.rows}
+        name, svg = self._draw(section, mesh, diagram)
+        tips = {f"{section.name}-{row.number}": _tip(row) for row in mesh.rows}
         return Markup(inline(svg, name.removesuffix(".svg"), diagram.title, tips))
 
-    def _draw(self, section: Section, part: Part, diagram: Diagram) -> tuple[str, str]:
-        stem = f"{section.name}-{part.name}-{diagram.name}"
+    def _draw(self, section: Section, mesh: OneMesh, diagram: Diagram) -> tuple[str, str]:
+        stem = f"{section.name}-{mesh.name}-{diagram.name}"
         figure = render(diagram, section.name)
         svg = save_svg(figure, stem)
         write_whole(self._folder / f"{stem}.svg", svg)
@@ -104,22 +130,21 @@ def _tip(row: Row) -> str:
     return (
         f"row {row.number}: {row.stepper}, Δt {words.step(row.dt)} "
         f"({words.times(row.gravity_multiple)} gravity limit), "
-        f"wall {words.seconds(row.wall_seconds)}, {how_it_ended(row)}"
+        f"{row.cost_kind} {words.seconds(row.cost)}, {how_it_ended(row)}"
     )
 
 
-def environment(*, html: bool) -> Environment:
-    """Where the templates are, with what they need."""
+def _rendered(template: str, values: Mapping[str, Any]) -> str:
+    """A template filled in."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     made = Environment(
-        loader=PackageLoader("swe_sphere.studies.report", "templates"), autoescape=html,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        keep_trailing_newline=True,
+        loader=PackageLoader("swe_sphere.studies.report", "templates"),
+        autoescape=template.endswith(".html.j2"), undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    made.filters["link_rows"] = _link_rows
-    made.filters["in_table"] = _in_table
-    return made
+    made.filters |= {"link_rows": _link_rows, "in_table": _in_table}
+    return made.get_template(template).render(**values, columns=columns, cell=cell)
 
 
 def _link_rows(text: str, section: str) -> Markup:

@@ -11,33 +11,28 @@ from swe_sphere.studies.report.rows import Row
 if TYPE_CHECKING:
     from swe_sphere.steppers.stepper import Marker
 
-__all__ = ["LINES", "STATUS", "Curve", "Look", "curves", "look"]
-
-BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-AMBER, SKY, GREY = "#E69F00", "#56B4E9", "#7F7F7F"
-"""Okabe and Ito's palette without black and yellow, which vanish on dark or on light paper."""
+__all__ = ["STATUS", "Curve", "Look", "curves", "look"]
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a stepper is drawn."""
+    """How something is drawn: a colour, and a marker of matplotlib."""
 
     colour: str
     marker: Marker
 
 
-COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY, GREY)
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F")
+"""Okabe and Ito's palette without black and yellow, which vanish on dark or on light paper."""
 MARKERS = ("8", "H", "d", "*", "X")
-
 LINES = ("-", "--", ":", "-.")
 """Styles of the variants of a stepper (preconditioner, precision, device, settings)."""
-
 STATUS = {
-    "completed": Look(GREEN, "o"),
-    "unstable": Look(ORANGE, "X"),
-    "timed-out": Look(AMBER, "s"),
-    "solver-failed": Look(PINK, "v"),
-    "refused": Look(GREY, "_"),
+    "completed": Look("#009E73", "o"),
+    "unstable": Look("#D55E00", "X"),
+    "timed-out": Look("#E69F00", "s"),
+    "solver-failed": Look("#CC79A7", "v"),
+    "refused": Look("#7F7F7F", "_"),
 }
 
 
@@ -52,12 +47,12 @@ def look(stepper: str) -> Look:
     return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curve:
     """Rows that differ in their step only, by rising step."""
 
     label: str
-    look: Look
+    stepper: str
     line: str
     rows: tuple[Row, ...]
 
@@ -65,7 +60,8 @@ class Curve:
 def curves(rows: Iterable[Row]) -> list[Curve]:
     """Rows of one mesh as curves; a label says what tells it from the stepper's other curves."""
     rows = list(rows)
-    only = {name: _only([row for row in rows if row.stepper == name]) for name in _names(rows)}
+    names: set[str] = {row.stepper for row in rows}
+    only = {name: _only([row for row in rows if row.stepper == name]) for name in names}
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         variant = (part or one for part, one in zip(_variant(row), only[row.stepper], strict=True))
@@ -75,17 +71,12 @@ def curves(rows: Iterable[Row]) -> list[Curve]:
         others = [other for other in sorted(groups) if other[0] == key[0]]
         label = ", ".join([key[0], *_difference(key, others)])
         line = LINES[others.index(key) % len(LINES)]
-        ordered = tuple(sorted(members, key=lambda row: row.dt))
-        made.append(Curve(label, look(key[0]), line, ordered))
+        made.append(Curve(label, key[0], line, tuple(sorted(members, key=lambda row: row.dt))))
     return made
 
 
 def _variant(row: Row) -> tuple[str, ...]:
     return row.preconditioner, row.precision, row.device, row.settings
-
-
-def _names(rows: list[Row]) -> set[str]:
-    return {row.stepper for row in rows}
 
 
 def _only(rows: list[Row]) -> tuple[str, ...]:

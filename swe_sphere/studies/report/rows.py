@@ -4,29 +4,48 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["COMPLETED", "KINDS", "MADE_FOR_OTHERS", "Metric", "Row", "metrics", "read_rows"]
+__all__ = [
+    "KINDS", "MADE_FOR_OTHERS", "MODELLED", "NUMBERS", "WORDS", "Metric", "Row", "metrics",
+    "read_rows",
+]  # fmt: skip
 
-COMPLETED = "completed"
 REQUIRED = ("stepper", "dt", "status", "wall_seconds")
 COMPARED = ("", "grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
 MADE_FOR_OTHERS = ("converged", "rhs-cost")
 """Roles of runs that say nothing on a stepper."""
+WORDS = (
+    "stepper", "status", "scene", "preconditioner", "precision", "device", "settings", "role",
+    "reason",
+)  # fmt: skip
+NUMBERS = (
+    "dt", "wall_seconds", "modelled_seconds", "ne", "np", "stretch", "days", "steps",
+    "wall_spread", "cpu_seconds", "compile_seconds", "setup_seconds", "total_seconds",
+    "peak_memory", "rhs_seconds", "rhs_evaluations", "tangent_evaluations",
+    "preconditioner_applications", "newton_iterations", "krylov_iterations", "rejected_steps",
+    "gravity_limit", "advective_limit", "mass_drift", "energy_drift", "enstrophy_drift",
+)  # fmt: skip
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 QUANTITIES = {"h": "depth", "v": "wind", "vorticity": "vorticity"}
+
+MODELLED, WALL = "modelled time", "wall time"
+"""What runs may be ranked by."""
+REPEATABLE = 0.03
+"""Modelled times of the same run differ by no more, relative to either."""
+UNKNOWN_NOISE = 0.1
+"""Taken for the spread of wall times where none was recorded."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +58,7 @@ class Metric:
     field: str
     norm: str
     day: float
-    """The moment, in days."""
+    """When, in days."""
 
     @property
     def symbol(self) -> str:
@@ -62,55 +81,34 @@ class Metric:
         return f"{self.kind}_{self.norm}_{self.field}_day{self.day:g}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
-    """One run; numbers that were not recorded are NaN, words empty."""
+    """One run: its WORDS and NUMBERS are attributes, empty or NaN where not recorded."""
 
     number: int
     """Position in the dataset, from 1."""
-    stepper: str
-    dt: float
-    status: str
-    wall_seconds: float
-    scene: str = ""
-    preconditioner: str = ""
-    precision: str = ""
-    device: str = ""
-    settings: str = ""
-    role: str = ""
-    reason: str = ""
-    ne: float = math.nan
-    np: float = math.nan
-    stretch: float = math.nan
-    days: float = math.nan
-    steps: float = math.nan
-    wall_spread: float = math.nan
-    cpu_seconds: float = math.nan
-    compile_seconds: float = math.nan
-    setup_seconds: float = math.nan
-    total_seconds: float = math.nan
-    peak_memory: float = math.nan
-    rhs_seconds: float = math.nan
-    rhs_evaluations: float = math.nan
-    tangent_evaluations: float = math.nan
-    preconditioner_applications: float = math.nan
-    newton_iterations: float = math.nan
-    krylov_iterations: float = math.nan
-    rejected_steps: float = math.nan
-    gravity_limit: float = math.nan
-    advective_limit: float = math.nan
-    mass_drift: float = math.nan
-    energy_drift: float = math.nan
-    enstrophy_drift: float = math.nan
+    values: Mapping[str, Any]
+    errors: Mapping[Metric, float]
+    """Those that are defined."""
     walls: tuple[float, ...] = ()
     """Wall seconds of each repeat."""
-    errors: Mapping[Metric, float] = field(default_factory=dict)
-    """Those that are defined."""
+    cost_kind: str = WALL
+    cost: float = math.nan
+    """What the run is ranked by [s]."""
+    interval: tuple[float, float] = (math.nan, math.nan)
+    """Within which the cost may lie [s]."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name in WORDS:
+            return self.values.get(name, "")
+        if name in NUMBERS:
+            return self.values.get(name, math.nan)
+        raise AttributeError(name)
 
     @property
     def completed(self) -> bool:
         """Whether the run reached its end."""
-        return self.status == COMPLETED
+        return bool(self.status == "completed")
 
     @property
     def compared(self) -> bool:
@@ -120,25 +118,26 @@ class Row:
     @property
     def mesh(self) -> str:
         """For example "ne16 np4, stretched 4"."""
-        parts = [f"{name}{value:.0f}" for name, value in (("ne", self.ne), ("np", self.np))
-                 if math.isfinite(value)]  # fmt: skip
+        parts = [
+            f"{n}{value:.0f}" for n in ("ne", "np") if math.isfinite(value := getattr(self, n))
+        ]
         stretched = math.isfinite(self.stretch) and self.stretch != 1.0
         return " ".join(parts) + (f", stretched {self.stretch:g}" if stretched else "")
 
     @property
     def equivalents(self) -> float:
         """CPU time in units of one right-hand side on the same mesh."""
-        return self.cpu_seconds / self.rhs_seconds if self.rhs_seconds > 0.0 else math.nan
+        return _ratio(self.cpu_seconds, self.rhs_seconds)
 
     @property
     def gravity_multiple(self) -> float:
         """Step over the gravity-wave limit."""
-        return self.dt / self.gravity_limit if self.gravity_limit > 0.0 else math.nan
+        return _ratio(self.dt, self.gravity_limit)
 
     @property
     def advective_multiple(self) -> float:
         """Step over the advective limit."""
-        return self.dt / self.advective_limit if self.advective_limit > 0.0 else math.nan
+        return _ratio(self.dt, self.advective_limit)
 
     def error(self, metric: Metric) -> float:
         """That error, NaN where it is not defined."""
@@ -146,50 +145,77 @@ class Row:
 
     def per_step(self, count: str) -> float:
         """A count, by its name, for each step."""
-        return float(getattr(self, count)) / self.steps if self.steps > 0 else math.nan
+        return _ratio(float(getattr(self, count)), self.steps)
 
 
-WORDS = tuple(f.name for f in fields(Row) if f.type == "str")
-NUMBERS = tuple(f.name for f in fields(Row) if f.type == "float")
+def _ratio(value: float, unit: float) -> float:
+    return value / unit if unit > 0.0 else math.nan
 
 
 def read_rows(dataset: Dataset) -> list[Row]:
     """The rows of a sweep's dataset, in its order.
 
+    They are ranked by modelled time where all that are compared have one, else by wall time.
     Raises ConfigError if the dataset is not one of a sweep.
     """
     if missing := [name for name in REQUIRED if name not in dataset]:
         raise ConfigError(f"this dataset is not one of a sweep: it has no {', '.join(missing)}")
-    count = dataset.sizes.get("run", 0)
-    columns: dict[str, list[object]] = {
-        **{name: _words(dataset, name) for name in WORDS if name in dataset},
-        **{name: _numbers(dataset, name).tolist() for name in NUMBERS if name in dataset},
+    columns = {
+        name: [_plain(value) for value in dataset[name].values]
+        for name in (*WORDS, *NUMBERS)
+        if name in dataset
     }
-    walls, errors = _walls(dataset, count), _errors(dataset, count)
-    return [
-        Row(number=i + 1, walls=walls[i], errors=errors[i], **{k: v[i] for k, v in columns.items()})  # type: ignore[arg-type]
-        for i in range(count)
+    runs = range(dataset.sizes.get("run", 0))
+    walls, errors = _walls(dataset), _errors(dataset)
+    rows = [
+        Row(i + 1, {name: column[i] for name, column in columns.items()}, errors[i], walls[i])
+        for i in runs
     ]
+    modelled = all(math.isfinite(row.modelled_seconds) for row in rows if row.compared)
+    noise = float(dataset.attrs.get("noise", math.nan))
+    return [_priced(row, modelled, noise) for row in rows]
 
 
-def _words(dataset: Dataset, name: str) -> list[object]:
-    values = dataset[name].values
-    return ["" if value is None or value != value else str(value) for value in values]
+def _plain(value: Any) -> float | str:
+    return value if isinstance(value, str) else "" if value is None else float(value)
 
 
-def _numbers(dataset: Dataset, name: str) -> NDArray[np.float64]:
-    return np.asarray(dataset[name].values, dtype=np.float64)
+def _priced(row: Row, modelled: bool, noise: float) -> Row:
+    """The row with its cost."""
+    if modelled:
+        cost = row.modelled_seconds
+        kind, interval = MODELLED, (cost * (1.0 - REPEATABLE), cost * (1.0 + REPEATABLE))
+    else:
+        kind, cost, interval = WALL, row.wall_seconds, _wall_interval(row, noise)
+    return Row(row.number, row.values, row.errors, row.walls, kind, cost, interval)
 
 
-def _walls(dataset: Dataset, count: int) -> list[tuple[float, ...]]:
+def _wall_interval(row: Row, noise: float) -> tuple[float, float]:
+    """Within which wall times [s] the row's true one may lie.
+
+    From its fastest to its slowest repeat, or half its spread to either side of the median where
+    single times are not known, and at least half of `noise`, the relative spread of right-hand
+    sides timed on the same machine, to either side.  Where neither is known (a run timed once),
+    UNKNOWN_NOISE stands for `noise`.
+    """
+    median = row.wall_seconds
+    times = row.walls if len(row.walls) > 1 else ()
+    spread = row.wall_spread if row.wall_spread > 0.0 else 0.0
+    if not times and spread == 0.0 and not noise >= 0.0:
+        noise = UNKNOWN_NOISE
+    half = 0.5 * max(noise if noise >= 0.0 else 0.0, 0.0 if times else spread) * median
+    return min(*times, median, median - half), max(*times, median, median + half)
+
+
+def _walls(dataset: Dataset) -> list[tuple[float, ...]]:
     if "wall" not in dataset:
-        return [()] * count
+        return [()] * dataset.sizes.get("run", 0)
     values = np.asarray(dataset["wall"].transpose("run", "repeat").values, dtype=np.float64)
     return [tuple(row[np.isfinite(row)].tolist()) for row in values]
 
 
-def _errors(dataset: Dataset, count: int) -> list[dict[Metric, float]]:
-    found: list[dict[Metric, float]] = [{} for _ in range(count)]
+def _errors(dataset: Dataset) -> list[dict[Metric, float]]:
+    found: list[dict[Metric, float]] = [{} for _ in range(dataset.sizes.get("run", 0))]
     if "error" not in dataset:
         return found
     axes = ("kind", "field", "norm", "report_day")
@@ -203,7 +229,7 @@ def _errors(dataset: Dataset, count: int) -> list[dict[Metric, float]]:
 
 
 def metrics(rows: Iterable[Row], norm: str = "l2") -> list[Metric]:
-    """For each kind and field, in the order of the report, the error at the last moment given."""
+    """For each kind and field, in the order of the report, the error at the last day given."""
     last: dict[tuple[str, str], Metric] = {}
     for metric in {m for row in rows if row.compared for m in row.errors if m.norm == norm}:
         key = (metric.kind, metric.field)

@@ -1,24 +1,34 @@
-"""The rows of a sweep as a table, for reading and as CSV."""
+"""Tables of a page, and the rows of a sweep as CSV."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from io import StringIO
 
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.rows import Metric, Row
+from swe_sphere.studies.report.rows import NUMBERS, WORDS, Metric, Row
 
-__all__ = ["Cell", "Column", "cell", "columns", "csv_text", "how_it_ended"]
+__all__ = ["Cell", "Column", "Table", "cell", "columns", "csv_text", "how_it_ended"]
 
 Value = float | str
 
 
 @dataclass(frozen=True)
+class Table:
+    """A table of texts."""
+
+    heads: list[str]
+    lines: list[list[str]]
+    notes: list[str]
+    """What to read with it."""
+
+
+@dataclass(frozen=True)
 class Column:
-    """A column of the table."""
+    """A column of the table of all runs."""
 
     title: str
     value: Callable[[Row], Value]
@@ -48,7 +58,7 @@ def cell(column: Column, row: Row) -> Cell:
 def how_it_ended(row: Row) -> str:
     """In words: the reason where there is one, else the status."""
     if row.completed or not row.reason:
-        return row.status
+        return str(row.status)
     return f"{row.status}: {row.reason}"
 
 
@@ -82,6 +92,7 @@ _SETTINGS = (
     Column("how it ended", how_it_ended, essential=True),
 )
 _COSTS = (
+    Column("modelled", lambda r: r.modelled_seconds, words.seconds),
     Column("wall", lambda r: r.wall_seconds, words.seconds, essential=True),
     Column("spread", lambda r: r.wall_spread, words.percent, essential=True),
     Column("CPU", lambda r: r.cpu_seconds, words.seconds),
@@ -109,17 +120,17 @@ def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:
 
     Fields that are not finite are empty.
     """
-    names = [f.name for f in fields(Row) if f.name not in ("walls", "errors")]
     found = {metric for _, rows in named for row in rows for metric in row.errors}
     metrics = sorted(found, key=lambda metric: metric.name)
+    names = ("number", *WORDS, *NUMBERS, "equivalents")
     out = StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["dataset", *names, "rhs_equivalents", *(metric.name for metric in metrics)])
+    heads = ("rhs_equivalents" if name == "equivalents" else name for name in names)
+    writer.writerow(["dataset", *heads, *(metric.name for metric in metrics)])
     for dataset, rows in named:
         for row in rows:
-            values = (*(getattr(row, name) for name in names), row.equivalents)
-            errors = (row.error(metric) for metric in metrics)
-            writer.writerow([dataset, *(_plain(value) for value in (*values, *errors))])
+            values = [*(getattr(row, name) for name in names), *map(row.error, metrics)]
+            writer.writerow([dataset, *map(_plain, values)])
     return out.getvalue()
 
 

@@ -15,3 +15,10 @@ for (const head of document.querySelectorAll(".rows th")) {
     body.append(...[...body.rows].sort(compare));
   });
 }
+const reveal = () => {
+  const target = document.getElementById(location.hash.slice(1));
+  for (let part = target; part; part = part.parentElement) if (part.tagName === "DETAILS") part.open = true;
+  if (target) target.scrollIntoView({ block: "center" });
+};
+addEventListener("hashchange", reveal);
+reveal();
