@@ -145,6 +145,7 @@ def test_it_shows_itself():
     assert repr(sim) == (
         "Simulation('williamson6', ne=2, np=4, stepper='rk4': not begun of 14 days)"
     )
+    assert "not begun at day 0 after 0 steps" in sim._repr_html_()
     sim.run(days=0.125)
     html = sim._repr_html_()
     assert html.startswith("<table>") and "completed at day 0.125 after 6 steps" in html
@@ -206,7 +207,7 @@ def test_diagnostics_appear_in_file_and_summary(tmp_path):
     @diagnostic(units="m s-1")
     def jet(sim):
         "largest eastward wind"
-        return sim.snapshot.fields["u"].max()
+        return sim.state.u.max()
 
     @diagnostic(name="kinetic", units="m2 s-2", long_name="kinetic energy")
     def energy_of_motion(sim):

@@ -165,6 +165,7 @@ class Simulation:
         self.dt_rule = ""
         """How the step was chosen, in words."""
         self._stepper: Stepper | None = None
+        self._plan: TimePlan | None = None
         self._carried: dict[str, float] = {}
         self._before: dict[str, int] = {}
         self._watcher = Watcher()
@@ -193,6 +194,13 @@ class Simulation:
             self.begin()
         assert self._stepper is not None
         return self._stepper
+
+    @property
+    def plan(self) -> TimePlan:
+        """The steps up to the end of the run."""
+        _ = self.stepper  # which is planned for first
+        assert self._plan is not None
+        return self._plan
 
     @property
     def steps(self) -> int:
@@ -257,6 +265,7 @@ class Simulation:
     def _own_now(self) -> tuple[dict[str, float], Fields]:
         seen = self._now
         if seen.own is None:
+            seen.own = {}, {}  # for those that ask for the whole state
             seen.own = self._own(self)
         return seen.own
 
@@ -287,9 +296,9 @@ class Simulation:
         Raises:
             ConfigError: step, length, frames and calls do not go together.
         """
-        self.plan = plan or self._planned(intervals(callbacks))
+        self._plan = plan or self._planned(intervals(callbacks))
         if self._stepper is None or self._stepper.steps == 0:
-            self._make_stepper()
+            self._make_stepper(self._plan.dt)
 
     def _planned(self, also: list[Fraction]) -> TimePlan:
         days, every = self.days, self.config.every
@@ -312,26 +321,26 @@ class Simulation:
         accurate = accurate_step(self.mesh, self.start)
         return choose_step(asked, days, self.stable_dt, self._kind.safety, accurate)
 
-    def _make_stepper(self) -> None:
-        """Build the stepper for the plan, and put it at the start or where the restart stands."""
+    def _make_stepper(self, dt: float) -> None:
+        """Build the stepper, and put it at the start or where the restart stands."""
         supplied, checkpoint = self._supplied, self._checkpoint
         state = self.model.initial_state()
         self._before, self._seen = dict(self.model.counters), None
         with users_code():
-            self._stepper = stepper = supplied.instance or self._new_stepper()
+            self._stepper = stepper = supplied.instance or self._new_stepper(dt)
             if checkpoint is not None:
                 self._carried = carried_counts(checkpoint)
                 stepper.load_state_dict(checkpoint.memory, checkpoint.steps)
             elif stepper.steps == 0:
                 stepper.start(state)
 
-    def _new_stepper(self) -> Stepper:
+    def _new_stepper(self, dt: float) -> Stepper:
         """The stepper of the configuration, with steps that follow their error if it says so."""
         from swe_sphere.steppers.adaptive import AdaptiveStepper
 
         config, made = self.config, self._supplied.preconditioner
         options = self.options if made is None else {**self.options, "preconditioner": made}
-        stepper = self._kind(self.model, self.plan.dt, **options)
+        stepper = self._kind(self.model, dt, **options)
         if config.adaptive is None:
             return stepper
         return AdaptiveStepper(stepper, config.adaptive, config.adaptive_by)

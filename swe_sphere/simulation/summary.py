@@ -100,7 +100,7 @@ class Summary:
         """The lines of a table: what, and its values."""
         n = self.as_dict()
         yield "scene", str(n["title"])
-        ended = "completed" if self.completed else "stopped early"
+        ended = self.status if self.status in ("completed", "not begun") else "stopped early"
         yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
         yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
         yield "time step", _step(n)
