@@ -149,7 +149,7 @@ def test_synthetic_state_says_so_everywhere(tmp_path: Path, capsys, monkeypatch)
     assert "SYNTHETIC" in next(x for x in said("list").splitlines() if "williamson7" in x)
     run = ("run", "williamson7", "--ne", "2", "--np", "4", "--days", "0.1", "--out", "a.nc")
     assert "SYNTHETIC" in said(*run)
-    assert "SYNTHETIC" in json.loads(said(*run, "--json"))["title"]
+    assert "SYNTHETIC" in json.loads(said(*run, "--overwrite", "--json"))["title"]
     with netCDF4.Dataset("a.nc") as file:
         assert "SYNTHETIC" in file.title and "SYNTHETIC" in file.scene_parameters
 
