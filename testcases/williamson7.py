@@ -71,6 +71,7 @@ def williamson7(file: Path | None = None, seed: int = 1) -> Scene:
         np=8,
         dt=150.0,
         days=5.0,
+        parameters={"file": "SYNTHETIC"} if file is None else {},
     )
 
 

@@ -233,3 +233,21 @@ def test_a_tracer_can_be_drawn_and_compared(tmp_path):
     assert compare(path, path, "q_cosine_bells")["l2"] == 0.0
     with pytest.raises(ConfigError, match="q_bells"):
         compare(path, path, "q_bells")
+
+
+def test_the_table_tells_of_tracers_and_not_of_the_energy_of_a_given_wind():
+    """Errors at the end of the period, when they are known; drifts of energy mean nothing."""
+    short = {"scene": "deformational", "ne": 2, "np": 4, "dt": 7200.0}
+    summary = run(make_config(short))
+    rows = dict(summary.rows())
+    assert {name for name in rows if name.startswith("tracer ")} == {
+        "tracer gaussian_hills", "tracer cosine_bells", "tracer correlated",
+        "tracer slotted_cylinders",
+    }  # fmt: skip
+    told = rows["tracer cosine_bells"]
+    assert told.startswith(f"l1 {summary['l1_q_cosine_bells']:.3g}, l2 ") and "max" in told
+    assert rows["drift"].startswith("mass ") and "energy" not in rows["drift"]
+    for name in ("energy_drift", "enstrophy_drift"):
+        assert summary.as_dict()[name] is None
+    before = dict(run(make_config(short | {"days": 1.0})).rows())
+    assert before["tracer cosine_bells"].startswith("min ")

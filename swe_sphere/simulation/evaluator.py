@@ -49,6 +49,10 @@ def exact_errors(model: Model, fields: Fields, time: float) -> dict[str, float]:
     return found
 
 
+OF_FREE_WINDS = ("energy", "potential_enstrophy", "energy_drift", "enstrophy_drift")
+"""Numbers that say nothing where the wind is prescribed: what changes them is the scene."""
+
+
 class Evaluator:
     """All numbers of a state; drifts are relative to the scene's own start.
 
@@ -65,13 +69,15 @@ class Evaluator:
         """Integrals, drifts, Courant numbers, numbers of tracers and exact errors of a state."""
         mesh, fields = self._model.mesh, snapshot.all_fields
         now = state_integrals(self._model, fields)
-        return {
+        left_out = OF_FREE_WINDS if self._model.scene.wind is not None else ()
+        numbers = {
             **now,
             **drifts(self.start, now),
             **tracer_numbers(mesh, fields, self._masses),
             **courant_numbers(mesh, self._dt(), now),
             **exact_errors(self._model, fields, snapshot.time),
         }
+        return {name: value for name, value in numbers.items() if name not in left_out}
 
 
 class ReferenceErrors:

@@ -112,6 +112,8 @@ class Summary:
             there = {label: n[name] for label, name in names.items() if n.get(name) is not None}
             if there:
                 yield title, ", ".join(f"{label} {x:.3g}".strip() for label, x in there.items())
+        for tracer in (key.removeprefix("min_q_") for key in n if key.startswith("min_q_")):
+            yield f"tracer {tracer}", _tracer(n, tracer)
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""
@@ -134,6 +136,13 @@ def html_table(title: str, rows: list[tuple[str, str]]) -> str:
     """A table for notebooks."""
     cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def _tracer(n: dict[str, Any], name: str) -> str:
+    """Errors, as far as they are known, range and drift of the mass."""
+    names = ("l1", "l2", "linf", "min", "max", "mass_drift")
+    told = {label.replace("_", " "): n.get(f"{label}_q_{name}") for label in names}
+    return ", ".join(f"{label} {x:.3g}" for label, x in told.items() if x is not None)
 
 
 def _costs(n: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -68,7 +68,7 @@ class Series:
         return found | self._error_numbers() | self._symmetries() | self._tracers()
 
     def _of(self, name: str) -> np.ndarray:
-        return np.array([row[name] for row in self._rows])
+        return np.array([row.get(name, math.nan) for row in self._rows])
 
     def _error_numbers(self) -> dict[str, float]:
         last = self._rows[-1]
