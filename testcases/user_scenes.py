@@ -26,10 +26,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effect_settings import with_parameters
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.guarded import guarded
+from swe_sphere.settings import complaint
 from swe_sphere.testcases.made import made
 from swe_sphere.toml_file import read_toml
 from swe_sphere.user_file import file_contents, is_user_file, load_file
@@ -130,7 +131,7 @@ def _complaint(error: ValidationError) -> str:
         return f'say which scene it changes: {key} = "williamson5"'
     if first["loc"][0] == "effects" and len(first["loc"]) > 1:
         return f"{key} must be false or a table of parameters, not {given}"
-    return f"{key}: {first['msg'].replace('Input should', 'must')}, not {given}"
+    return f"{key}: {complaint(error)}, not {given}"
 
 
 def _base(path: Path, base: str, given: Mapping[str, Parameter], depth: int) -> Scene:
@@ -147,5 +148,5 @@ def _with_effects(scene: Scene, file: _File) -> Scene:
         if values is False:
             scene = scene.without_effect(name)
         else:
-            scene = apply_settings(scene, [f"{name}.{key}={v}" for key, v in values.items()])
+            scene = with_parameters(scene, {name: values})
     return scene

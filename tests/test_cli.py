@@ -165,7 +165,7 @@ MISTAKES = {
     "run williamson2 --stepper bdf2 --tolerance nan": "tolerance: must be a finite number",
     "run williamson2 --ne 2 --stepper bdf2 --preconditioner helmhotz": "mean 'helmholtz'",
     "run williamson2 --stepper bdf2 --set stepper.order=5": "it has tolerance, preconditioner",
-    "run williamson2 --stepper bdf2 --set stepper.tolerance=x": "tolerance must be a valid number",
+    "run williamson2 --stepper bdf2 --set stepper.tolerance=x": "tolerance must be a number",
     "run williamson2 --stepper bdf2 --set stepper.=1": "stepper.parameter=value, not 'stepper.=1'",
     "run williamson2 --stepper bdf2 --tolerance 0.1 --set stepper.tolerance=0.1": "given twice",
     "run": "scene: say which one",

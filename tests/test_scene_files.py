@@ -53,8 +53,8 @@ def test_parameters_take_the_types_of_their_annotations() -> None:
         ("case", float("nan"), "it: case must be a whole number, not nan"),
         ("case", "inf", "it: case must be a whole number, not 'inf'"),
         ("wave", "north", "it: wave must be one of east, west, not 'north'"),
-        ("speed", "nan", "it: speed must be finite, not nan"),
-        ("speed", "fast", "it: speed must be a number, not 'fast'"),
+        ("speed", "nan", "it: speed must be finite or 'default', not 'nan'"),
+        ("speed", "fast", "it: speed must be a number or 'default', not 'fast'"),
         ("colour", "red", "scene it has no parameter 'colour'; it has case, wave, file,"),
     ],
 )

@@ -1,62 +1,60 @@
-"""Effects as the user sets them: "effect.parameter=value"."""
+"""Parameters of effects as the user sets them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
+from typing import get_type_hints
 
 from swe_sphere.equations.effects import EFFECTS, Effect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.settings import SCENE, STEPPER, by_owner, convert
 
-__all__ = ["apply_settings"]
+__all__ = ["apply_settings", "with_parameters"]
 
 
-def apply_settings(scene: Scene, settings: Sequence[str]) -> Scene:
-    """The scene with the effect parameters changed as "effect.parameter=value" strings say.
+def apply_settings(scene: Scene, settings: Iterable[str]) -> Scene:
+    """The scene with the parameters of its effects as settings "effect.parameter=value" say.
+
+    Settings of the scene itself and of the stepper are for others.  Raises ConfigError as
+    `with_parameters` does.
+    """
+    owners = by_owner(settings)
+    return with_parameters(scene, {k: v for k, v in owners.items() if k not in (SCENE, STEPPER)})
+
+
+def with_parameters(scene: Scene, effects: Mapping[str, Mapping[str, object]]) -> Scene:
+    """The scene with these parameters of its effects; text is read as a value.
 
     Dissipation may be switched on (and, by zero, off) for any scene; the parameters of other
     effects can be changed only where the scene has the effect.
 
     Raises:
-        ConfigError: a setting that cannot be read, or names what is not there.
+        ConfigError: a value that cannot be read, or a name of what is not there.
     """
-    grouped: dict[str, dict[str, str]] = {}
-    for setting in settings:
-        effect, parameter, value = _split(setting)
-        grouped.setdefault(effect, {})[parameter] = value
-    for effect, values in grouped.items():
-        scene = scene.with_effect(_configured(scene, effect, values))
+    for name, values in effects.items():
+        scene = scene.with_effect(_configured(scene, name, values))
     return scene
 
 
-def _split(setting: str) -> tuple[str, str, str]:
-    key, equals, value = setting.partition("=")
-    effect, dot, parameter = key.strip().partition(".")
-    if not (equals and dot and effect and parameter and value.strip()):
-        raise ConfigError(f"a setting reads effect.parameter=value, not {setting!r}")
-    return effect, parameter, value.strip()
-
-
-def _configured(scene: Scene, name: str, texts: Mapping[str, str]) -> Effect:
-    """The effect `name` of the scene, or a new one, with the parameters given as text."""
-    if name not in EFFECTS:
-        raise unknown_name("effect", name, EFFECTS)
-    cls, present = EFFECTS[name], scene.effect(name)
+def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
+    """The effect `name` of the scene, or a new one, with the parameters given."""
+    present = scene.effect(name)
+    if present is None and name not in EFFECTS:
+        raise unknown_name("effect", name, {effect.name: 0 for effect in scene.effects} | EFFECTS)
+    cls = EFFECTS[name] if present is None else type(present)
     if present is None and not cls.dissipation:
         has = ", ".join(effect.name for effect in scene.effects)
         raise ConfigError(f"{scene.name} has no effect {name!r}; it has {has}")
-    for parameter in texts:
-        if parameter not in cls.parameters():
-            has = ", ".join(cls.parameters()) or "no parameters"
-            raise ConfigError(f"effect {name!r} has no parameter {parameter!r}; it has {has}")
     values = {} if present is None else {key: getattr(present, key) for key in cls.parameters()}
-    values |= {key: cls.convert(key, text) for key, text in texts.items()}
-    _check_complete(cls, values)
-    return cls(**values)
-
-
-def _check_complete(cls: type[Effect], values: Mapping[str, object]) -> None:
+    kinds = get_type_hints(cls)
+    for key, value in given.items():
+        if key not in cls.parameters():
+            has = ", ".join(cls.parameters()) or "no parameters"
+            raise ConfigError(f"effect {name!r} has no parameter {key!r}; it has {has}")
+        values[key] = convert(f"{name}.{key}", kinds[key], value, finite=False)
     for field in fields(cls):
         if field.name not in values and field.default is MISSING:
-            raise ConfigError(f"effect {cls.name!r} needs {cls.name}.{field.name}=…")
+            raise ConfigError(f"effect {name!r} needs {name}.{field.name}=…")
+    return cls(**values)

@@ -19,6 +19,7 @@ from pydantic import (
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.settings import complaint
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["RunConfig", "first_complaint", "load_config", "make_config"]
@@ -173,8 +174,7 @@ def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
         return f"there is no option {name!r}; there are {names}"
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"
-    message = first["msg"].removeprefix("Value error, ").replace("Input should", "must")
-    return f"{name}: {message}, not {shown(first['input'])}"
+    return f"{name}: {complaint(error)}, not {shown(first['input'])}"
 
 
 def _flag(field: str) -> str:

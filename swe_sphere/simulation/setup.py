@@ -11,9 +11,9 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
-from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.scene_files import method_sources, scene_sources
 from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
@@ -34,7 +34,7 @@ def make_scene(config: RunConfig) -> Scene:
     """
     parameters = _scene_parameters(config)
     scene = get_scene(config.scene, **parameters)
-    return apply_settings(scene, effect_settings(config.settings))
+    return apply_settings(scene, config.settings)
 
 
 def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
@@ -83,7 +83,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
 
 
 def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:
-    parameters: dict[str, Parameter] = {**settings_of(config.settings, SCENE)}
+    parameters: dict[str, Parameter] = {**by_owner(config.settings).get(SCENE, {})}
     if config.alpha is not None:
         if "alpha" in parameters:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")

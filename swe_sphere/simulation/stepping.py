@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.settings import STEPPER, by_owner, convert
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.owner_settings import STEPPER, settings_of
 
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
@@ -93,22 +92,14 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
         if name not in options:
             has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
             raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
-        options[name] = _converted(kind.name, name, value, known[name].annotation)
+        options[name] = convert(f"stepper {kind.name}: {name}", known[name].annotation, value)
     return options
 
 
 def _asked(config: RunConfig) -> dict[str, object]:
     flags = {"preconditioner": config.preconditioner, "tolerance": config.tolerance}
     given: dict[str, object] = {key: value for key, value in flags.items() if value is not None}
-    settings = settings_of(config.settings, STEPPER)
+    settings = by_owner(config.settings).get(STEPPER, {})
     for name in given.keys() & settings.keys():
         raise ConfigError(f"{name} is given twice: by {name} and by set stepper.{name}")
     return given | settings
-
-
-def _converted(stepper: str, name: str, value: object, annotation: Any) -> object:
-    try:
-        return TypeAdapter(annotation).validate_python(value)
-    except ValidationError as error:
-        message = error.errors()[0]["msg"].replace("Input should", "must")
-        raise ConfigError(f"stepper {stepper}: {name} {message}, not {value!r}") from None

@@ -12,8 +12,8 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.settings import SCENE, STEPPER
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.owner_settings import SCENE, STEPPER, effect_settings
 from swe_sphere.simulation.setup import make_scene
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Supplied:
         if self.scene is None:
             scene = make_scene(config)
         else:
-            scene = apply_settings(self.scene, effect_settings(config.settings))
+            scene = apply_settings(self.scene, config.settings)
         for effect in self.effects:
             scene = scene.with_effect(effect)
         return scene

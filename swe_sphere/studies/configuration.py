@@ -13,8 +13,8 @@ from pydantic import BaseModel, ValidationError
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.owner_settings import SCENE, effect_settings, settings_of
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.parameters import checked
@@ -60,8 +60,8 @@ class Configuration:
         factory = _own_scenes(study).get(name)
         if factory is None:
             raise unknown_name(f"scene of {study}", name, _own_scenes(study))
-        parameters = checked(config.scene, factory, settings_of(config.settings, SCENE))
-        return apply_settings(factory(**parameters), effect_settings(config.settings))
+        parameters = checked(config.scene, factory, by_owner(config.settings).get(SCENE, {}))
+        return apply_settings(factory(**parameters), config.settings)
 
     def simulation(self) -> Simulation:
         """All set up, at its start.

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.durable import take_lock, write_whole
 from swe_sphere.errors import ConfigError
+from swe_sphere.settings import complaint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -81,10 +82,8 @@ def as_netcdf(dataset: xr.Dataset) -> bytes:
 
 
 def _complaint(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].replace("Input should", "must")
-    return f"{where}: {message}" if where else message
+    where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
+    return f"{where}: {complaint(error)}" if where else complaint(error)
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
-from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import EARTH
 
@@ -46,7 +45,8 @@ class Viscosity(Effect):
 
 @dataclass(frozen=True)
 class Hyperviscosity(Effect):
-    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh.
+    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh;
+    users say "default" for it.
 
     Raises:
         ConfigError: `nu` is negative or not finite.
@@ -61,17 +61,6 @@ class Hyperviscosity(Effect):
     def __post_init__(self) -> None:
         if self.nu is not None:
             check_coefficient(f"{self.name}.nu", self.nu)
-
-    @classmethod
-    def convert(cls, parameter: str, text: str) -> float | None:
-        """As for every effect; the word "default" stands for the value that goes with the mesh."""
-        if text.strip().lower() == "default":
-            return None
-        try:
-            return float(text)
-        except ValueError:
-            message = f"{cls.name}.{parameter} must be a number or 'default', not {text!r}"
-            raise ConfigError(message) from None
 
     @property
     def absent(self) -> bool:

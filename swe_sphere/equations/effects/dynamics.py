@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from swe_sphere.equations.effects.effect import MASSES, Effect
-from swe_sphere.errors import ConfigError
 
 __all__ = [
     "Forcing",
@@ -106,17 +105,6 @@ class Tracers(Effect):
     conserves = MASSES
     needs = "tracers"
     limiter: bool = False
-
-    @classmethod
-    def convert(cls, parameter: str, text: str) -> bool:
-        """The switch from the text given by a user.
-
-        Raises:
-            ConfigError: the text is neither true nor false.
-        """
-        if text.lower() not in ("true", "false"):
-            raise ConfigError(f"{cls.name}.{parameter} must be true or false, not {text!r}")
-        return text.lower() == "true"
 
 
 @dataclass(frozen=True)

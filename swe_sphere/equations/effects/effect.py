@@ -78,18 +78,6 @@ class Effect:
         """Names of the parameters."""
         return tuple(field.name for field in fields(cls))
 
-    @classmethod
-    def convert(cls, parameter: str, text: str) -> float | None:
-        """Value of one parameter from the text given by a user.
-
-        Raises:
-            ConfigError: the text is not a number.
-        """
-        try:
-            return float(text)
-        except ValueError:
-            raise ConfigError(f"{cls.name}.{parameter} must be a number, not {text!r}") from None
-
 
 def check_coefficient(label: str, value: float) -> None:
     """ConfigError for a coefficient that is negative or not finite."""

@@ -1,0 +1,86 @@
+"""What a user gives by name, as text, in TOML or from Python: made into what is asked for.
+
+Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from swe_sphere.errors import ConfigError, shown
+
+__all__ = ["SCENE", "STEPPER", "by_owner", "complaint", "convert"]
+
+SCENE, STEPPER = "scene", "stepper"
+"""Owners of settings that are no effects."""
+
+_NOUNS = {float: "a number", int: "a whole number", bool: "true or false"}
+_DEFAULT = "default"
+"""The word that stands for None, where None is a choice."""
+
+
+def by_owner(settings: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Values, as text, by the names of owners and of their parameters.
+
+    Raises:
+        ConfigError: a setting that cannot be read.
+    """
+    values: dict[str, dict[str, str]] = {}
+    for setting in settings:
+        key, _, value = setting.partition("=")
+        owner, _, parameter = (part.strip() for part in key.partition("."))
+        if not (owner and parameter and value.strip()):
+            known = owner if owner in (SCENE, STEPPER) else "effect"
+            raise ConfigError(f"a setting reads {known}.parameter=value, not {setting!r}")
+        values.setdefault(owner, {})[parameter] = value.strip()
+    return values
+
+
+def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
+    """The value as the type that an annotation names.
+
+    Args:
+        label: what the value is for, which begins the message.
+        kind: float, int, bool, str, Path, `Literal[...]` of words or numbers, or one of these
+            `| None`, where "default" stands for None.
+        value: a value, or text that can be read as such.
+        finite: whether numbers have to be.
+
+    Raises:
+        ConfigError: the value cannot be read.
+    """
+    given = value.strip() if isinstance(value, str) else value
+    kinds = [each for each in get_args(kind) if each is not NoneType]
+    optional = len(kinds) < len(get_args(kind))
+    if optional and (given is None or str(given).lower() == _DEFAULT):
+        return None
+    if optional:
+        kind, kinds = kinds[0], [*get_args(kinds[0])]
+    if get_origin(kind) is Literal:
+        words = {str(word): word for word in kinds}
+        expected = f"must be one of {', '.join(words)}"
+        if (word := str(given).lower()) in words:
+            return words[word]
+    else:
+        expected = f"must be {_NOUNS.get(kind)}"
+        if not (isinstance(given, bool) and kind in (float, int)):
+            config = ConfigDict(allow_inf_nan=not finite, coerce_numbers_to_str=True)
+            try:
+                return TypeAdapter(kind, config=config).validate_python(given)
+            except ValidationError as error:
+                if kind not in _NOUNS:
+                    expected = complaint(error)
+                elif kind is float and "finite" in complaint(error):
+                    expected = "must be finite"
+    other = f" or {_DEFAULT!r}" if optional else ""
+    raise ConfigError(f"{label} {expected}{other}, not {shown(value)}")
+
+
+def complaint(error: ValidationError) -> str:
+    """What a value must be, in words: the first thing that pydantic finds wrong."""
+    message: str = error.errors(include_url=False)[0]["msg"]
+    return message.removeprefix("Value error, ").replace("Input should", "must")

@@ -1,0 +1,274 @@
+"""Effects without derivatives that a scene's own file defines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from manufactured import tight
+from support import advance, make_scene, random_state, relative, tangent, tendency
+from test_generated_code import code_of
+
+from swe_sphere.cli.main import main
+from swe_sphere.equations import Model
+from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import build_mesh
+from swe_sphere.simulation.scene_files import scene_sources
+from swe_sphere.testcases import get_scene
+
+MESH = build_mesh(2, 4)
+FILE = '''
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from swe_sphere.equations.effects import MASSES, PointwiseEffect
+from swe_sphere.testcases import get_scene
+
+
+@dataclass(frozen=True)
+class BottomFriction(PointwiseEffect):
+    """-(linear + quadratic |v|) v."""
+
+    name = "friction"
+    conserves = MASSES
+    dissipation = True
+    linear: float = 1e-5
+    quadratic: float = 3e-6
+    steep: bool = True
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        rate = c.linear + c.quadratic * math.sqrt(u * u + v * v)
+        return -rate * u, -rate * v
+
+    @staticmethod
+    def wind_derivative(c, i, u, v, h, du, dv, dh):
+        speed = math.sqrt(u * u + v * v)
+        rate, along = c.linear + c.quadratic * speed, c.quadratic * (u * du + v * dv) / speed
+        return -rate * du - along * u, -rate * dv - along * v
+
+
+class Rough(BottomFriction):
+    """Without a derivative."""
+
+    wind_derivative = None
+
+
+@dataclass(frozen=True)
+class Rain(PointwiseEffect):
+    """`rate` [m s-1] where the sun is high, and evaporation with the depth."""
+
+    name = "rain"
+    rate: float = 1e-3
+    time: float = 1e6
+
+    def coefficients(self, mesh):
+        return {"rain": self.rate * np.cos(mesh.lat) ** 2, "drying": 1.0 / self.time}
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return c.rain[i] - c.drying * h
+
+    @staticmethod
+    def depth_derivative(c, i, u, v, h, du, dv, dh):
+        return -c.drying * dh
+
+
+@dataclass(frozen=True)
+class Stirring(Rain):
+    """Rain that takes as much elsewhere: what is moved adds up to nothing."""
+
+    conserves = MASSES
+
+    def coefficients(self, mesh):
+        pattern = np.cos(mesh.lat) ** 2
+        return {"rain": self.rate * (pattern - np.average(pattern, weights=mesh.area))}
+
+    @staticmethod
+    def depth_tendency(c, i, u, v, h):
+        return c.rain[i]
+
+    @staticmethod
+    def depth_derivative(c, i, u, v, h, du, dv, dh):
+        return dh - dh
+
+
+EFFECTS = {"friction": BottomFriction, "rough": Rough, "rain": Rain, "stirring": Stirring}
+
+
+def scene(effect: str = "friction", base: str = "williamson5"):
+    """The base with one of them."""
+    return replace(get_scene(base), name="own", exact=None).with_effect(EFFECTS[effect]())
+'''
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory) -> Path:
+    made = tmp_path_factory.mktemp("own") / "own.py"
+    made.write_text(FILE)
+    return made
+
+
+def own(path: Path, effect: str, base: str = "williamson5"):
+    return get_scene(str(path), effect=effect, base=base)
+
+
+def with_drag():
+    return get_scene("williamson5").with_effect(Drag(1e-5, 3e-6))
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("shape", ["element", "node"])
+def test_own_drag_is_the_drag_of_the_package(path: Path, shape: str, precision: str) -> None:
+    """Right-hand side and derivative, to round-off."""
+    models = [
+        Model(MESH, scene, shape=shape, precision=precision)
+        for scene in (own(path, "friction"), with_drag())
+    ]
+    state, direction = random_state(models[0]), 0.1 * random_state(models[0], seed=2)
+    bound = 1e-14 if precision == "float64" else 1e-6
+    assert relative(*(tendency(model, state) for model in models), 3) < bound
+    assert relative(*(tangent(model, state, direction) for model in models), 3) < bound
+
+
+@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("stepper", ["rk4", "ark2", "tr-bdf2"])
+def test_steppers_take_it_as_they_take_the_package_s_own(path: Path, stepper: str, shape) -> None:
+    """To round-off, in as many iterations."""
+    ends = []
+    for scene in (own(path, "friction"), with_drag()):
+        model = Model(MESH, scene, shape=shape)
+        ends.append(advance(stepper, model, model.initial_state(), 600.0, 3000.0))
+    mine, theirs = ends
+    assert relative(mine.state.numpy(), theirs.state.numpy(), 3) < 1e-12
+    assert mine.counters == theirs.counters
+
+
+def test_without_a_derivative_newton_takes_differences(path: Path) -> None:
+    """And as many iterations, give or take one in each step."""
+    ends, products = [], []
+    for effect in ("friction", "rough"):
+        model = Model(MESH, own(path, effect))
+        ends.append(advance("tr-bdf2", model, model.initial_state(), 600.0, 3000.0, tolerance=1e-6))
+        products.append(model.counters["rhs_evaluations"])
+    exact, difference = ends
+    assert relative(difference.state.numpy(), exact.state.numpy(), 3) < 1e-6
+    newton = [stepper.counters["newton_iterations"] for stepper in ends]
+    assert abs(newton[0] - newton[1]) <= exact.steps
+    assert products[1] > products[0]  # each Jacobian product is a right-hand side
+
+
+def test_spectrum_knows_it_with_a_derivative_or_without(path: Path) -> None:
+    radii = []
+    for scene in (own(path, "friction"), own(path, "rough"), with_drag()):
+        model = Model(MESH, scene)
+        spectrum = model.spectrum(model.device_mesh.upload(random_state(model)))
+        radii.append((spectrum.wave, spectrum.dissipation))
+    np.testing.assert_allclose(radii, [radii[2]] * 3, rtol=1e-4)
+    assert radii[2][1] > 1e-5
+
+
+@pytest.mark.parametrize("name", ["rk4", "ark2", "tr-bdf2", "gauss-legendre"])
+@pytest.mark.parametrize("base", ["williamson5", "williamson1"])
+def test_a_source_of_mass_brings_its_mass(path: Path, name: str, base: str) -> None:
+    """No implicit stepper takes it for an error of its solver; also under a prescribed wind."""
+    if name == "ark2" and base == "williamson1":
+        pytest.skip("no waves to treat implicitly")
+    model = Model(MESH, own(path, "rain", base))
+    end = advance(name, model, model.initial_state(), 300.0, 3000.0, **tight(name))
+    start, depth = (x.numpy()[-MESH.size :] for x in (model.initial_state(), end.state))
+    rain = 1e-3 * np.cos(MESH.lat) ** 2
+    mean, wet = (float(np.average(field, weights=MESH.area)) for field in (start, rain))
+    left = np.exp(-3000.0 / 1e6)
+    expected = mean * left + wet * 1e6 * (1.0 - left)
+    assert float(np.average(depth, weights=MESH.area)) == pytest.approx(expected, abs=2e-4)
+    assert abs(expected - mean) > 0.1
+
+
+def test_what_conserves_mass_keeps_it_to_round_off(path: Path) -> None:
+    """However roughly it is solved for."""
+    model = Model(MESH, own(path, "stirring"))
+    end = advance("tr-bdf2", model, model.initial_state(), 600.0, 6000.0, tolerance=1e-2)
+    start, depth = (x.numpy()[-MESH.size :] for x in (model.initial_state(), end.state))
+    mean, last = (float(np.average(field, weights=MESH.area)) for field in (start, depth))
+    assert last == pytest.approx(mean, rel=1e-14)
+    assert np.abs(depth - start).max() > 1.0
+
+
+def test_several_of_them_add_up(path: Path) -> None:
+    both = own(path, "friction").with_effect(own(path, "rain").effect("rain"))
+    both = both.with_effect(Relaxation(3e4)).with_effect(Drag(2e-5))
+    state = random_state(Model(MESH, both))
+    plain = tendency(Model(MESH, get_scene("williamson5")), state)
+    expected = plain.copy()
+    for effect in both.effects[-4:]:
+        scene = get_scene("williamson5").with_effect(effect)
+        expected += tendency(Model(MESH, scene), state) - plain
+    assert relative(tendency(Model(MESH, both), state), expected, 3) < 1e-12
+
+
+@pytest.mark.parametrize("shape", ["element", "node"])
+def test_it_costs_nothing_where_it_is_not(path: Path, shape: str) -> None:
+    """The conservative part is word by word that of the base; unread parameters are absent."""
+    base, scene = get_scene("williamson5"), own(path, "friction")
+    assert code_of(scene, shape, "conservative").text == code_of(base, shape).text
+    code = code_of(scene, shape)
+    assert code.has("quadratic") and not code.has("steep")
+    assert not code_of(base, shape).has("quadratic")
+
+
+def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
+    scene = own(path, "friction")
+    assert apply_settings(scene, ["friction.linear=2e-5"]).effect("friction").linear == 2e-5
+    for setting, message in (
+        ("friction.linear=much", r"friction\.linear .*number.*'much'"),
+        ("friction.cubic=1", "no parameter 'cubic'; it has linear, quadratic"),
+        ("fricton.linear=1", "unknown effect 'fricton'; did you mean 'friction'"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            apply_settings(scene, [setting])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("return -rate * u, -rate * v", "return -0.5 * u, -rate * v", r"friction .*own\.py, line"),
+        ("return -rate * u, -rate * v", "return -c.cubic * u, v", "friction .*cubic"),
+        ('name = "friction"', 'name = "drag"', "name of one of the package"),
+        ('name = "friction"', 'name = "Big Friction"', "small letters"),
+        ("wind_tendency", "tendency", "neither a wind_tendency nor a depth_tendency"),
+        ('base: str = "williamson5"', 'base: str = "williamson1"', "wind, which is prescribed"),
+    ],
+)
+def test_what_is_wrong_with_it_is_told_in_a_line(
+    tmp_path: Path, capsys, old: str, new: str, message: str
+) -> None:
+    faulty = tmp_path / "own.py"
+    faulty.write_text(FILE.replace(old, new))
+    with pytest.raises(SystemExit):
+        main(["run", str(faulty), "--days", "0.01", "--ne", "2", "--np", "4", "--quiet"])
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert re.search(message, lines[0])
+
+
+def test_linearised_dynamics_need_its_derivative(path: Path) -> None:
+    linear = make_scene("pressure", "linearised")
+    assert Model(MESH, linear.with_effect(own(path, "friction").effect("friction")))
+    with pytest.raises(ConfigError, match="no derivative"):
+        linear.with_effect(own(path, "rough").effect("friction"))
+
+
+def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
+    sources = scene_sources(str(path), own(path, "friction"))
+    path.write_text(FILE.replace("-rate * u", "-2.0 * rate * u"))
+    assert scene_sources(str(path), own(path, "friction")) != sources
+    path.write_text(FILE)
