@@ -52,7 +52,7 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
     if name.endswith((".py", ".toml")):
         from swe_sphere.testcases.user_scenes import load  # few runs need it
 
-        return load(Path(name), parameters)
+        return load(Path(name), parameters, get_scene)
     if name not in SCENES:
         raise unknown_name("scene", name, SCENES)
     return made(name, SCENES[name], parameters)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -83,8 +83,15 @@ def scene_files(name: str) -> list[Path]:
     return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
 
 
-def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
+def load(
+    path: Path,
+    parameters: Mapping[str, Parameter],
+    by_name: Callable[..., Scene],
+    depth: int = 0,
+) -> Scene:
     """The scene that the file makes or describes, with these parameters before those of the file.
+
+    by_name: makes the scene that the file changes, where that is one of the package.
 
     Raises:
         ConfigError: no such file, a file that fails or is no TOML, an unknown key, or what the
@@ -97,7 +104,7 @@ def load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Sce
     file = _checked(path)
     given = {**file.parameters, **parameters}
     try:
-        scene = _with_effects(_base(path, file.base, given, depth), file)
+        scene = _with_effects(_base(path, file.base, given, by_name, depth), file)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}" if depth == 0 else str(error)) from None
     asked = {key: getattr(file, key) for key in ("title", "report", "ne", "np", "dt", "days")}
@@ -134,13 +141,17 @@ def _complaint(error: ValidationError) -> str:
     return f"{key}: {complaint(error)}, not {given}"
 
 
-def _base(path: Path, base: str, given: Mapping[str, Parameter], depth: int) -> Scene:
+def _base(
+    path: Path,
+    base: str,
+    given: Mapping[str, Parameter],
+    by_name: Callable[..., Scene],
+    depth: int,
+) -> Scene:
     """The scene that the file builds on; paths are relative to the file."""
-    from swe_sphere.testcases import get_scene
-
     if is_scene_file(base):
-        return load(path.parent / base, given, depth + 1)
-    return get_scene(base, **given)
+        return load(path.parent / base, given, by_name, depth + 1)
+    return by_name(base, **given)
 
 
 def _with_effects(scene: Scene, file: _File) -> Scene:

@@ -5,6 +5,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+from imports import circles, import_graph, imports
+
 import swe_sphere
 
 ROOT = Path(__file__).parents[1]
@@ -28,3 +30,46 @@ def test_python_started_in_the_source_tree_finds_all_of_the_package():
     )
     found = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).split()
     assert found == [str(ROOT / name / "__init__.py") for name in ("kernels", "testcases")]
+
+
+LAYERS = (
+    "kernels", "mesh", "operators", "equations", "testcases", "solvers", "steppers", "io",
+    "simulation", "studies", "cli",
+)  # fmt: skip
+"""Packages from the ground up; what lies in no package is below all of them."""
+FRONT = ("swe_sphere", "swe_sphere.__main__")
+"""Import what they are asked for, from anywhere."""
+
+
+def layer(module: str) -> int:
+    package = [*module.split("."), ""][1]
+    return LAYERS.index(package) if package in LAYERS else -1
+
+
+def test_imports_go_only_downwards():
+    """Also those within functions and for types alone."""
+    upwards = [
+        f"{module} imports {other}"
+        for module, others in import_graph().items()
+        for other in others
+        if module not in FRONT and layer(other) > layer(module)
+    ]
+    assert not upwards
+
+
+CIRCULAR = ("swe_sphere.simulation", "swe_sphere.studies.sweep")
+"""Packages in which an engine and what it calls still know of each other."""
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    graph = import_graph() | {"swe_sphere": set()}
+    found = [sorted(circle) for circle in circles(graph)]
+    inside = [{module.rpartition(".")[0] for module in circle} for circle in found]
+    assert not [c for c, packages in zip(found, inside, strict=True) if packages - {*CIRCULAR}]
+
+
+def test_a_circle_is_found():
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}
+    assert circles(graph) == [{"b", "c"}]
+    text = "def f():\n    from a import b\nif TYPE_CHECKING:\n    from a.c import D\nimport e"
+    assert imports(text, dict.fromkeys(("a", "a.b", "a.c", "e"))) == {"a.b", "a.c", "e"}

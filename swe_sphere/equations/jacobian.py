@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.prescribed import WindField
 from swe_sphere.equations.tendencies import TendencyComponent
 from swe_sphere.equations.tracer_equations import TracerEquations
@@ -45,7 +45,7 @@ class ExactJacobian(Jacobian):
 
     def __init__(
         self,
-        discretisation: Discretisation,
+        discrete: DiscreteScene,
         tangent: TendencyComponent,
         tracers: TracerEquations | None,
         wind: WindField,
@@ -53,7 +53,7 @@ class ExactJacobian(Jacobian):
     ) -> None:
         super().__init__(counters)
         needed = tangent.needs_base or tracers is not None
-        self._base = discretisation.zeros() if needed else None
+        self._base = discrete.zeros() if needed else None
         self._fluid = tangent.at(self._base) if tangent.needs_base else tangent
         self._tracers, self._wind, self._time = tracers, wind, 0.0
 
@@ -81,18 +81,16 @@ class DifferenceJacobian(Jacobian):
 
     def __init__(
         self,
-        discretisation: Discretisation,
+        discrete: DiscreteScene,
         tendency: Callable[[wp.array, float, wp.array], None],
         counters: dict[str, int],
     ) -> None:
         super().__init__(counters)
-        real, launch = discretisation.device_mesh.real, discretisation.launch
-        self._blocks, self._launch, self._tendency = discretisation.names, launch, tendency
+        real, launch = discrete.device_mesh.real, discrete.launch
+        self._blocks, self._launch, self._tendency = discrete.names, launch, tendency
         self._one, self._two = combine_kernel(real, 1), combine_kernel(real, 2)
-        self._base, self._slope, self._moved, self._zero = (
-            discretisation.zeros() for _ in range(4)
-        )
-        self._root = float(np.sqrt(np.finfo(discretisation.device_mesh.numpy_real).eps))
+        self._base, self._slope, self._moved, self._zero = (discrete.zeros() for _ in range(4))
+        self._root = float(np.sqrt(np.finfo(discrete.device_mesh.numpy_real).eps))
         self._time, self._sizes = 0.0, np.ones(len(self._blocks))
         launch.load(self._one, self._two)
 

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.prescribed import ForcingField, WindField
 from swe_sphere.equations.scene import Scene, State
@@ -55,8 +55,8 @@ class Model:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
         self.launch = Launcher(self.device)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
-        made = Discretisation(mesh, scene, self.device_mesh, self.launch)
-        self.discretisation = made
+        made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)
+        self.discrete = made
         self.names, self.size = made.names, made.size
         self.fluid_size = made.fluid_size
         """Length of wind and depth in a state; tracers come behind them."""
@@ -88,7 +88,7 @@ class Model:
 
     def zeros(self) -> wp.array:
         """A state of zeros."""
-        return self.discretisation.zeros()
+        return self.discrete.zeros()
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
@@ -175,10 +175,8 @@ class Model:
         """A Jacobian to be kept and brought to one state after the other by its `update`."""
         if self._exact:
             tangent = self.component("tangent")
-            return ExactJacobian(
-                self.discretisation, tangent, self.tracers, self._wind, self.counters
-            )
-        return DifferenceJacobian(self.discretisation, self.tendency, self.counters)
+            return ExactJacobian(self.discrete, tangent, self.tracers, self._wind, self.counters)
+        return DifferenceJacobian(self.discrete, self.tendency, self.counters)
 
     def linearise(self, state: wp.array, t: float) -> Jacobian:
         """The derivative of the right-hand side at a state and time t [s]."""
@@ -189,7 +187,7 @@ class Model:
         self.set_time(t)
         dissipation = self.fluid_dissipation if self.dissipative else None
         waves = self.component("conservative")
-        return estimate_spectrum(self.discretisation, state, waves, dissipation)
+        return estimate_spectrum(self.discrete, state, waves, dissipation)
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
@@ -212,7 +210,7 @@ class Model:
         if not self.dissipative and name == "conservative":
             name = "all"
         if name not in self._components:
-            self._components[name] = TendencyComponent(self.discretisation, name)
+            self._components[name] = TendencyComponent(self.discrete, name)
         return self._components[name]
 
 

@@ -7,14 +7,11 @@ import operator
 import re
 from collections.abc import Mapping
 from numbers import Real
-from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
+from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.planet import Planet
-
-if TYPE_CHECKING:
-    from swe_sphere.equations.scene import Scene
 
 __all__ = ["LONGEST_DAYS", "MOST_ELEMENTS", "check_scene"]
 
@@ -34,7 +31,7 @@ OWNERS = ("scene", "stepper")
 """Names that settings use for what is no effect."""
 
 
-def check_scene(scene: Scene) -> None:
+def check_scene(scene: SceneFields) -> None:
     """ConfigError for the first thing that is wrong."""
     _check_kinds(scene)
     _check_texts(scene)
@@ -43,7 +40,7 @@ def check_scene(scene: Scene) -> None:
     _check_numbers(scene)
 
 
-def _check_kinds(scene: Scene) -> None:
+def _check_kinds(scene: SceneFields) -> None:
     for name, kind in KINDS.items():
         value = getattr(scene, name)
         if not isinstance(value, kind):
@@ -64,7 +61,7 @@ def _check_kinds(scene: Scene) -> None:
             )
 
 
-def _check_texts(scene: Scene) -> None:
+def _check_texts(scene: SceneFields) -> None:
     """They are written into files and tables."""
     if not scene.name.strip():
         raise ConfigError("name: give the scene a name")
@@ -73,7 +70,7 @@ def _check_texts(scene: Scene) -> None:
             raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")
 
 
-def _check_effects(scene: Scene) -> None:
+def _check_effects(scene: SceneFields) -> None:
     """An effect and the function it calls for come together or not at all."""
     names = [effect.name for effect in scene.effects]
     if len(set(names)) < len(names):
@@ -94,7 +91,7 @@ def _check_effects(scene: Scene) -> None:
             _check_pointwise(scene, effect)
 
 
-def _check_pointwise(scene: Scene, effect: PointwiseEffect) -> None:
+def _check_pointwise(scene: SceneFields, effect: PointwiseEffect) -> None:
     """Of an effect that may be the user's own."""
     label = f"{scene.name}: effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
@@ -110,7 +107,7 @@ def _check_pointwise(scene: Scene, effect: PointwiseEffect) -> None:
         raise ConfigError(f"{label} has no derivative, which linearised dynamics are made of")
 
 
-def _check_tracers(scene: Scene) -> None:
+def _check_tracers(scene: SceneFields) -> None:
     """Names of tracers become names of variables in files."""
     given: object = scene.tracers
     if given is not None and not isinstance(given, Mapping):
@@ -126,7 +123,7 @@ def _check_tracers(scene: Scene) -> None:
         raise ConfigError(f"{scene.name}: 'exact_tracers' is given without tracers")
 
 
-def _check_numbers(scene: Scene) -> None:
+def _check_numbers(scene: SceneFields) -> None:
     if scene.error_field not in ("h", "surface"):
         raise ConfigError(f"{scene.name}: error_field is 'h' or 'surface'")
     for name in ("ne", "np"):
@@ -144,7 +141,7 @@ def _check_numbers(scene: Scene) -> None:
         raise ConfigError(f"{scene.name}: rotation must be finite, not {scene.planet.rotation!r}")
 
 
-def _check_count(scene: Scene, name: str, value: object) -> None:
+def _check_count(scene: SceneFields, name: str, value: object) -> None:
     try:
         whole = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:

@@ -5,20 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swe_sphere.equations.scene_fields import Array, SceneFields
 from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 
-if TYPE_CHECKING:
-    from swe_sphere.equations.scene import Scene
-
 __all__ = ["checked_functions", "fitted"]
-
-Array = NDArray[np.float64]
 
 STATE, RATES, WIND = ("u", "v", "h"), ("du/dt", "dv/dt", "dh/dt"), ("u", "v")
 
@@ -35,7 +31,7 @@ NUMBERS = "fiub"
 """Kinds of numpy's types that are real numbers, or switches that stand for 0 and 1."""
 
 
-def checked_functions(scene: Scene) -> dict[str, Any]:
+def checked_functions(scene: SceneFields) -> dict[str, Any]:
     """The functions of the scene by the names of its attributes, each made to check its results.
 
     Raises:

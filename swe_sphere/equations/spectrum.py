@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.arnoldi import Product, largest_modulus
-from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.errors import ConfigError
 
 Operator = Callable[[wp.array, wp.array], None]
@@ -25,7 +25,7 @@ class Spectrum:
 
 
 def estimate_spectrum(
-    discretisation: Discretisation,
+    discrete: DiscreteScene,
     state: wp.array,
     waves: Operator,
     dissipation: Operator | None = None,
@@ -36,48 +36,46 @@ def estimate_spectrum(
     [F(u+d) - F(u-d)]/2, exact for a d of any size where F is a quadratic polynomial of the state;
     else d is small.  Raises ConfigError where the right-hand side is not finite.
     """
-    wave = _radius(discretisation, state, waves, _reach(discretisation, dissipative=False))
+    wave = _radius(discrete, state, waves, _reach(discrete, dissipative=False))
     damping = 0.0
     if dissipation is not None:
-        reach = _reach(discretisation, dissipative=True)
-        damping = _radius(discretisation, state, dissipation, reach)
-    discretisation.launch.forget()
+        reach = _reach(discrete, dissipative=True)
+        damping = _radius(discrete, state, dissipation, reach)
+    discrete.launch.forget()
     return Spectrum(wave, damping)
 
 
-def _reach(discretisation: Discretisation, dissipative: bool) -> float:
+def _reach(discrete: DiscreteScene, dissipative: bool) -> float:
     """Size of the differences, relative to the state."""
-    effects = [e for e in discretisation.scene.effects if e.dissipation == dissipative]
+    effects = [e for e in discrete.scene.effects if e.dissipation == dissipative]
     if all(effect.degree is not None and effect.degree <= 2 for effect in effects):
         return 1.0
-    return float(np.cbrt(np.finfo(discretisation.device_mesh.numpy_real).eps))
+    return float(np.cbrt(np.finfo(discrete.device_mesh.numpy_real).eps))
 
 
-def _radius(
-    discretisation: Discretisation, state: wp.array, operator: Operator, reach: float
-) -> float:
-    product = _scaled_product(discretisation, state, operator, reach)
-    start = np.random.default_rng(0).standard_normal(discretisation.fluid_size)
+def _radius(discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float) -> float:
+    product = _scaled_product(discrete, state, operator, reach)
+    start = np.random.default_rng(0).standard_normal(discrete.fluid_size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
     if found is None:
         return _power_iteration(product, start)
     if not np.isfinite(found):
         raise ConfigError(
-            f"{discretisation.scene.name}: the equations overflow at the start: its fields or the"
+            f"{discrete.scene.name}: the equations overflow at the start: its fields or the"
             " coefficients of its effects are too large, or too small to divide by"
         )
     return found
 
 
 def _scaled_product(
-    discretisation: Discretisation, state: wp.array, operator: Operator, reach: float
+    discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> Product:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
-    base = state.numpy()[: discretisation.fluid_size].astype(np.float64)
-    scale = _units(discretisation, base)
+    base = state.numpy()[: discrete.fluid_size].astype(np.float64)
+    scale = _units(discrete, base)
     size = reach * (np.abs(base / scale).max() or 1.0)
-    mesh = discretisation.device_mesh
+    mesh = discrete.device_mesh
     moved, plus, minus = (
         wp.zeros(base.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
     )
@@ -98,13 +96,13 @@ def _scaled_product(
     return product
 
 
-def _units(discretisation: Discretisation, base: NDArray[np.float64]) -> NDArray[np.float64]:
+def _units(discrete: DiscreteScene, base: NDArray[np.float64]) -> NDArray[np.float64]:
     """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
-    n = discretisation.mesh.size
-    scale = np.ones(discretisation.fluid_size)
-    if discretisation.scene.wind is None:
-        depth = np.average(base[-n:], weights=discretisation.mesh.area)
-        scale[-n:] = np.sqrt(depth / discretisation.scene.planet.gravity)
+    n = discrete.mesh.size
+    scale = np.ones(discrete.fluid_size)
+    if discrete.scene.wind is None:
+        depth = np.average(base[-n:], weights=discrete.mesh.area)
+        scale[-n:] = np.sqrt(depth / discrete.scene.planet.gravity)
     return scale
 
 

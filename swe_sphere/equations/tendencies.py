@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 import warp as wp
 
-from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
@@ -28,15 +28,15 @@ def element_terms(scene: Scene, component: str) -> Terms:
     return Terms(**{field.name: True for field in fields(Terms) if field.name in flags})
 
 
-def pointwise_terms(discretisation: Discretisation, component: str) -> Pointwise:
+def pointwise_terms(discrete: DiscreteScene, component: str) -> Pointwise:
     """The terms without derivatives, which are added as DSS is made."""
-    scene, flags = discretisation.scene, _flags(discretisation.scene, component)
+    scene, flags = discrete.scene, _flags(discrete.scene, component)
     tangent = "tangent" in flags
     effects = [e for e in _acting(scene, component) if isinstance(e, PointwiseEffect)]
     return Pointwise(
         rotation="rotation" in flags and "wind" not in flags,
         forcing="forcing" in flags,
-        terms=tuple(_point_term(effect, discretisation, tangent) for effect in effects),
+        terms=tuple(_point_term(effect, discrete, tangent) for effect in effects),
         tangent=tangent,
     )
 
@@ -58,12 +58,10 @@ def _flags(scene: Scene, component: str) -> set[str]:
     return flags | own.get(component, set())
 
 
-def _point_term(
-    effect: PointwiseEffect, discretisation: Discretisation, tangent: bool
-) -> PointTerm:
+def _point_term(effect: PointwiseEffect, discrete: DiscreteScene, tangent: bool) -> PointTerm:
     """The formulas of an effect, with those of its coefficients that they read."""
     wind, depth = effect.derivatives if tangent else effect.tendencies
-    known = discretisation.parameters[effect.name]
+    known = discrete.parameters[effect.name]
     read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
     numbers = tuple(name for name in known if name in read and np.ndim(known[name]) == 0)
     arrays = tuple(name for name in known if name in read and name not in numbers)
@@ -90,10 +88,10 @@ def _compiling(scene: Scene, point: Pointwise) -> Iterator[None]:
 class Perturbation:
     """What a state has more than the base flow."""
 
-    def __init__(self, discretisation: Discretisation, base: wp.array) -> None:
-        self._launch, self._base = discretisation.launch, base
-        self._difference = discretisation.zeros()
-        self._combine = combine_kernel(discretisation.device_mesh.real, 1)
+    def __init__(self, discrete: DiscreteScene, base: wp.array) -> None:
+        self._launch, self._base = discrete.launch, base
+        self._difference = discrete.zeros()
+        self._combine = combine_kernel(discrete.device_mesh.real, 1)
         self._launch.load(self._combine)
 
     def __call__(self, x: wp.array) -> wp.array:
@@ -111,20 +109,20 @@ class TendencyComponent:
     they are applied to is the difference of the state to it.
     """
 
-    def __init__(self, discretisation: Discretisation, name: str) -> None:
-        mesh, launch = discretisation.device_mesh, discretisation.launch
-        scene, parameters = discretisation.scene, discretisation.parameters
-        terms, point = element_terms(scene, name), pointwise_terms(discretisation, name)
+    def __init__(self, discrete: DiscreteScene, name: str) -> None:
+        mesh, launch = discrete.device_mesh, discrete.launch
+        scene, parameters = discrete.scene, discrete.parameters
+        terms, point = element_terms(scene, name), pointwise_terms(discrete, name)
         base: wp.array | None = parameters.get("base")
         derived = (terms.tangent and terms.gradient) or point.needs_base
         self.needs_base = base is None and derived
         """Whether this is a derivative that has to be put `at` a state before it is called."""
         self._perturbation = None
         if base is not None and name != "tangent":
-            self._perturbation = Perturbation(discretisation, base)
+            self._perturbation = Perturbation(discrete, base)
         self._laplacian, self._first = None, None
         if terms.biharmonic:
-            self._laplacian = discretisation.zeros()
+            self._laplacian = discrete.zeros()
             raised = terms.bottom and not terms.tangent
             once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
             self._first = TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0})

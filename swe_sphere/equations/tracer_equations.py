@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.discretisation import Discretisation
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.tendencies import element_terms
@@ -35,20 +35,20 @@ class TracerEquations:
     constant then too.  Sources of fluid bring no tracer with them.
     """
 
-    def __init__(self, discretisation: Discretisation) -> None:
-        self._discretisation = discretisation
-        self._launch, self._mesh = discretisation.launch, discretisation.device_mesh
-        self.first = discretisation.fluid_size
+    def __init__(self, discrete: DiscreteScene) -> None:
+        self._discrete = discrete
+        self._launch, self._mesh = discrete.launch, discrete.device_mesh
+        self.first = discrete.fluid_size
         """Where the first tracer begins in a state vector."""
-        self.count = len(discretisation.names) - len(discretisation.fluid)
-        self.depth = self.first - discretisation.mesh.size
+        self.count = len(discrete.names) - len(discrete.fluid)
+        self.depth = self.first - discrete.mesh.size
         """Where the depth begins."""
-        self._wind: wp.array | None = discretisation.parameters.get("wind")
+        self._wind: wp.array | None = discrete.parameters.get("wind")
         self._transport = TracerTransport(
             self._mesh, self._launch, self.count, self._wind is not None
         )
-        terms = element_terms(discretisation.scene, "dissipative")
-        self._diffusion = _Diffusion(self, discretisation, terms) if terms.diffuses else None
+        terms = element_terms(discrete.scene, "dissipative")
+        self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
         """The tracers' part of the whole right-hand side at the state x."""
@@ -86,7 +86,7 @@ class TracerEquations:
 
     def limiter(self) -> Limiter | None:
         """A limiter with the bounds of the initial mixing ratios, if the scene asks for it."""
-        mesh, scene = self._discretisation.mesh, self._discretisation.scene
+        mesh, scene = self._discrete.mesh, self._discrete.scene
         effect = scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
@@ -98,23 +98,21 @@ class TracerEquations:
 class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
-    def __init__(
-        self, tracers: TracerEquations, discretisation: Discretisation, terms: Terms
-    ) -> None:
-        mesh, size = discretisation.device_mesh, discretisation.mesh.size
+    def __init__(self, tracers: TracerEquations, discrete: DiscreteScene, terms: Terms) -> None:
+        mesh, size = discrete.device_mesh, discrete.mesh.size
         count, real = tracers.count, mesh.real
-        self._launch, self._kernels = discretisation.launch, pointwise_kernels(real)
+        self._launch, self._kernels = discrete.launch, pointwise_kernels(real)
         self._dim, self._first = (count, size), tracers.first
         self._offsets = (tracers.depth, tracers.first, size)
-        raised = discretisation.scene.bottom is not None
-        self._bottom = mesh.upload(discretisation.bottom) if raised else None
+        raised = discrete.scene.bottom is not None
+        self._bottom = mesh.upload(discrete.bottom) if raised else None
         self._raised, self._rate = (
             wp.zeros(count * size, dtype=real, device=mesh.device) for _ in range(2)
         )
         blocks = [slice(k * size, (k + 1) * size) for k in range(count)]
         self._fields = [(self._raised[block], self._rate[block]) for block in blocks]
         self._laplacian = wp.zeros(size, dtype=real, device=mesh.device)
-        self._operators = self._make_operators(discretisation, terms)
+        self._operators = self._make_operators(discrete, terms)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Add the diffusion at the state x to `out`."""
@@ -145,12 +143,10 @@ class _Diffusion:
         *_, size = self._offsets
         self._launch(self._kernels.add, self._dim, self._rate, self._first, size, out)
 
-    def _make_operators(
-        self, discretisation: Discretisation, of_fluid: Terms
-    ) -> list[TendencyOperator]:
+    def _make_operators(self, discrete: DiscreteScene, of_fluid: Terms) -> list[TendencyOperator]:
         """The diffusion of a field; before it, for hyperviscosity, its Laplacian."""
-        mesh, launch = discretisation.device_mesh, discretisation.launch
-        parameters = discretisation.parameters
+        mesh, launch = discrete.device_mesh, discrete.launch
+        parameters = discrete.parameters
         terms = Terms(
             wind=True,
             still=True,

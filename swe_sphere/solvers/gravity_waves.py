@@ -111,7 +111,7 @@ class GravityWaves:
             space.axpy(-1.0, linear, out)
 
         dissipation = model.fluid_dissipation if model.dissipative else None
-        return estimate_spectrum(model.discretisation, state, rest, dissipation)
+        return estimate_spectrum(model.discrete, state, rest, dissipation)
 
 
 class GravityWaveSolver:

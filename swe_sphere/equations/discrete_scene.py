@@ -16,13 +16,13 @@ from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 
-__all__ = ["Discretisation"]
+__all__ = ["DiscreteScene"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Discretisation:
+class DiscreteScene:
     """The scene, where its nodes are, and its coefficients and fields on the device."""
 
     mesh: Mesh
@@ -110,4 +110,3 @@ class Discretisation:
         """
         _, _, depth = self.scene.initial(self.mesh.lon, self.mesh.lat)
         return float(np.float32(np.average(depth + self.bottom, weights=self.mesh.area)))
-
