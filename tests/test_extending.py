@@ -1,4 +1,4 @@
-"""Steppers and preconditioners in files of the user, those of docs/extending.md first."""
+"""Scenes, steppers and preconditioners in files of the user, those of docs/extending.md first."""
 
 from __future__ import annotations
 
@@ -35,6 +35,19 @@ def here(tmp_path, monkeypatch):
     for name, text in EXAMPLES.items():
         Path(name).write_text(text)
     return tmp_path
+
+
+def test_the_scene_of_the_page_keeps_its_balance(here) -> None:
+    """Without a mountain, on any planet; with one the dust is carried and kept."""
+    small = {"scene": "my_flow.py", "ne": 4, "days": 0.5}
+    for settings in ((), ("scene.day=12", "scene.speed=30")):
+        summary = run(make_config(small | {"settings": settings}))
+        assert summary.completed and summary["l2_h"] < 1e-3 and summary["l2_v"] < 1e-2
+    summary = run(make_config(small | {"settings": ("scene.height=1500",)}))
+    assert summary["l2_h"] is None and abs(summary["mass_drift_q_dust"]) < 1e-13
+    assert summary["title"] == "a zonal wind in balance, over a mountain"
+    with pytest.raises(ConfigError, match="my-flow: height must be less than"):
+        run(make_config(small | {"settings": ("scene.height=3000",)}))
 
 
 def advanced(kind, dt: float, **options):
