@@ -20,6 +20,20 @@ def test_every_package_is_listed():
     assert listed == found | {"swe_sphere.kernels", "swe_sphere.testcases"}
 
 
+def test_files_of_data_are_installed_with_their_packages():
+    """Tables of studies, recipes, templates, references."""
+    patterns = PROJECT["tool"]["setuptools"]["package-data"]
+    listed = {
+        path
+        for package, globs in patterns.items()
+        for glob in globs
+        for path in (ROOT / package.replace(".", "/")).glob(glob)
+    }
+    files = {path for path in (ROOT / "swe_sphere").rglob("*") if path.is_file()}
+    there = {path for path in files if path.suffix not in (".py", ".pyc")}
+    assert there == {path for path in listed if path.is_file()} != set()
+
+
 def test_the_version_is_the_same_everywhere():
     assert swe_sphere.__version__ == PROJECT["project"]["version"]
 

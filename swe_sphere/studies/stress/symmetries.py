@@ -26,42 +26,39 @@ MIRROR = np.diag([1.0, 1.0, -1.0])
 CLOSE = 1e-9
 
 
-class Fourfold:
+def fourfold(mesh: Mesh) -> Symmetry:
     """How much of the northward wind has a zonal wavenumber that is no multiple of four.
 
     off_wave: part of the mean of v² that is lost when v is averaged over quarter turns, which take
     nodes to nodes on an unturned, unstretched mesh.
     """
+    once = _images(mesh, QUARTER)
+    turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._area, once = mesh.area, _images(mesh, QUARTER)
-        self._turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
-
-    def __call__(self, snapshot: Snapshot) -> dict[str, float]:
-        """off_wave of a state."""
+    def off_wave(snapshot: Snapshot) -> dict[str, float]:
         v = snapshot.fields["v"]
-        rest = v - sum(v[turn] for turn in self._turns) / 4.0
-        whole = area_mean(self._area, v**2) or 1.0
-        return {"off_wave": area_mean(self._area, rest**2) / whole}
+        rest = v - sum(v[turn] for turn in turns) / 4.0
+        return {"off_wave": area_mean(mesh.area, rest**2) / (area_mean(mesh.area, v**2) or 1.0)}
+
+    return off_wave
 
 
-class Mirrored:
+def mirrored(mesh: Mesh) -> Symmetry:
     """How far the depth is from being the same on both sides of the equator.
 
     off_mirror: rms of h less its mirror image, over the rms of its deviation from the mean.
     """
+    other = _images(mesh, MIRROR)
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._area, self._other = mesh.area, _images(mesh, MIRROR)
-
-    def __call__(self, snapshot: Snapshot) -> dict[str, float]:
-        """off_mirror of a state."""
+    def off_mirror(snapshot: Snapshot) -> dict[str, float]:
         h = snapshot.fields["h"]
-        spread = area_mean(self._area, (h - area_mean(self._area, h)) ** 2) or 1.0
-        return {"off_mirror": np.sqrt(area_mean(self._area, (h - h[self._other]) ** 2) / spread)}
+        spread = area_mean(mesh.area, (h - area_mean(mesh.area, h)) ** 2) or 1.0
+        return {"off_mirror": np.sqrt(area_mean(mesh.area, (h - h[other]) ** 2) / spread)}
+
+    return off_mirror
 
 
-SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": Fourfold, "mirror": Mirrored}
+SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": fourfold, "mirror": mirrored}
 """All of them by name; each is made for a mesh."""
 
 

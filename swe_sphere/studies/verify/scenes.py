@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from swe_sphere.equations.effects import (
     Relaxation,
     Viscosity,
 )
-from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import solid_body, tilted_latitude
@@ -49,18 +50,12 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
         return wind * (east - north), wind * (east + north), MEAN + 100.0 * left * value
 
     diffusion = (Viscosity(nu), Hyperviscosity(None if default else nu4))
-    return Scene(
-        name="decay",
-        title="decay of spherical harmonics",
-        reference="eigenfunctions of the Laplacian",
+    return _exact_scene(
+        "decay",
+        "decay of spherical harmonics",
+        "eigenfunctions of the Laplacian",
+        exact,
         effects=tuple(effect for effect in diffusion if not effect.absent),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        report="l2 of h and of the wind",
-        ne=8,
-        np=4,
-        dt=None,
-        days=1.0,
         parameters={"nu": nu, "nu4": nu4, "default": default},
     )
 
@@ -89,19 +84,13 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
         depth = rest + (MEAN + 100.0 * value - rest) * np.exp(-t / time)
         return slower * wind[0], slower * wind[1], depth
 
-    return Scene(
-        name="friction",
-        title="drag and relaxation",
-        reference="Bernoulli's differential equation",
+    return _exact_scene(
+        "friction",
+        "drag and relaxation",
+        "Bernoulli's differential equation",
+        exact,
         effects=(Drag(linear, quadratic), Relaxation(time)),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
         equilibrium=equilibrium,
-        report="l2 of h and of the wind",
-        ne=4,
-        np=4,
-        dt=3600.0,
-        days=1.0,
         parameters={"linear": linear, "quadratic": quadratic, "time": time},
     )
 
@@ -144,19 +133,13 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
         return push * east, push * north, _depth(lon, lat) / GROWTH
 
-    return Scene(
-        name="driven",
-        title="solid-body flow kept up by a forcing",
-        reference="williamson2 with a forcing in the place of rotation",
+    return _exact_scene(
+        "driven",
+        "solid-body flow kept up by a forcing",
+        "williamson2 with a forcing in the place of rotation",
+        exact,
         effects=(*DYNAMICS, Forcing()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
         forcing=forcing,
-        report="l2 of h and of the wind",
-        ne=4,
-        np=8,
-        dt=None,
-        days=1.0,
         parameters={"alpha": alpha},
     )
 
@@ -195,6 +178,16 @@ def homme_wave() -> Scene:
         return more * u, more * v, 8000.0 + more**2 * (h - 8000.0)
 
     return replace(scene, planet=HOMME, initial=initial)
+
+
+def _exact_scene(
+    name: str, title: str, reference: str, exact: UnsteadyState, **values: Any
+) -> Scene:
+    """A scene that starts as its exact solution does, for a day."""
+    return Scene(
+        name, title, reference, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact,
+        report="l2 of h and of the wind", ne=4, np=4, dt=None, days=1.0, **values,
+    )  # fmt: skip
 
 
 def _harmonic(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
