@@ -1,0 +1,192 @@
+"""A simulation as it stands: its state, the numbers taken of it, and what it has cost."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.callbacks import Callback
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
+from swe_sphere.simulation.evaluator import Evaluator
+from swe_sphere.simulation.execution import numbers_of
+from swe_sphere.simulation.plan import TimePlan
+from swe_sphere.simulation.prepared import Prepared
+from swe_sphere.simulation.progress import Watcher
+from swe_sphere.simulation.restart import attributes_of, check_step
+from swe_sphere.simulation.snapshot import Fields, Snapshot
+from swe_sphere.simulation.summary import Outcome, Summary, html_table
+from swe_sphere.simulation.supplied import Supplied
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+    from swe_sphere.steppers import Stepper
+
+__all__ = ["Observed"]
+
+
+@dataclass
+class _Seen:
+    """A state, and the numbers taken of it so far."""
+
+    snapshot: Snapshot
+    numbers: dict[str, float] | None = None
+    own: tuple[dict[str, float], Fields] | None = None
+
+
+class Observed(Prepared):
+    """What can be seen of a simulation, whose stepper `begin` makes when it is first needed."""
+
+    def __init__(self, config: RunConfig, supplied: Supplied) -> None:
+        super().__init__(config, supplied)
+        self.wall_seconds = self.cpu_seconds = 0.0
+        """Time spent stepping [s], without compiling, observing and writing; that of processors,
+        all threads and compiling included."""
+        self.outcome = Outcome("not begun")
+        self.dt_rule = ""
+        """How the step was chosen, in words."""
+        self._stepper: Stepper | None = None
+        self._plan: TimePlan | None = None
+        self._carried: dict[str, float] = {}
+        self._before: dict[str, int] = {}
+        self._watcher = Watcher()
+        self._own = OwnDiagnostics(lambda text: self._watcher.warn(text))
+        self._seen: _Seen | None = None
+
+    @abstractmethod
+    def begin(self, plan: TimePlan | None = None, callbacks: Sequence[Callback] = ()) -> None:
+        """Plan the steps, and make the stepper."""
+
+    @property
+    def stepper(self) -> Stepper:
+        """The stepper, which stands at the start of the scene or of the restart at first."""
+        if self._stepper is None and self._checkpoint is not None:
+            dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
+            self.begin(TimePlan(dt, done, done, dt))
+        elif self._stepper is None:
+            self.begin()
+        assert self._stepper is not None
+        return self._stepper
+
+    @property
+    def plan(self) -> TimePlan:
+        """The steps up to the end of the run."""
+        _ = self.stepper  # which is planned for first
+        assert self._plan is not None
+        return self._plan
+
+    @property
+    def steps(self) -> int:
+        """Steps since the very start."""
+        return self.stepper.steps
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the very start [s]."""
+        return self.plan.time(self.stepper.steps)
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The state as it stands, with its fields as arrays (N,)."""
+        return self._now.snapshot
+
+    @property
+    def _now(self) -> _Seen:
+        """What is known of the state as it stands."""
+        if self._seen is None or self._seen.snapshot.steps != self.steps:
+            snapshot = Snapshot(self.model, self.stepper.state, self.time, self.steps)
+            self._seen = _Seen(snapshot)
+        return self._seen
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self.model, self.start, self._step_length)
+
+    def _step_length(self) -> float:
+        """The present step [s], which follows its error in an adaptive run."""
+        return float(getattr(self.stepper, "next_dt", self.plan.dt))
+
+    @property
+    def diagnostics(self) -> dict[str, float]:
+        """All numbers of the state: integrals, drifts, Courant numbers, errors, the user's own.
+
+        Raises RunFailed where a diagnostic of the user's own fails.
+        """
+        seen = self._now
+        if seen.numbers is None:
+            seen.numbers = self._evaluator(seen.snapshot) | self._own_now()[0]
+        return seen.numbers
+
+    @property
+    def own_fields(self) -> Fields:
+        """Fields (N,) that diagnostics of the user's own make of the state."""
+        return self._own_now()[1]
+
+    def _own_now(self) -> tuple[dict[str, float], Fields]:
+        seen = self._now
+        if seen.own is None:
+            seen.own = {}, {}  # for those that ask for the whole state
+            seen.own = self._own(self)
+        return seen.own
+
+    def reference_errors(self) -> dict[str, float]:
+        """Errors of the state against the reference of the configuration, if it has one."""
+        return {} if self._reference is None else self._reference(self.model, self.snapshot)
+
+    def counts(self) -> dict[str, float]:
+        """Counters and seconds of the run, with those before a restart."""
+        counts: dict[str, float] = {
+            name: n - self._before.get(name, 0) for name, n in self.model.counters.items()
+        }
+        counts |= self.stepper.costs() | {"wall_seconds": self.wall_seconds}
+        return {name: n + self._carried.get(name, 0) for name, n in counts.items()}
+
+    @property
+    def summary(self) -> Summary:
+        """The numbers of the state, and how the last run ended."""
+        return Summary(numbers_of(self, self.outcome), self.outcome)
+
+    @property
+    def state(self) -> xr.Dataset:
+        """Depth, wind, vorticity, divergence and tracers on the nodes (N,), with their units."""
+        return self.to_xarray().isel(time=0)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The state as a frame of a run's file: fields on (time, node), points, areas, bottom."""
+        from swe_sphere.io.frame import frame_dataset
+
+        fields = self.snapshot.with_constants | self.own_fields
+        own = self.own_attributes()
+        return frame_dataset(self.mesh, fields, self.time, attributes_of(self), own)
+
+    def plot(self, field: str | None = None, ax: Axes | None = None) -> Axes:
+        """Draw a field of the state on the globe; into `ax`, else into a figure of its own.
+
+        field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
+        Raises ConfigError for a field that is not there.
+        """
+        from swe_sphere.io.plot import draw_state
+
+        fields = self.snapshot.with_constants | self.own_fields
+        return draw_state(self.mesh, fields, self.time, attributes_of(self), field, ax)
+
+    def own_attributes(self) -> dict[str, dict[str, str]]:
+        """Attributes of the variables that diagnostics of the user's own make, in files."""
+        numbers, fields = self._own_now()
+        return {name: DIAGNOSTICS[name].attributes for name in (*numbers, *fields)}
+
+    def __repr__(self) -> str:
+        where = f"day {self.time / DAY:.4g}" if self._stepper is not None else "not begun"
+        return (
+            f"Simulation({self.scene.name!r}, ne={self.mesh.ne}, np={self.mesh.np},"
+            f" stepper={self.config.stepper!r}: {where} of {self.days:g} days)"
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), list(self.summary.rows()))
