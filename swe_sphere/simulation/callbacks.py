@@ -12,11 +12,11 @@ from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY, HOUR
 
 if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["Callback", "Observer", "every", "scheduled"]
 
-Function = Callable[["Simulation"], Any]
+Function = Callable[[Any], Any]
 
 
 class Observer(Protocol):
@@ -25,7 +25,7 @@ class Observer(Protocol):
     def due(self, step: int) -> bool:
         """Whether it wants to see the state after that many steps."""
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Look at the state."""
 
 
@@ -97,7 +97,7 @@ class Scheduled:
         """At the multiples."""
         return step % self._every == 0
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Call it, if it is due; RunFailed says which function failed, and where."""
         if not self.due(sim.steps):
             return

@@ -14,11 +14,11 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Array, Fields
 
 if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget"]
 
-Function = Callable[["Simulation"], Any]
+Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)
 
 TAKEN = frozenset({
@@ -118,7 +118,7 @@ class OwnDiagnostics:
     warn: Callable[[str], None]
     _told: set[str] = field(default_factory=set)
 
-    def __call__(self, sim: Simulation) -> tuple[dict[str, float], Fields]:
+    def __call__(self, sim: Running) -> tuple[dict[str, float], Fields]:
         """Numbers and fields (N,) of the state.
 
         Raises:
@@ -134,7 +134,7 @@ class OwnDiagnostics:
                 fields[name] = value
         return numbers, fields
 
-    def _value(self, own: Diagnostic, sim: Simulation) -> Array:
+    def _value(self, own: Diagnostic, sim: Running) -> Array:
         what = f"the diagnostic {own.name}"
         try:
             value = guarded(what, lambda: np.asarray(own.function(sim), dtype=np.float64))

@@ -20,7 +20,7 @@ from swe_sphere.simulation.summary import Outcome, Summary
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["execute", "numbers_of", "step_through"]
 
@@ -43,7 +43,7 @@ FAR = 1.05
 """A step longer than the stability limit by this factor is warned of."""
 
 
-def execute(sim: Simulation, callbacks: Sequence[Callback], watcher: Watcher) -> Outcome:
+def execute(sim: Running, callbacks: Sequence[Callback], watcher: Watcher) -> Outcome:
     """Step to the end of the plan, or until something comes in the way, with the file asked for.
 
     Raises:
@@ -57,7 +57,7 @@ def execute(sim: Simulation, callbacks: Sequence[Callback], watcher: Watcher) ->
         return _noted(sim, writer, _recorded(sim, callbacks, watcher, Recorder(sim, writer)))
 
 
-def _noted(sim: Simulation, writer: FrameWriter, outcome: Outcome) -> Outcome:
+def _noted(sim: Running, writer: FrameWriter, outcome: Outcome) -> Outcome:
     """Write into the file how the run ended; where that cannot be done, the run has failed."""
     told = Summary(numbers_of(sim, outcome), outcome).as_dict()
     try:
@@ -68,7 +68,7 @@ def _noted(sim: Simulation, writer: FrameWriter, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def _warning_of_step(sim: Simulation) -> Iterator[str]:
+def _warning_of_step(sim: Running) -> Iterator[str]:
     dt, limit = sim.plan.dt, sim.stable_dt
     if dt > FAR * limit:
         yield (
@@ -77,7 +77,7 @@ def _warning_of_step(sim: Simulation) -> Iterator[str]:
         )
 
 
-def _writer(sim: Simulation) -> FrameWriter:
+def _writer(sim: Running) -> FrameWriter:
     from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
 
     assert sim.config.out is not None
@@ -89,7 +89,7 @@ def _writer(sim: Simulation) -> FrameWriter:
 
 
 def _recorded(
-    sim: Simulation, callbacks: Sequence[Callback], watcher: Watcher, recorder: Recorder | None
+    sim: Running, callbacks: Sequence[Callback], watcher: Watcher, recorder: Recorder | None
 ) -> Outcome:
     calls = [Scheduled(callback, sim.plan.dt) for callback in callbacks]
     observers: list[Observer] = [*([recorder] if recorder else []), *calls]
@@ -106,9 +106,9 @@ def _recorded(
 
 
 def step_through(
-    sim: Simulation,
+    sim: Running,
     observers: Sequence[Observer] = (),
-    tick: Callable[[Simulation], None] | None = None,
+    tick: Callable[[Running], None] | None = None,
     time_limit: float | None = None,
     interruption: Interruption | None = None,
 ) -> Outcome:
@@ -138,7 +138,7 @@ def step_through(
 
 
 @contextmanager
-def _watched(sim: Simulation, watcher: Watcher) -> Iterator[None]:
+def _watched(sim: Running, watcher: Watcher) -> Iterator[None]:
     """Tell the watcher of begin and end; that its terminal is gone is no reason to end the run."""
     with suppress(OSError):
         watcher.begin(sim)
@@ -149,7 +149,7 @@ def _watched(sim: Simulation, watcher: Watcher) -> Iterator[None]:
             watcher.end()
 
 
-def _ended_by(error: Exception, sim: Simulation) -> Outcome:
+def _ended_by(error: Exception, sim: Running) -> Outcome:
     if isinstance(error, Interrupted):
         reason = f"interrupted by {error} at day {sim.time / DAY:.4g}"
         return Outcome("interrupted", reason, INTERRUPTED)
@@ -161,7 +161,7 @@ def _ended_by(error: Exception, sim: Simulation) -> Outcome:
     return Outcome(status, text, error.exit_status)
 
 
-def _kept(sim: Simulation, recorder: Recorder, outcome: Outcome) -> Outcome:
+def _kept(sim: Running, recorder: Recorder, outcome: Outcome) -> Outcome:
     """Write the state of an interrupted run as its last frame, if it is worth keeping."""
     try:
         HealthCheck(sim).observe(sim)
@@ -172,7 +172,7 @@ def _kept(sim: Simulation, recorder: Recorder, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def numbers_of(sim: Simulation, outcome: Outcome) -> dict[str, Any]:
+def numbers_of(sim: Running, outcome: Outcome) -> dict[str, Any]:
     """All that is told of a run: what was asked for, what it cost, what it came to."""
     config, model, plan = sim.config, sim.model, sim.plan
     sound = outcome.status in SOUND
@@ -205,7 +205,7 @@ def numbers_of(sim: Simulation, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _cuts(sim: Simulation) -> dict[str, list[str]]:
+def _cuts(sim: Running) -> dict[str, list[str]]:
     """Of an adaptive run: the last steps that were taken back, since a restart, and why."""
     cuts = getattr(sim.stepper, "cuts", None)
     return {} if cuts is None else {"cuts": [str(cut) for cut in cuts]}

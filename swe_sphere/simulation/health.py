@@ -11,7 +11,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Array
 
 if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["HealthCheck"]
 
@@ -25,7 +25,7 @@ RUNAWAY = 10.0
 class HealthCheck:
     """Ends the run where a value is NaN, a depth negative or the energy runs away."""
 
-    def __init__(self, sim: Simulation) -> None:
+    def __init__(self, sim: Running) -> None:
         self._area = sim.mesh.area / sim.mesh.area.sum()
         self._gravity = sim.scene.planet.gravity
         self._linear = sim.scene.linear
@@ -35,7 +35,7 @@ class HealthCheck:
         """Every few steps."""
         return step % EVERY == 0
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Look; Unstable says what is wrong, when, and what could be done."""
         failure = self._failure(sim.snapshot.fields)
         if failure:

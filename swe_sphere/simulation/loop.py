@@ -13,7 +13,7 @@ from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.interrupt import Interruption
 
 if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["Loop"]
 
@@ -32,10 +32,10 @@ class Loop:
 
     def __init__(
         self,
-        sim: Simulation,
+        sim: Running,
         guard: Observer,
         observers: Sequence[Observer],
-        tick: Callable[[Simulation], None] | None = None,
+        tick: Callable[[Running], None] | None = None,
         time_limit: float | None = None,
     ) -> None:
         self._sim, self._model = sim, sim.model

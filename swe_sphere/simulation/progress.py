@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["Notebook", "ProgressBar", "Watcher"]
 
@@ -21,10 +21,10 @@ class Watcher:
     def warn(self, text: str) -> None:
         """Something the user should know, in one line."""
 
-    def begin(self, sim: Simulation) -> None:
+    def begin(self, sim: Running) -> None:
         """The first step is about to be taken."""
 
-    def tick(self, sim: Simulation) -> None:
+    def tick(self, sim: Running) -> None:
         """Steps have been taken; told about ten times a second."""
 
     def end(self) -> None:
@@ -38,7 +38,7 @@ class ProgressBar(Watcher):
         self._wanted = wanted
         self._bar: Any = None
 
-    def begin(self, sim: Simulation) -> None:
+    def begin(self, sim: Running) -> None:
         """Show the bar."""
         if not self._wanted:
             return
@@ -53,7 +53,7 @@ class ProgressBar(Watcher):
             file=sys.stderr,
         )  # fmt: skip
 
-    def tick(self, sim: Simulation) -> None:
+    def tick(self, sim: Running) -> None:
         """Move the bar."""
         if self._bar is not None:
             with suppress(OSError):

@@ -9,7 +9,7 @@ from swe_sphere.simulation.restart import restart_arrays
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = ["Recorder", "most_samples"]
 
@@ -31,7 +31,7 @@ def _interval(plan: TimePlan) -> int:
 class Recorder:
     """Samples a run and writes all that it sees."""
 
-    def __init__(self, sim: Simulation, writer: FrameWriter) -> None:
+    def __init__(self, sim: Running, writer: FrameWriter) -> None:
         self._plan, self._writer = sim.plan, writer
         self._every = _interval(sim.plan)
         self._framed: int | None = None
@@ -40,14 +40,14 @@ class Recorder:
         """At frames, and in between about `SAMPLES` times a run."""
         return self._plan.is_frame(step) or step % self._every == 0
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Sample, and write a frame if one is due."""
         if self._plan.is_frame(sim.steps):
             self.frame(sim)
         else:
             self._writer.record(sim.time, sim.diagnostics)
 
-    def frame(self, sim: Simulation) -> None:
+    def frame(self, sim: Running) -> None:
         """Sample, and write a frame and a checkpoint, unless there is a frame of this step."""
         if self._framed == sim.steps:
             return

@@ -19,7 +19,7 @@ from swe_sphere.simulation.setup import identity
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
-    from swe_sphere.simulation.simulation import Simulation
+    from swe_sphere.simulation.running import Running
 
 __all__ = [
     "COUNTER", "adopt", "attributes_of", "carried_counts", "check_identity", "check_step",
@@ -133,7 +133,7 @@ def _stored(path: Path | None, checkpoint: Checkpoint, name: str) -> dict[str, o
     return values
 
 
-def attributes_of(sim: Simulation) -> dict[str, object]:
+def attributes_of(sim: Running) -> dict[str, object]:
     """The resolved configuration of a simulation, for its files."""
     same = identity(sim.config, sim.scene, sim.mesh)
     return {
@@ -164,13 +164,13 @@ def _plot_field(scene: Scene) -> dict[str, str]:
     return {"plot_field": f"q_{next(iter(scene.tracers))}"}
 
 
-def restart_arrays(sim: Simulation) -> Mapping[str, NDArray[np.generic]]:
+def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
     """What a bitwise exact restart needs, with the counters, so that two parts count like one."""
     counters = {f"{COUNTER}{name}": np.array(n) for name, n in sim.counts().items()}
     return sim.stepper.state_dict() | counters
 
 
-def save(sim: Simulation, path: Path) -> Path:
+def save(sim: Running, path: Path) -> Path:
     """Write a checkpoint of the simulation as it stands, in a file of its own."""
     from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
     from swe_sphere.io.disk import clear_errors

@@ -14,6 +14,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.execution import step_through
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.plan import TimePlan
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.stress.series import Series
 from swe_sphere.studies.stress.symmetries import SYMMETRIES
@@ -73,7 +74,7 @@ def _stepped(trial: Trial, tick: Tick | None) -> Ended:
     return Ended(outcome.status, line(outcome.reason or ""), series.numbers() | _costs(sim), sim)
 
 
-def _reporter(tick: Tick | None) -> Callable[[Simulation], None] | None:
+def _reporter(tick: Tick | None) -> Callable[[Running], None] | None:
     if tick is None:
         return None
     return lambda sim: tick(f"day {sim.time / DAY:.3g}, step {sim.steps} of {sim.plan.steps}")

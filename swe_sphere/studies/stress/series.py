@@ -9,7 +9,7 @@ import numpy as np
 
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.plan import TimePlan
-from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.running import Running
 from swe_sphere.studies.stress.symmetries import Symmetry
 
 __all__ = ["Series"]
@@ -36,7 +36,7 @@ class Series:
         """Every so many steps."""
         return step % self._every == 0
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Take a sample."""
         row = dict(sim.diagnostics)
         for symmetry in self._watched:

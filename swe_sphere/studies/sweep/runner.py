@@ -15,6 +15,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.execution import BREAKDOWNS, step_through
 from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.store import Store
@@ -64,7 +65,7 @@ class Snapshots:
         """At the report days."""
         return step in self._days
 
-    def observe(self, sim: Simulation) -> None:
+    def observe(self, sim: Running) -> None:
         """Keep the fields."""
         if sim.steps in self._days:
             fields = sim.snapshot.all_fields
