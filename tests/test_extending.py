@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import random_state, relative, tangent, tendency
 
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
@@ -201,3 +202,28 @@ def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, st
     Path(file).write_text(Path(file).read_text() + "# edited\n")
     with pytest.raises(ConfigError, match=f"^the {what}'s file is not what it was"):
         run(make_config(onwards))
+
+
+def test_the_effect_of_the_page_is_what_it_says(here) -> None:
+    """-k |v| v / h, with its exact derivative and what conserves its mass."""
+    scene = get_scene("friction.py")
+    mesh = build_mesh(3, 4)
+    model, plain = (Model(mesh, each) for each in (scene, get_scene("williamson5")))
+    state, direction = (random_state(model, seed) for seed in (1, 2))
+    u, v, h = state.reshape(3, -1)
+    friction = tendency(model, state) - tendency(plain, state)
+    expected = -3e-3 * np.hypot(u, v) / h * np.stack([u, v, 0.0 * h])
+    np.testing.assert_allclose(friction.reshape(3, -1), expected, atol=1e-9)
+    small = 1e-5 * direction
+    slope = (tendency(model, state + small) - tendency(model, state - small)) / 2e-5
+    assert relative(tangent(model, state, direction), slope, 3) < 1e-7
+    assert scene.effect("bottom-friction").conserves == {"mass", "tracers"}
+
+
+def test_a_restart_with_an_edited_effect_is_refused(here) -> None:
+    asked = SMALL | {"scene": "friction.py", "stepper": "tr-bdf2"}
+    asked["settings"] = ["bottom-friction.k=1e-3"]
+    assert run(make_config(asked | {"out": "part.nc"}))["completed"]
+    Path("friction.py").write_text(EXAMPLES["friction.py"].replace("-rate * u", "-2.0 * rate * u"))
+    with pytest.raises(ConfigError, match=r"^the scene's file is not what it was"):
+        run(make_config(asked | {"restart": "part.nc", "days": 0.5}))
