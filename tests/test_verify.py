@@ -122,7 +122,7 @@ title = "a short run"
 note = "a note"
 levels = [
     {ne = 2, h = [1.0, 1.0, 1.0], v = [2.0, 2.0, 3.0]},
-    {ne = 4, order = [2.0, 1.5], at_most = {max_v = 50.0}},
+    {ne = 4, order = [2.0, 1.5], bounds = {max_v = 50.0, max_speed = {low = 1.0, high = 90.0}}},
     {ne = 3, values = {nothing = 1.0}, quick = true, published = [{source = "X", l2_h = 0.5}]},
 ]
 [[case]]
@@ -147,7 +147,8 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
     first, second, third = ([str(b) for b in easy.bounds(level)] for level in easy.levels)
     high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
     assert first == [*high, "mass_drift ≤ 1e-13"]
-    assert second == ["max_v ≤ 50", "order ≥ 2", "order_v ≥ 1.5", "mass_drift ≤ 1e-13"]
+    orders = ["order ≥ 2", "order_v ≥ 1.5"]
+    assert second == [*orders, "max_v ≤ 50", "1 ≤ max_speed ≤ 90", "mass_drift ≤ 1e-13"]
     assert third == ["0.999 ≤ nothing ≤ 1.001", "mass_drift ≤ 1e-13"]
     last = easy.levels[2]
     assert (last.quick, last.published[0].source) == (True, "X")

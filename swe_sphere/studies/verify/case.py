@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from swe_sphere.studies.bounds import Bound
+from swe_sphere.studies.bounds import Bound, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration
 
 __all__ = ["CONVERGED", "NORMS", "ORDERS", "Case", "Level", "Published"]
@@ -61,10 +61,9 @@ class Level(BaseModel):
     """Upper bounds of l1, l2, linf of the wind."""
     order: tuple[float] | tuple[float, float] | None = None
     """Lower bounds of the orders of height and wind since the level before that was run."""
-    at_most: dict[str, float] = {}
-    """Upper bounds of other quantities; of a drift, of its size."""
-    at_least: dict[str, float] = {}
-    """Lower bounds; of an order, where the level is not the first one run."""
+    bounds: Limits = {}
+    """Of other quantities; an upper bound alone is one of the size, one of an order holds where the
+    level is not the first one run."""
     values: dict[str, float] = {}
     """Numbers to be met to within `Case.tolerance`."""
     published: tuple[Published, ...] = ()
@@ -79,15 +78,13 @@ class Level(BaseModel):
         run = {key: value for key, value in table.items() if key not in cls.model_fields}
         return {key: value for key, value in table.items() if key not in run} | {"run": run}
 
-    def bounds(self, tolerance: float) -> Iterator[Bound]:
+    def all_bounds(self, tolerance: float) -> Iterator[Bound]:
         """All bounds; tolerance: relative, of `values`."""
-        highest = dict(zip(NORMS, (self.h or 3 * (math.inf,)) + (self.v or ()), strict=False))
-        for name, high in (highest | self.at_most).items():
-            if math.isfinite(high):
-                yield Bound(name, high)
-        lowest = dict(zip(("order", "order_v"), self.order or (), strict=False))
-        for name, low in (lowest | self.at_least).items():
+        for names, limits in ((NORMS[:3], self.h), (NORMS[3:], self.v)):
+            yield from read_bounds(dict(zip(names, limits or (), strict=False)))
+        for name, low in zip(("order", "order_v"), self.order or (), strict=False):
             yield Bound(name, low=low)
+        yield from read_bounds(self.bounds)
         for name, value in self.values.items():
             room = tolerance * abs(value)
             yield Bound(name, value + room, value - room)
@@ -128,7 +125,7 @@ class Case(BaseModel):
     def bounds(self, level: Level) -> list[Bound]:
         """All that is asked of a level."""
         mass = [Bound("mass_drift", self.mass)] if math.isfinite(self.mass) else []
-        return [*level.bounds(self.tolerance), *mass]
+        return [*level.all_bounds(self.tolerance), *mass]
 
     @property
     def scene(self) -> str:
