@@ -57,6 +57,7 @@ class Case:
     def run(self) -> None:
         """Run, the steps timed one by one."""
         before = self._model.launch.work.counts()
+        self._watch.begin()
         self.walls.append(self._steps())
         self._counts = difference(self._model.launch.work.counts(), before)
 

@@ -132,6 +132,7 @@ def study(seed, scatter=0.3, runs=30):
     walls = []
     for _ in range(runs):
         before = machine.work.counts()
+        watch.begin()
         wall, right = machine.run()
         walls.append(wall)
     done = difference(machine.work.counts(), before)
@@ -146,6 +147,19 @@ def test_modelled_times_repeat_to_three_percent_where_wall_times_scatter():
     assert np.ptp(walls) > 0.06 * np.median(walls)
     for _, seconds, right in studies:
         assert seconds == pytest.approx(right, rel=0.03)
+
+
+def test_what_goes_on_between_runs_is_not_timed():
+    machine = Machine(1, 0.0)
+    watch = Stopwatch(clock=lambda: machine.time)
+    machine.work.timer = watch
+    set_up = machine.work.section("set-up", lambda: machine.spend(0.5))
+    for _ in range(3):
+        machine.time += 1000.0
+        watch.begin()
+        set_up()
+        machine.run()
+    assert watch.prices()["set-up"] == pytest.approx((0.5, 0.0))
 
 
 def test_without_noise_the_modelled_time_is_exact():

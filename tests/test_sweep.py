@@ -94,6 +94,19 @@ def test_the_median_and_the_spread_are_those_of_the_repeats(lauter):
     assert np.allclose(grid["wall_spread"], np.ptp(wall, axis=1) / np.median(wall, axis=1))
 
 
+def test_the_modelled_time_is_that_of_the_counted_work(lauter):
+    dataset, folder = lauter
+    records = runs_of(folder).records
+    work = {record.key: record.work for record in records}
+    for record in records:
+        assert record.work == work[record.key]  # the same in every repeat
+        assert set(record.prices) >= set(record.work)
+    explicit = rows(dataset, stepper="rk4", status="completed")
+    cost = explicit["modelled_seconds"] / explicit["steps"]
+    assert np.all(cost > 0.0)
+    np.testing.assert_allclose(cost, cost[0])  # all steps of rk4 do the same
+
+
 def test_limits_are_marked(lauter):
     grid = rows(lauter[0], role="grid")
     gravity, advective = grid["gravity_limit"].values, grid["advective_limit"].values

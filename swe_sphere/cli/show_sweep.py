@@ -103,6 +103,24 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
         _show_answer(console, search, found)
     for reason, count in Counter(s.reason for s in found if s.reason).items():
         console.print(f"{count} × {reason}" if count > 1 else reason, soft_wrap=True)
+    if search is None:
+        _show_rankings(console, dataset)
+
+
+def _show_rankings(console: Any, dataset: xr.Dataset) -> None:
+    """Which stepper reaches which error at the least cost: the table and the sentence."""
+    from rich import box
+    from rich.table import Table
+
+    from swe_sphere.studies.report import sweep_rankings  # matplotlib takes its time to import
+
+    for ranking in sweep_rankings(dataset):
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+        for i, head in enumerate(ranking.heads):
+            table.add_column(head, justify="right" if i else "left", no_wrap=True)
+        for line in ranking.body:
+            table.add_row(*line)
+        console.print("", ranking.caption, table, ranking.headline, sep="\n", soft_wrap=True)
 
 
 def _show_answer(console: Any, search: SweepPlan, found: list[Setting]) -> None:

@@ -28,7 +28,7 @@ Prices = Mapping[str, tuple[float, float]]
 
 LOOKS, PERIOD = 64, 257
 """The stopwatch looks at so many calls in a row out of so many, a prime: no part of a step is
-missed for good."""
+missed for good.  Runs begin with a look, as what is done once is done then."""
 
 
 @dataclass(slots=True)
@@ -51,17 +51,17 @@ class Stopwatch:
     is part of it.  Calls of a kind differ by what was called before, which leaves the caches in
     some state, and by the number of rows: the shortest time of each is kept.
 
-    clock: seconds.  finish: waits for what a call has set going, on a device that does not wait.
+    Calls have to be done when they return, as on a CPU.  clock: seconds.
     """
 
-    def __init__(
-        self,
-        clock: Callable[[], float] = time.perf_counter,
-        finish: Callable[[], object] | None = None,
-    ) -> None:
-        self._clock, self._finish = clock, finish
-        self._place, self._last, self._before = PERIOD - 1, 0.0, ""
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock = clock
         self._found: dict[str, dict[tuple[str, int], _Shortest]] = {}
+        self.begin()
+
+    def begin(self) -> None:
+        """A run begins now: what came before is no part of its first call."""
+        self._place, self._before, self._last = 0, "", self._clock()
 
     def __call__(
         self, tally: Tally, rows: int, function: Callable[..., Any], arguments: tuple[Any, ...]
@@ -74,10 +74,8 @@ class Stopwatch:
         return result
 
     def _look(self, name: str, rows: int) -> None:
-        if self._finish is not None:
-            self._finish()
-        now = self._clock()
-        if self._place:
+        if self._place:  # else the call before was not looked at
+            now = self._clock()
             by_context = self._found.setdefault(name, {})
             by_context.setdefault((self._before, rows), _Shortest()).add(now - self._last)
         self._before, self._last = name, self._clock()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies.modelled_time import Prices, lowest, modelled_seconds
 from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.record import (
     FIELDS,
@@ -75,6 +76,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     rhs = {mesh: float(np.median(times)) for mesh, times in _rhs_seconds(records).items()}
     times = _numbers(rhs.get(repeats[0].mesh) for repeats in runs)
     data |= {"rhs_seconds": ("run", times, {"units": "s"})} | _times(runs)
+    data["modelled_seconds"] = ("run", _modelled(runs, records), {"units": "s"})
     days, errors = _errors(runs)
     data["error"] = (("run", "kind", "field", "norm", "report_day"), errors, {"units": "1"})
     coordinates = {"kind": list(KINDS), "field": list(FIELDS), "norm": list(NORMS),
@@ -151,6 +153,16 @@ def _rhs_seconds(records: list[RunRecord]) -> dict[tuple[object, ...], list[floa
         if record.rhs_seconds is not None:
             found.setdefault(record.mesh, []).append(record.rhs_seconds)
     return found
+
+
+def _modelled(runs: Runs, records: list[RunRecord]) -> NDArray[np.float64]:
+    """What the work of each run costs at the lowest prices that any of them has found."""
+    found: dict[tuple[object, ...], list[Prices]] = {}
+    for record in records:
+        found.setdefault(record.integrator, []).append(record.prices)
+    prices = {integrator: lowest(several) for integrator, several in found.items()}
+    seconds = [modelled_seconds(of[0].work, prices[of[0].integrator]) for of in runs]
+    return np.array(seconds)
 
 
 def _noise(records: list[RunRecord]) -> float:

@@ -66,6 +66,10 @@ class RunRecord(Record):
     errors: list[Errors]
     rhs_seconds: float | None
     """Time of a right-hand side just before the run, where it was taken."""
+    work: dict[str, tuple[int, int]]
+    """What its steps have done, see `operators.work`; empty where it was not counted."""
+    prices: dict[str, tuple[float, float]]
+    """Of such work [s], see `studies.modelled_time`, by all runs so far with this stepper."""
     time_limit: float | None
     sources: dict[str, str]
     """Fingerprints of all that the run was made of but its settings, by what it is."""
@@ -74,6 +78,11 @@ class RunRecord(Record):
     def mesh(self) -> tuple[object, ...]:
         """What the time of a right-hand side goes with."""
         return tuple(getattr(self.config, name) for name in MESH)
+
+    @property
+    def integrator(self) -> tuple[object, ...]:
+        """What the prices of work go with: the mesh, the stepper and how it solves."""
+        return (*self.mesh, self.config.stepper, self.config.preconditioner)
 
 
 class Header(Record):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 
@@ -17,6 +18,7 @@ from swe_sphere.simulation.execution import BREAKDOWNS, step_through
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.studies.modelled_time import Stopwatch, difference
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.store import Store
 from swe_sphere.studies.sweep.api import SweepWatcher
@@ -52,6 +54,9 @@ class Result:
     """Fields at the report days that were reached."""
     rhs_seconds: float | None = None
     """Time of a right-hand side just before the run [s], where it was taken."""
+    work: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """What its steps have done; empty where it was not counted."""
+    prices: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 class Snapshots:
@@ -77,8 +82,11 @@ def execute(
     interruption: Interruption,
     time_limit: float | None = None,
     tick: Callable[[int], None] | None = None,
+    watch: Stopwatch | None = None,
 ) -> Result:
     """Run to the end, or to where it fails; the steps alone are on the clock.
+
+    watch: looks at the work on a CPU; other devices do not wait until a call is done.
 
     Raises:
         Interrupted: the user asked to stop.
@@ -91,11 +99,20 @@ def execute(
         return Result("refused", " ".join(str(error).split()))
     snapshots = Snapshots(spec.report_steps())
     told = None if tick is None else (lambda sim: tick(sim.steps))
+    work = sim.model.launch.work
+    watch = watch if sim.model.device == "cpu" else None
+    before, work.timer = work.counts(), watch
+    if watch is not None:
+        watch.begin()
     with np.errstate(all="ignore"):
         ended = step_through(sim, [snapshots], told, time_limit, interruption)
+    done = difference(work.counts(), before) if watch else {}
     numbers = _costs(sim) | (_diagnostics(sim) if ended.completed else {})
     numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
-    return Result(ended.status, ended.reason or "", numbers, snapshots.kept)
+    prices = watch.prices() if watch else {}
+    return Result(
+        ended.status, ended.reason or "", numbers, snapshots.kept, work=done, prices=prices
+    )
 
 
 def warm_up(spec: RunSpec) -> float:
@@ -168,6 +185,7 @@ class Runner:
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[object] = set()
         self._timed: dict[str, float] = {}
+        self._watches: defaultdict[object, Stopwatch] = defaultdict(Stopwatch)
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
@@ -203,7 +221,8 @@ class Runner:
         self._watcher.begin(spec)
         compiled = self._warmed(spec)
         rhs_seconds = self._timed_rhs(spec)
-        result = execute(spec, self._interruption, time_limit, self._watcher.tick)
+        watch = self._watches[spec.integrator]
+        result = execute(spec, self._interruption, time_limit, self._watcher.tick, watch)
         result.rhs_seconds = rhs_seconds
         if "compile_seconds" in result.numbers:
             result.numbers["compile_seconds"] += compiled
@@ -217,7 +236,8 @@ class Runner:
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason, numbers=numbers, errors=errors,
-            rhs_seconds=result.rhs_seconds, time_limit=self._time_limit, sources=self._sources,
+            rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
+            time_limit=self._time_limit, sources=self._sources,
         )  # fmt: skip
         kept = self._known[spec.key, repeat] = self._store.add(record)
         return kept
