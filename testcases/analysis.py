@@ -13,6 +13,7 @@ each of the three on (lat, lon), other dimensions of length 1 being ignored, and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,7 @@ import numpy as np
 
 from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.lat_lon import global_spline
 from swe_sphere.planet import EARTH
 
 __all__ = ["Analysis", "read_analysis"]
@@ -32,8 +34,6 @@ METRES = ("m", "metre", "metres", "meter", "meters", "gpm")
 GEOPOTENTIAL = ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2")
 LEAST = 8
 """So many latitudes and longitudes there must be."""
-RIM = 8
-"""Rows and columns repeated beyond the poles and around, for the splines."""
 
 
 @dataclass(frozen=True)
@@ -54,33 +54,13 @@ class Analysis:
 
     def state(self, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         """Eastward wind, northward wind [m s-1] and height [m], by bicubic splines."""
-        around = np.mod(lon - self.lon[0], 2.0 * np.pi) + self.lon[0]
-        u, v, z = (spline.ev(lat, around) for spline in self._splines)
+        u, v, z = (spline(lon, lat) for spline in self._splines)
         return u, v, z
 
     @cached_property
-    def _splines(self) -> list[Any]:
-        from scipy.interpolate import RectBivariateSpline
-
-        lat, lon, _ = self._extended(self.z, 1.0)
-        pairs = ((self.u, -1.0), (self.v, -1.0), (self.z, 1.0))
-        return [RectBivariateSpline(lat, lon, self._extended(f, sign)[2]) for f, sign in pairs]
-
-    def _extended(self, field: Array, sign: float) -> tuple[Array, Array, Array]:
-        """The grid and a field on it, continued over the poles and around.
-
-        Over a pole one goes on along the opposite meridian, where east and north are turned about.
-        """
-        inside = np.abs(self.lat) < np.pi / 2.0 - 1e-9  # a row at the pole itself is not repeated
-        opposite = sign * np.roll(field, len(self.lon) // 2, axis=1)[inside]
-        near = self.lat[inside]
-        lat = np.concatenate(
-            [-np.pi - near[RIM - 1 :: -1], self.lat, np.pi - near[: -RIM - 1 : -1]]
-        )
-        rows = np.concatenate([opposite[RIM - 1 :: -1], field, opposite[: -RIM - 1 : -1]])
-        turn = 2.0 * np.pi
-        lon = np.concatenate([self.lon[-RIM:] - turn, self.lon, self.lon[:RIM] + turn])
-        return lat, lon, np.concatenate([rows[:, -RIM:], rows, rows[:, :RIM]], axis=1)
+    def _splines(self) -> list[Callable[[Array, Array], Array]]:
+        fields = ((self.u, -1.0), (self.v, -1.0), (self.z, 1.0))
+        return [global_spline(self.lat, self.lon, field, 3, sign) for field, sign in fields]
 
 
 def read_analysis(path: Path) -> Analysis:

@@ -1,8 +1,8 @@
-"""Transport by given winds that stir: moving vortices and deformational flow."""
+"""Transport by prescribed winds that stir: moving vortices and deformational flow."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -176,15 +176,11 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
         return -0.8 * _cosine_bells(centres, lon, lat) ** 2 + 0.9
 
     return {
-        "gaussian_hills": _about(centres, _gaussian_hills),
-        "cosine_bells": _about(centres, _cosine_bells),
+        "gaussian_hills": partial(_gaussian_hills, centres),
+        "cosine_bells": partial(_cosine_bells, centres),
         "correlated": correlated,
-        "slotted_cylinders": _about(centres, _slotted_cylinders),
+        "slotted_cylinders": partial(_slotted_cylinders, centres),
     }
-
-
-def _about(centres: Centres, formula: Callable[[Centres, Array, Array], Array]) -> Scalar:
-    return lambda lon, lat: formula(centres, lon, lat)
 
 
 def _gaussian_hills(centres: Centres, lon: Array, lat: Array) -> Array:

@@ -39,7 +39,7 @@ def frame(k: int) -> dict[str, np.ndarray]:
     return {n: np.random.default_rng([k, i]).normal(size=MESH.size) for i, n in enumerate(NAMES)}
 
 
-def memory(k: int) -> dict[str, np.ndarray]:
+def state_dict(k: int) -> dict[str, np.ndarray]:
     """Arrays of a stepper that stood at that frame."""
     return {"state": np.random.default_rng([k, 99]).normal(size=3 * MESH.size), "n": np.array(k)}
 
@@ -56,7 +56,7 @@ def write(path: Path, progress: int, first: int = 0, last: int = FRAMES) -> None
         for k in range(first, last):
             writer.write(60.0 * k, frame(k), numbers(k))
             os.write(progress, b"f")
-            writer.checkpoint(memory(k), 60.0 * k, k, "rk4")
+            writer.checkpoint(state_dict(k), 60.0 * k, k, "rk4")
             os.write(progress, b"c")
             writer.record(60.0 * k + 30.0, numbers(k + 0.5))
         writer.finish({"completed": True, "steps": last})
@@ -113,8 +113,8 @@ def check_checkpoint(path: Path, finished: int) -> None:
     """What was put down last, or was just about to be, comes back to the last bit."""
     found = read_checkpoint(path)
     assert finished <= found.steps + 1 <= finished + 1
-    for name, array in memory(found.steps).items():
-        assert found.memory[name].tobytes() == array.tobytes()
+    for name, array in state_dict(found.steps).items():
+        assert found.state_dict[name].tobytes() == array.tobytes()
 
 
 def examine(path: Path, done: str, found: Counter[str]) -> None:

@@ -197,8 +197,8 @@ def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, st
     run(make_config(asked | {"out": "part.nc"}))
     onwards = asked | {"restart": "part.nc", "days": 0.5}
     run(make_config(onwards | {"out": "rest.nc"}))
-    whole, rest = (read_checkpoint(Path(f"{name}.nc.restart")).memory for name in ("whole", "rest"))
-    assert np.array_equal(whole["state"], rest["state"])
+    whole, rest = (read_checkpoint(Path(f"{name}.nc.restart")) for name in ("whole", "rest"))
+    assert np.array_equal(whole.state_dict["state"], rest.state_dict["state"])
     Path(file).write_text(Path(file).read_text() + "# edited\n")
     with pytest.raises(ConfigError, match=f"^the {what}'s file is not what it was"):
         run(make_config(onwards))

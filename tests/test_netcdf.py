@@ -29,7 +29,7 @@ def frame(mesh, seed):
     return {name: generator.normal(size=mesh.size) for name in NAMES}
 
 
-def memory(size, seed):
+def state_dict(size, seed):
     generator = np.random.default_rng(seed)
     return {
         "state": generator.normal(size=3 * size),
@@ -55,7 +55,7 @@ def written(tmp_path, mesh):
         writer.write(0.0, frame(mesh, 0), {"mass": 1.0, "l2_h": None})
         writer.record(3600.0, {"mass": 1.5})
         writer.write(7200.0, frame(mesh, 1), {"mass": 2.0, "l2_h": 0.5})
-        writer.checkpoint(memory(mesh.size, 1), 7200.0, 24, "bdf2")
+        writer.checkpoint(state_dict(mesh.size, 1), 7200.0, 24, "bdf2")
         writer.finish({"rhs_evaluations": 17, "cuts": ["a", "b"]})
     return path
 
@@ -161,8 +161,8 @@ def test_checkpoint_comes_back_bit_by_bit(written, mesh):
     found = read_checkpoint(written)
     assert (found.time, found.steps, found.stepper) == (7200.0, 24, "bdf2")
     assert found.attributes["scene"] == "x"
-    for name, array in memory(mesh.size, 1).items():
-        back = found.memory[name]
+    for name, array in state_dict(mesh.size, 1).items():
+        back = found.state_dict[name]
         assert (back.dtype, back.shape) == (np.asarray(array).dtype, np.shape(array))
         assert back.tobytes() == np.asarray(array).tobytes()
 
@@ -176,7 +176,7 @@ def test_latest_checkpoint_wins_also_after_the_memory_changed(tmp_path, mesh):
     for place in (path, checkpoint_path(path)):
         found = read_checkpoint(place)
         assert found.steps == 3
-        np.testing.assert_array_equal(found.memory["file"], np.full(9, 3.0))
+        np.testing.assert_array_equal(found.state_dict["file"], np.full(9, 3.0))
 
 
 def test_a_spoilt_checkpoint_is_never_taken_for_a_whole_one(tmp_path, mesh):
@@ -201,7 +201,7 @@ def test_a_spoilt_checkpoint_is_never_taken_for_a_whole_one(tmp_path, mesh):
                 continue
             assert (found.steps, found.time, found.stepper) == (1, 60.0, "rk4")
             for name, array in arrays.items():
-                assert found.memory[name].tobytes() == array.tobytes()
+                assert found.state_dict[name].tobytes() == array.tobytes()
     assert refused > len(whole) // 5
 
 
@@ -298,7 +298,7 @@ def check_kept(path, mesh, frames, checkpoints):
     found = read_checkpoint(path)
     assert found.steps == checkpoints
     state = np.full(8 * run.bottom.size, checkpoints)
-    np.testing.assert_array_equal(found.memory["state"], state)
+    np.testing.assert_array_equal(found.state_dict["state"], state)
     assert sorted(file.name for file in path.parent.iterdir()) == ["run.nc", "run.nc.restart"]
 
 
@@ -370,7 +370,8 @@ def test_a_file_that_others_remove_or_change_is_noticed_at_once(tmp_path, mesh, 
         harm(writer.path)
         arguments = {
             "write": (60.0, frame(mesh, 1)), "record": (60.0, {"mass": 1.0}),
-            "checkpoint": (memory(mesh.size, 1), 60.0, 1, "rk4"), "finish": ({"completed": True},),
+            "checkpoint": (state_dict(mesh.size, 1), 60.0, 1, "rk4"),
+            "finish": ({"completed": True},),
         }  # fmt: skip
         with pytest.raises(RunFailed, match=r"run\.nc was .* while the run") as error:
             getattr(writer, call)(*arguments[call])

@@ -50,7 +50,7 @@ def test_a_vanishing_exact_field_gives_absolute_norms(mesh):
         assert norm(mesh.area, drift, still) == pytest.approx(5e-9)
 
 
-def test_not_a_number_is_not_hidden(mesh):
+def test_nan_is_not_hidden(mesh):
     exact = np.ones(mesh.size)
     broken = np.where(np.arange(mesh.size) == 7, np.nan, exact)
     assert all(np.isnan(norm(mesh.area, broken, exact)) for norm in (l1, l2, linf))

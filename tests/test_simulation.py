@@ -223,8 +223,8 @@ def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
     assert (found.time, found.steps, found.stepper) == (6.0 * HOUR, 12, stepper)
     assert frames.times.tolist() == [0.0, 2.0 * HOUR, 4.0 * HOUR, 6.0 * HOUR]
     fields = np.concatenate([frames.frame()[name] for name in "uvh"])
-    assert np.array_equal(found.memory["state"], fields)
-    assert found.memory["counter_rhs_evaluations"] == summary["rhs_evaluations"]
+    assert np.array_equal(found.state_dict["state"], fields)
+    assert found.state_dict["counter_rhs_evaluations"] == summary["rhs_evaluations"]
     assert found.attributes["run_id"] == frames.attributes["run_id"]
 
 

@@ -33,9 +33,9 @@ ARRAY = "array:"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """The memory of a stepper, where it stood, and the attributes of the run it belongs to."""
+    """The arrays of a stepper, where it stood, and the attributes of the run it belongs to."""
 
-    memory: dict[str, NDArray[np.generic]]
+    state_dict: dict[str, NDArray[np.generic]]
     time: float
     """[s] since the start."""
     steps: int
@@ -53,9 +53,9 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     """Replace the file at the path by this checkpoint, at once or, with an OSError, not at all."""
     names = ("time", "steps", "stepper", "attributes")
     values = {name: getattr(checkpoint, name) for name in names}
-    values[ARRAYS] = [*checkpoint.memory]
+    values[ARRAYS] = [*checkpoint.state_dict]
     header = json.dumps(values, default=lambda numbers: numbers.tolist())
-    arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.memory.items()}
+    arrays: dict[str, Any] = {ARRAY + k: array for k, array in checkpoint.state_dict.items()}
     arrays[HEADER] = np.array(header)
     part = part_of(path)
     try:
@@ -96,8 +96,8 @@ def _read(path: Path) -> Checkpoint:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         values = json.loads(arrays.pop(HEADER).item())
-        memory = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
-        return Checkpoint(memory, **values)
+        state_dict = {name: arrays[ARRAY + name] for name in values.pop(ARRAYS)}
+        return Checkpoint(state_dict, **values)
     except (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, SyntaxError,
             NotImplementedError, zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         raise ConfigError(

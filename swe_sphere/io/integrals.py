@@ -78,7 +78,7 @@ def _potential_enstrophy(mesh: Mesh, absolute: Array | float, h: Array) -> float
 def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
     """Relative changes mass_drift, energy_drift, enstrophy_drift: (X - X0) / X0.
 
-    start, now: what `integrals` returned then and now.  NaN where X0 is zero or not a number.
+    start, now: what `integrals` returned then and now.  NaN where X0 is zero or NaN.
     """
     return {
         name: (now[key] - start[key]) / start[key] if start[key] else float("nan")

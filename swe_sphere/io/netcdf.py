@@ -130,13 +130,13 @@ class FrameWriter:
             self._begun.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(
-        self, memory: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
+        self, state_dict: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
     ) -> None:
         """Put what a bitwise exact restart needs in the place of the checkpoint before.
 
-        memory: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
+        state_dict: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
         """
-        arrays = {name: np.asarray(array) for name, array in memory.items()}
+        arrays = {name: np.asarray(array) for name, array in state_dict.items()}
         checkpoint = Checkpoint(arrays, time, steps, stepper, self._attributes)
         with self._writing():
             write_checkpoint(checkpoint_path(self.path), checkpoint)

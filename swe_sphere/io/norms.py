@@ -58,7 +58,7 @@ def errors(
 ) -> dict[str, float]:
     """Errors of depth and wind on the nodes of a mesh.
 
-    numeric, exact: "h" [m] and, if the wind is to be judged, "u" and "v" [m s-1], each (N,).
+    numeric, exact: "h" [m] and, for errors of the wind, "u" and "v" [m s-1], each (N,).
     With bottom (N,) [m] the heights compared are those of the free surface, h + bottom.
     Returns l1_h, l2_h, linf_h and, where both have a wind, l1_v, l2_v, linf_v.
     """

@@ -46,7 +46,7 @@ class Panel:
 
 
 def panels(run: RunFile) -> list[Panel]:
-    """The panels that the series in a file allow, at least two moments long: two, one or none."""
+    """The panels that the series in a file allow, of two samples at least: two, one or none."""
     times, series = run.series()
     found = (
         Panel("relative error", times, _errors(series)),

@@ -10,14 +10,15 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import attributes, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
+from swe_sphere.lat_lon import global_spline
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
+from swe_sphere.sphere import frame
 
 __all__ = ["Reference", "latitude_weights", "reference_errors", "shipped_reference"]
 
@@ -26,10 +27,6 @@ Array = NDArray[np.float64]
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
          "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip
 """Our name of each field and that of the variable (lat, lon)."""
-
-RIM = 8
-"""Rows and columns repeated around the grid, so that the spline knows no edges."""
-
 
 SHIPPED = Path(__file__).parents[1] / "data"
 """Where the references lie that come with the package; each says in its attributes what it is."""
@@ -117,33 +114,17 @@ class Reference:
         """A field at any points lon, lat (P,) [rad], by a quintic spline through the grid."""
         if field not in ("u", "v", "speed", "wind"):
             return self._spline(self.values(field), lon, lat)
-        east, north = _frame(*self.points)
-        u, v = self.values("wind")
-        cartesian = np.stack([self._spline(w, lon, lat) for w in u * east + v * north])
-        u, v = (np.sum(cartesian * unit, axis=0) for unit in _frame(lon, lat))
+        u, v = self.values("wind")[..., None]
+        east, north = frame(*self.points)
+        components = (u * east + v * north).T
+        cartesian = np.stack([self._spline(w, lon, lat) for w in components], axis=-1)
+        u, v = (np.sum(cartesian * unit, axis=-1) for unit in frame(lon, lat))
         return derive({"u": u, "v": v}, field)
 
     def _spline(self, values: Array, lon: Array, lat: Array) -> Array:
-        """A smooth scalar (M K,) at lon, lat; the grid goes on beyond the poles and round."""
-        rows = np.argsort(self.lat)
-        start = self.lon[0]
-        grid = values.reshape(self.lat.size, self.lon.size)[rows]
-        beyond = np.roll(grid, self.lon.size // 2, axis=1)
-        grid = np.vstack([beyond[RIM - 1 :: -1], grid, beyond[: -RIM - 1 : -1]])
-        grid = np.hstack([grid[:, -RIM:], grid, grid[:, :RIM]])
-        y = self.lat[rows]
-        y = np.concatenate([-np.pi - y[RIM - 1 :: -1], y, np.pi - y[: -RIM - 1 : -1]])
-        x = 2.0 * np.pi / self.lon.size * np.arange(-RIM, self.lon.size + RIM)
-        spline = RectBivariateSpline(y, x, grid, kx=5, ky=5)
-        found: Array = spline.ev(lat, (lon - start) % (2.0 * np.pi))
-        return found
-
-
-def _frame(lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Unit vectors (3, P) east and north."""
-    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros_like(lon)])
-    north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
-    return east, north
+        """A smooth scalar (M K,) at lon, lat."""
+        grid = values.reshape(self.lat.size, self.lon.size)
+        return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
 
 
 def _fields(dataset: netCDF4.Dataset) -> dict[str, Array]:

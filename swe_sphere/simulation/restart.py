@@ -114,11 +114,10 @@ def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
 
 
 def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
-    """Take the counters of the run so far out of the checkpoint's memory."""
-    names = [name for name in checkpoint.memory if name.startswith(COUNTER)]
-    return {
-        name.removeprefix(COUNTER): np.asarray(checkpoint.memory.pop(name)).item() for name in names
-    }
+    """Take the counters of the run so far out of the checkpoint's arrays."""
+    arrays = checkpoint.state_dict
+    names = [name for name in arrays if name.startswith(COUNTER)]
+    return {name.removeprefix(COUNTER): np.asarray(arrays.pop(name)).item() for name in names}
 
 
 def _stored(path: Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:

@@ -147,7 +147,7 @@ class Simulation(Observed):
             self._stepper = stepper = supplied.instance or self._new_stepper(dt)
             if checkpoint is not None:
                 self._carried = carried_counts(checkpoint)
-                stepper.load_state_dict(checkpoint.memory, checkpoint.steps)
+                stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
             elif stepper.steps == 0:
                 stepper.start(state)
 
