@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -9,12 +10,15 @@ import numpy as np
 import pytest
 from support import random_state, relative, tangent, tendency
 
+from swe_sphere.cli.main import main
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import read_checkpoint
+from swe_sphere.io.runfile import open_run
 from swe_sphere.mesh import build_mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.run import run
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
@@ -22,11 +26,18 @@ from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.testcases import get_scene
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 EXAMPLES = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", PAGE, re.DOTALL))
 SMALL = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.25, "dt": 1800.0}
 BASE = "from swe_sphere.steppers import Stepper\nclass A(Stepper):\n    name, order = 'a', 1\n"
 RK = "from swe_sphere.steppers.runge_kutta import RungeKutta\n"
 EULER = "class {0}(RungeKutta):\n    name, order, a, b = '{1}', 1, (), (1.0,)\n"
+
+
+@pytest.fixture(autouse=True)
+def no_diagnostics_are_left():
+    yield
+    DIAGNOSTICS.clear()
 
 
 @pytest.fixture
@@ -227,3 +238,36 @@ def test_a_restart_with_an_edited_effect_is_refused(here) -> None:
     Path("friction.py").write_text(EXAMPLES["friction.py"].replace("-rate * u", "-2.0 * rate * u"))
     with pytest.raises(ConfigError, match=r"^the scene's file is not what it was"):
         run(make_config(asked | {"restart": "part.nc", "days": 0.5}))
+
+
+# --- diagnostics and callbacks
+
+
+def test_the_diagnostics_of_the_page_appear_in_the_file(here, capsys):
+    options = ["--ne=2", "--np=4", "--days=0.1", "--dt=1800", "--out=jet.nc", "--json"]
+    with pytest.raises(SystemExit, match="0"):
+        main(["run", "galewsky", "--diagnostics", "eddies.py", *options])
+    data, told = open_run("jet.nc"), json.loads(capsys.readouterr().out)
+    assert told["eddy_energy"] == pytest.approx(np.average(
+        0.5 * data.v.values[-1] ** 2, weights=data.area
+    ))  # fmt: skip
+    assert data.eddy_energy.units == "m2 s-2"
+    assert data.potential_vorticity.dims == ("time", "node")
+    assert float(np.average(data.potential_vorticity[0] * data.h[0], weights=data.area)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("x = 1\n", "defines no diagnostic"), ("x = = 1\n", "SyntaxError"),
+     (None, "no diagnostic file")],
+)
+def test_files_without_diagnostics_are_one_line(here, text, word):
+    if text is not None:
+        Path("mine.py").write_text(text)
+    with pytest.raises(ConfigError, match=word):
+        run(make_config(SMALL | {"diagnostics": ["mine.py"]}))
+
+
+def test_the_callback_of_the_page_is_called():
+    callback = next(block for block in BLOCKS if "callbacks=[follow]" in block)
+    exec(callback, {})

@@ -5,6 +5,7 @@ import textwrap
 from pathlib import Path
 from types import SimpleNamespace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
@@ -27,9 +28,14 @@ def test_the_scene_runs_and_stays_in_balance(tmp_path):
     assert run(config)["l2_h"] < 1e-3
 
 
-def test_the_script_runs(capsys):
-    exec(SCRIPT.replace('"days": 5.0', '"days": 0.5'), {})
-    assert 0.0 < float(capsys.readouterr().out) < 1e-4
+def test_the_script_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    mpl.use("Agg")
+    found: dict = {}
+    exec(SCRIPT.replace("ne=8", "ne=4"), found)
+    drift, vorticity = (float(word) for word in capsys.readouterr().out.split())
+    assert abs(drift) < 1e-3 and 5e-5 < vorticity < 3e-4
+    assert found["frames"].h.sizes["time"] == 3
 
 
 def test_the_configuration_file_is_valid(tmp_path):

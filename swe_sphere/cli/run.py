@@ -93,6 +93,10 @@ def run(
             " the stepper (stepper.tolerance=1e-4); repeatable.",
         ),
     ] = None,
+    diagnostics: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE.py", help="Diagnostics of your own, in a file; repeatable."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE.nc", help="Write frames here.")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace that file if it is there already.")

@@ -114,6 +114,8 @@ class RunConfig(BaseModel):
     """Shape of kernel launches: a thread for each element or for each node."""
     settings: tuple[str, ...] = ()
     """"effect.parameter=value", "scene.parameter=value" and "stepper.option=value"."""
+    diagnostics: tuple[FileName, ...] = ()
+    """Python files with diagnostics of the user's own: see `simulation.diagnostics`."""
     out: FileName | None = None
     overwrite: bool = False
     """Replace the file `out` if it is there already."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
@@ -12,11 +13,14 @@ from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Array, Fields
+from swe_sphere.user_file import load_file
 
 if TYPE_CHECKING:
     from swe_sphere.simulation.running import Running
 
-__all__ = ["DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget"]
+__all__ = [
+    "DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget", "load_diagnostics",
+]  # fmt: skip
 
 Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)
@@ -104,6 +108,18 @@ def diagnostic_of(
     words = (function.__doc__ or called).strip().splitlines()[0]
     DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)
     return DIAGNOSTICS[called]
+
+
+def load_diagnostics(path: Path) -> None:
+    """Register the diagnostics that a Python file defines.
+
+    Raises:
+        ConfigError: no such file, a file that fails, or one without a diagnostic.
+    """
+    before = dict(DIAGNOSTICS)
+    load_file(path, "diagnostic")
+    if before == DIAGNOSTICS:
+        raise ConfigError(f"{path} defines no diagnostic: put @diagnostic above a function in it")
 
 
 def forget(name: str) -> None:

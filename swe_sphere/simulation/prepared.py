@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from swe_sphere.equations.scene import Scene
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.diagnostics import load_diagnostics
 from swe_sphere.simulation.evaluator import ReferenceErrors
 from swe_sphere.simulation.output import check_out
 from swe_sphere.simulation.restart import adopt, check_identity, code_warnings, read_restart
@@ -52,6 +53,8 @@ class Prepared:
         if checkpoint is not None:
             check_identity(config, checkpoint, identity(config, self.scene, self.mesh))
         self._reference = self._read_reference()
+        for path in config.diagnostics:
+            load_diagnostics(path)
         self.options: dict[str, Any] = {}
         """What the stepper is built with, by names."""
         if supplied.instance is None:
