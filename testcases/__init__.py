@@ -21,8 +21,13 @@ from swe_sphere.testcases.parameters import SceneFactory
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
 from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.turbulence import turbulence
-from swe_sphere.testcases.williamson import williamson1, williamson2, williamson5, williamson6
-from swe_sphere.testcases.williamson3 import williamson3
+from swe_sphere.testcases.williamson import (
+    williamson1,
+    williamson2,
+    williamson3,
+    williamson5,
+    williamson6,
+)  # fmt: skip
 from swe_sphere.testcases.williamson4 import williamson4
 from swe_sphere.testcases.williamson7 import williamson7
 

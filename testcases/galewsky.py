@@ -11,18 +11,16 @@ from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.formulas import coriolis, wrapped
-from swe_sphere.testcases.zonal import ZonalBalance
+from swe_sphere.testcases.zonal import ZonalJet
 
 __all__ = ["galewsky"]
 
 PAPER = "Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, doi:10.3402/tellusa.v56i5.14436"
 SOUTH_POLE_DEPTH = 10158.18617045462
 """Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""
-SPEED = 80.0
-"""Speed of the jet at 45°N [m s-1]."""
-SOUTH = np.pi / 7.0
-NORTH = np.pi / 2.0 - SOUTH
-"""The jet blows between these latitudes [rad]."""
+NORTH = np.pi / 2.0 - np.pi / 7.0
+JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=NORTH)
+"""The jet at 45°N (eq. 2)."""
 
 
 def galewsky(perturbed: bool = True) -> Scene:
@@ -41,8 +39,8 @@ def galewsky(perturbed: bool = True) -> Scene:
     """
 
     def balanced(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = SOUTH_POLE_DEPTH - BALANCE.drop(lat) / EARTH.gravity
-        return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
+        depth = SOUTH_POLE_DEPTH - JET.balance.drop(lat) / EARTH.gravity
+        return JET(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, depth = balanced(lon, lat, 0.0)
@@ -64,19 +62,8 @@ def galewsky(perturbed: bool = True) -> Scene:
     )
 
 
-def jet(lat: Array) -> Array:
-    """Eastward wind [m s-1] at the latitude [rad] (eq. 2)."""
-    inside = (lat > SOUTH) & (lat < NORTH)
-    within = np.where(inside, (lat - SOUTH) * (lat - NORTH), -1.0)
-    return np.where(inside, SPEED * np.exp(1.0 / within + 4.0 / (NORTH - SOUTH) ** 2), 0.0)
-
-
 def bump(lon: Array, lat: Array) -> Array:
     """The perturbation of depth [m] (eq. 4)."""
     across = np.exp(-((3.0 * wrapped(lon)) ** 2))
     h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
     return h
-
-
-BALANCE = ZonalBalance(jet, SOUTH, NORTH)
-"""Depth in balance with the jet (eq. 3)."""

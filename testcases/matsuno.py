@@ -127,9 +127,8 @@ class Mode:
 
 def _hermite(n: int, y: Array) -> tuple[Array, Array, Array]:
     """Normalised Hermite functions of orders n - 1, n and n + 1, n ≥ 1."""
-    functions = [np.pi**-0.25 * np.exp(-0.5 * y**2)]
-    functions.append(np.sqrt(2.0) * y * functions[0])
-    for m in range(2, n + 2):
-        new = np.sqrt(2.0 / m) * y * functions[-1] - np.sqrt((m - 1) / m) * functions[-2]
-        functions.append(new)
-    return functions[n - 1], functions[n], functions[n + 1]
+    functions = [0.0 * y, np.pi**-0.25 * np.exp(-0.5 * y**2)]
+    for m in range(n + 1):
+        up = y * functions[-1] - np.sqrt(m / 2.0) * functions[-2]
+        functions.append(np.sqrt(2.0 / (m + 1)) * up)
+    return functions[n], functions[n + 1], functions[n + 2]

@@ -12,14 +12,17 @@ from swe_sphere.equations.scene import Array, Scene, Wind
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.sphere import angle, position
 from swe_sphere.testcases.formulas import cone, coriolis, solid_body, tilted_latitude, turned
+from swe_sphere.testcases.zonal import ZonalJet
 
-__all__ = ["williamson1", "williamson2", "williamson5", "williamson6"]
+__all__ = ["williamson1", "williamson2", "williamson3", "williamson5", "williamson6"]
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 TURN = 12.0 * DAY
 """Time in which the solid-body flow goes once around the planet [s]."""
 SPEED = 2.0 * np.pi * EARTH.radius / TURN
 """Speed of the solid-body flow at its equator [m s-1]."""
+JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
+"""The jet of case 3, at latitudes of its own axis; 0.3 is x_e of the paper."""
 
 
 def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
@@ -87,6 +90,46 @@ def williamson2(alpha: float = 0.0) -> Scene:
         ne=16,
         np=4,
         dt=600.0,
+        days=5.0,
+    )
+
+
+def williamson3(alpha: float = 0.0) -> Scene:
+    """Steady jet of compact support in geostrophic balance (exact).
+
+    Case 3. With θ' the latitude above the equator of the axis tilted by α, x = 0.3 (θ' + π/6) /
+    (2π/3) and b(x) = exp(-1/x) for x > 0, 0 elsewhere,
+
+        u' = u0 b(x) b(0.3 - x) exp(4/0.3),  g h = g h0 - ∫ (2 Ω a sin θ' + u' tan θ') u' dθ'
+
+    The largest wind, u0 = 2 π a / 12 days, is at θ' = π/6. Infinitely smooth, but not analytic at
+    the rims of the jet: spectral convergence sets in late.
+
+    Args:
+        alpha: tilt of the axis of flow and of rotation [rad]; 0 and π/3 in the paper.
+    """
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        sine = np.clip(tilted_latitude(lon, lat, alpha), -1.0, 1.0)
+        east, north = solid_body(lon, lat, alpha)
+        around = np.hypot(east, north)  # cosine of the tilted latitude
+        latitude = np.arctan2(sine, around)
+        turning = JET(latitude) / np.where(around > 0.0, around, 1.0)
+        depth = (2.94e4 - JET.balance.drop(latitude)) / EARTH.gravity
+        return turning * east, turning * north, depth
+
+    return Scene(
+        name="williamson3",
+        title="steady jet of compact support",
+        reference=f"{PAPER}, case 3",
+        effects=(*DYNAMICS, Rotation()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
+        report="l1, l2, linf of h and of the wind after 5 days",
+        ne=8,
+        np=8,
+        dt=300.0,
         days=5.0,
     )
 

@@ -1,4 +1,4 @@
-"""Depth in balance with a zonal wind u(θ), by integration from the south pole."""
+"""Zonal winds u(θ) of compact support, and depths in balance with a zonal wind."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = ["ZonalBalance"]
+__all__ = ["ZonalBalance", "ZonalJet"]
 
 PANELS = 128
 POINTS = 8
@@ -63,3 +63,33 @@ class ZonalBalance:
         """Edges of the panels [rad] and the integral from the southern rim to each."""
         edges = np.linspace(self.south, self.north, PANELS + 1)
         return edges, np.concatenate([[0.0], np.cumsum(self._integral(edges[:-1], edges[1:]))])
+
+
+@dataclass(frozen=True)
+class ZonalJet:
+    """A wind between two latitudes, infinitely smooth but not analytic at its rims.
+
+    u(θ) = u0 exp(s (4/w² - 1/((θ - θ0)(θ1 - θ)))) for θ0 < θ < θ1, w = θ1 - θ0; zero elsewhere.
+
+    Args:
+        speed: u0 [m s-1], the largest wind, halfway.
+        south, north: θ0 and θ1 [rad].
+        sharpness: s [rad2].
+    """
+
+    speed: float
+    south: float
+    north: float
+    sharpness: float = 1.0
+
+    def __call__(self, lat: Array) -> Array:
+        """Wind [m s-1] at latitudes [rad]."""
+        inside = (lat > self.south) & (lat < self.north)
+        within = np.where(inside, (lat - self.south) * (self.north - lat), 1.0)
+        shape = np.exp(self.sharpness * (4.0 / (self.north - self.south) ** 2 - 1.0 / within))
+        return np.where(inside, self.speed * shape, 0.0)
+
+    @cached_property
+    def balance(self) -> ZonalBalance:
+        """Depth in balance with the wind."""
+        return ZonalBalance(self, self.south, self.north)
