@@ -93,3 +93,43 @@ def test_a_target_of_the_slow_flow_is_that_of_potential_vorticity():
     tried = found.isel(run=found.role.values == "target")
     slow = tried.error.sel(kind="slow", field="vorticity", norm="l2").isel(report_day=-1).values
     assert slow.min() <= 1e-4
+
+
+RALSTON = """
+from swe_sphere.steppers.runge_kutta import RungeKutta
+
+
+class Ralston(RungeKutta):
+    \"\"\"Third order, three stages.\"\"\"
+
+    name, order = "ralston-of-test", 3
+    a = ((1 / 2,), (0, 3 / 4))
+    b = (2 / 9, 1 / 3, 4 / 9)
+"""
+
+
+def test_an_edited_file_of_a_stepper_has_its_own_runs_made_again_and_no_others(tmp_path):
+    file, options = tmp_path / "ralston.py", TINY | {"out": tmp_path / "d"}
+    file.write_text(RALSTON)
+    first = sweep("lauter", ["rk4", file], **options)
+    assert "ralston-of-test" in first.stepper.values
+    file.write_text(RALSTON + "\n# edited\n")
+    second = sweep("lauter", ["rk4", file], **options)
+    assert len(runs_of(tmp_path / "d").records) == first.sizes["run"] + 1
+    assert_same_rows(second, first)
+    file.write_text(RALSTON)  # as it was
+    sweep("lauter", ["rk4", str(file)], **options)
+    assert len(runs_of(tmp_path / "d").records) == first.sizes["run"] + 1
+    sweep("lauter", "rk4", **options)
+    assert len(runs_of(tmp_path / "d").records) == first.sizes["run"] + 1
+
+
+def test_modelled_times_are_counted_work_at_its_price():
+    options = TINY | {"repeats": 3, "days": 1.0, "dt": [1800, 900]}
+    found = sweep("lauter", ["rk4", "tr-bdf2"], **options)
+    grid = found.isel(run=found.role.values == "grid")
+    for stepper in ("rk4", "tr-bdf2"):
+        long, short = grid.isel(run=grid.stepper.values == stepper).modelled_seconds.values
+        assert 0.0 < long < short
+    refused = sweep("lauter", "rk4", **TINY | {"dt": [1e6]})
+    assert np.isnan(refused.modelled_seconds.values[refused.status.values == "refused"]).all()

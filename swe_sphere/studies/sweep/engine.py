@@ -28,6 +28,7 @@ from swe_sphere.studies.sweep.references import ReferenceRuns, choose_reference,
 from swe_sphere.studies.sweep.runner import Runner
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, integrators
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
+from swe_sphere.studies.sweep.users_code import users_methods
 
 __all__ = ["Sweep"]
 
@@ -63,13 +64,12 @@ class Sweep:
         total = choose_reference(
             scene, self._schedule.report_days, plan.reference, plan.finer, max(self._spaces.ne)
         )
-        self._sources = sweep_sources(plan, scene, own, total)
+        common = sweep_sources(plan, scene, own, total)
+        self._sources = common | users_methods(plan.steppers, plan.preconditioner)
         self._store = runs_of(folder)
         self._note_plan(folder, header_of(plan, scene, self._sources))
         self._interruption = Interruption()
-        self._runner = Runner(
-            self._store, self._sources, self._interruption, watcher, plan.time_limit
-        )
+        self._runner = Runner(self._store, common, self._interruption, watcher, plan.time_limit)
         runs = ReferenceRuns(self._runner, folder / CONVERGED, self._schedule, total.name)
         self._evaluator = Evaluator(plan, self._spaces, total, runs)
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
-from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -177,8 +177,7 @@ def check_plan(plan: SweepPlan, own: Scene | None) -> None:
     for name in (*plan.steppers, plan.converged_stepper):
         get_stepper(name)
     for name in plan.preconditioner:
-        if name not in PRECONDITIONERS:
-            raise unknown_name("preconditioner", name, PRECONDITIONERS)
+        PRECONDITIONERS.find(name)
     for ne in plan.ne or (scene.ne,):
         for points in plan.np or (scene.np,):
             make_mesh(plan.run_config(ne=ne, np=points), scene)

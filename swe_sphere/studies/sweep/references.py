@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,6 +25,7 @@ from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
 from swe_sphere.studies.sweep.runspec import RunSpec, Schedule
+from swe_sphere.studies.sweep.users_code import users_fingerprint
 
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
@@ -43,8 +42,6 @@ SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
 """Solutions that come with the package: the scene and the settings of each."""
 
 CODE = "the code of swe_sphere"
-SESSION = uuid.uuid4().hex
-"""In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
 
 @dataclass(frozen=True)
@@ -77,27 +74,12 @@ class TotalReference:
 def sweep_sources(
     plan: SweepPlan, scene: Scene, own: Scene | None, total: TotalReference
 ) -> dict[str, str]:
-    """Fingerprints of all that the rows of a sweep are made of but its settings, by what it is.
+    """Fingerprints of all that every row of a sweep is made of but its settings, by what it is.
 
     own: the scene, where it was given as an object.
     """
-    from swe_sphere.steppers import get_stepper
-
-    kinds = {f"the stepper {name}": get_stepper(name) for name in plan.steppers}
-    mine = {what: kind for what, kind in kinds.items() if not _of_package(kind)}
     found = {CODE: code_fingerprint(), **scene_sources(plan.scene, scene), **total.sources}
-    found |= {what: _code(kind) for what, kind in mine.items()}
-    return found if own is None else found | {"the scene": _code(own.initial)}
-
-
-def _of_package(kind: type) -> bool:
-    return kind.__module__.startswith("swe_sphere.")
-
-
-def _code(item: object) -> str:
-    """The contents of the file that a function or class stands in, as a fingerprint."""
-    file = getattr(sys.modules.get(item.__module__), "__file__", None)
-    return SESSION if file is None else file_fingerprint(Path(file))
+    return found if own is None else found | {"the scene": users_fingerprint(own.initial)}
 
 
 def choose_reference(

@@ -167,7 +167,7 @@ EVERY = 2.0
 class Runner:
     """Makes runs; every one ends as a record in the store before the next begins.
 
-    sources: of what the runs are made; records of others are not known here.
+    sources: of what all runs are made; records of others are not known here.
     """
 
     def __init__(
@@ -237,7 +237,7 @@ class Runner:
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason, numbers=numbers, errors=errors,
             rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
-            time_limit=self._time_limit, sources=self._sources,
+            time_limit=self._time_limit, sources=self._sources | spec.sources,
         )  # fmt: skip
         kept = self._known[spec.key, repeat] = self._store.add(record)
         return kept

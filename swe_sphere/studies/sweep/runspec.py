@@ -18,6 +18,8 @@ from swe_sphere.simulation.plan import TimePlan, time_plan
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.steps import dt_sequence
+from swe_sphere.studies.sweep.users_code import users_methods
+from swe_sphere.user_file import is_user_file
 
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
@@ -109,7 +111,7 @@ class RunSpec:
         """Name of all settings, files and code that matter for the result."""
         return fingerprint([
             self.space.identity, self.config.stepper, self._options, repr(self.dt),
-            self.config.days, self.report_days, self.references,
+            self.config.days, self.report_days, self.references, self.sources,
         ])  # fmt: skip
 
     @cached_property
@@ -120,11 +122,21 @@ class RunSpec:
         except ConfigError:
             return {"preconditioner": self.config.preconditioner}
 
+    @cached_property
+    def sources(self) -> dict[str, str]:
+        """Fingerprints of the stepper and the preconditioner, where they are the user's own."""
+        chosen = self.config.preconditioner
+        return users_methods([self.config.stepper], [chosen] if chosen else [])
+
     @property
     def resolved(self) -> RunConfig:
-        """The configuration with the preconditioner that is the default of the stepper."""
-        chosen = None if self.refusal else self._options.get("preconditioner")
-        return self.config.model_copy(update={"preconditioner": chosen}) if chosen else self.config
+        """The configuration with the stepper of a file by name, and with its preconditioner."""
+        from swe_sphere.steppers import get_stepper
+
+        stepper, chosen = self.config.stepper, self._options.get("preconditioner")
+        named = get_stepper(stepper).name if is_user_file(stepper) else stepper
+        asked = self.config.preconditioner if self.refusal or not chosen else chosen
+        return self.config.model_copy(update={"stepper": named, "preconditioner": asked})
 
     def report_steps(self) -> dict[int, float]:
         """The report days by the steps after which they come."""
