@@ -1,7 +1,6 @@
 """Sweeps as they run: rows, errors, failures, interruption, searches."""
 
 import json
-import math
 import os
 import random
 import signal
@@ -17,7 +16,6 @@ from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.answer import best_kind, cheapest, settings
 from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.evaluator import slow_errors
@@ -391,16 +389,15 @@ def test_a_search_finds_the_longest_step_that_is_good_enough():
     target = 1e-4
     dataset = sweep("lauter", ["rk4", "esdirk4"], target_error=target, target_kind="time",
                     ne=2, np=4, days=0.5, repeats=2)  # fmt: skip
-    found = settings(dataset)
-    best = cheapest(found, target, "time")
-    assert {setting.stepper for setting in best} == {"rk4", "esdirk4"}
-    assert best == sorted(best, key=lambda setting: setting.wall)
+    tried = rows(dataset, role="target")
     for name in ("rk4", "esdirk4"):
-        mine = [setting for setting in found if setting.stepper == name]
-        good = [s.dt for s in mine if s.errors["time"] <= target]
-        bad = [s.dt for s in mine if s.errors["time"] > target]
+        mine = rows(tried, stepper=name)
+        good = last(mine, "time") <= target
+        longest, shortest = mine["dt"].values[good].max(), mine["dt"].values[~good].min(initial=1e9)
         # steps meet the end, which leaves gaps between the longest of them
-        assert not bad or max(good) < min(bad) <= 1.25 * max(good)
+        assert longest < shortest and (good.all() or shortest <= 1.25 * longest)
+        timed = np.isfinite(mine["wall"].isel(repeat=1).values)
+        assert timed[good].any() and not timed[~good].any()
 
 
 def test_a_search_says_when_there_is_no_such_step():
@@ -409,6 +406,5 @@ def test_a_search_says_when_there_is_no_such_step():
     watcher.note = notes.append
     dataset = sweep("lauter", "rk4", target_error=1e-9, watcher=watcher, **TINY)
     assert "the error stays at" in notes[0]
-    found = settings(dataset)
-    assert cheapest(found, 1e-9, best_kind(found)) == []
-    assert all(math.isfinite(setting.errors["total"]) for setting in found)
+    errors = last(rows(dataset, role="target"), "total")
+    assert np.isfinite(errors).all() and (errors > 1e-9).all()

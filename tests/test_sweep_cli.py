@@ -75,8 +75,8 @@ def test_scenes_of_a_recipe_share_a_page_too(swe, tmp_path):
 def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):
     status, out, err = swe("lauter", "--steppers", "rk4,bdf2", "--dt", "3600,1800", *TINY)
     assert (status, err) == (0, "")
-    assert len(re.findall(r"^ rk4 +3600 .* \d\.\de-\d .*%", out, re.MULTILINE)) == 1
-    assert len(re.findall(r"^ bdf2 +\d+ +\d", out, re.MULTILINE)) == 2
+    assert len(re.findall(r"^ rk4 .* 3600 s, .* s, \d\.\de-\d", out, re.MULTILINE)) == 1
+    assert len(re.findall(r"^ bdf2 .* 1800 s, .* s, \d\.\de-\d", out, re.MULTILINE)) == 1
     assert re.search(r"^ stepper +≤ .* smallest error", out, re.MULTILINE)
     assert re.search(r"^Cheapest to l2\(h\) ≤ .* of modelled time", out, re.MULTILINE)
     assert out.endswith("d/index.html\n")
@@ -89,19 +89,20 @@ def test_meshes_and_solvers_are_told_apart(swe):
     options = ("--preconditioner", "none,helmholtz", "--precision", "float64,float32")
     status, out, _ = swe("lauter", "--steppers", "bdf2", "--dt", "7200", *TINY, *options)
     assert status == 0
-    for solver in ("none", "helmholtz"):
+    assert "on lauter, ne2 np4" in out
+    for solver in ("no preconditioner", "helmholtz"):
         for precision in ("float64", "float32"):
-            assert re.search(f"bdf2 +{solver} +ne2 np4 {precision} ", out), (solver, precision)
+            assert f"\n bdf2, {solver}, {precision} " in out, (solver, precision)
 
 
 def test_a_search_prints_the_cheapest_of_each_stepper(swe):
     search = ("--target-error", 1e-3, "--target-field", "v", "--target-kind", "time")
     status, out, err = swe("lauter", "--steppers", "rk4,bdf2", *TINY, *search)
     assert (status, err) == (0, "")
-    assert "cheapest ways to a time error l2(v) of 0.001" in out
+    assert out.startswith("Cheapest to l2(v) ≤ 1e-3 (time error, day 0.5) on lauter, ne2 np4: ")
     assert all(len(re.findall(f"^ {name} ", out, re.MULTILINE)) == 1 for name in ("rk4", "bdf2"))
     status, out, err = swe("lauter", "--steppers", "rk4", *TINY, "--target-error", 1e-9)
-    assert status == 0 and "no stepper reaches a total error l2(h) of 1e-09" in out
+    assert status == 0 and "No run on lauter, ne2 np4 reaches an error of 1e-9" in out
     assert err.startswith("rk4, ne2 np4 float64: the error stays at")
 
 
@@ -115,7 +116,7 @@ def test_failed_runs_are_told_below_the_table(swe):
     unstable = ("--steppers", "rk4", "--dt", "21600", "--days", "10")
     status, out, err = swe("williamson2", *TINY, *unstable)
     assert (status, err) == (1, "")
-    assert re.search(r"rk4 +21600 .* unstable", out)
+    assert out.startswith("williamson2: no run has an error that could be compared\nrk4, unstable:")
     assert "is NaN at day" in out or "the depth is negative" in out
 
 
@@ -138,7 +139,9 @@ def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
     )
     recipe = ("--recipe", "two.toml", "--ne", 2, "--np", 4, "--days", 0.5, "--out", "d")
     status, out, _ = swe(*recipe)
-    assert status == 0 and "williamson2: errors" in out and "lauter: errors" in out
+    assert (
+        status == 0 and "on williamson2, ne2 np4: rk4" in out and "on lauter, ne2 np4: rk4" in out
+    )
     for scene in ("williamson2", "lauter"):
         runs = runs_of(tmp_path / "d" / scene).records
         assert {run.numbers["days"] for run in runs} == {0.5}

@@ -9,28 +9,21 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
-from swe_sphere.studies.sweep.answer import Setting, best_kind, cheapest, settings
 
 if TYPE_CHECKING:
     import xarray as xr
     from rich.progress import Progress
     from rich.table import Table
 
+    from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.record import RunRecord
     from swe_sphere.studies.sweep.runspec import RunSpec
 
 __all__ = ["SweepTerminal", "show_sweep"]
 
 
-HEADS = (
-    "stepper", "solver", "mesh", "dt [s]", "/ limit", "time", "total", "slow", "seconds", "±",
-    "Krylov",
-)  # fmt: skip
-WIDE = 120
+WIDE = 160
 """Columns of the screen where there is none."""
-WORDS = ("stepper", "solver", "mesh")
-OPTIONAL = ("solver", "mesh", "total", "slow", "Krylov")
-"""Columns that are left out where all rows have the same in them."""
 
 
 class SweepTerminal(SweepWatcher):
@@ -88,97 +81,66 @@ class SweepTerminal(SweepWatcher):
 
 
 def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
-    """The runs as a table; of a search for an error the cheapest setting of each stepper."""
+    """Who reaches which error at which cost, mesh by mesh, and how runs failed.
+
+    search: of one for an error, what was asked for.
+    """
     from rich.console import Console
+
+    from swe_sphere.studies.report import sweep_rankings
 
     console = Console(markup=False, highlight=False)
     if not console.is_terminal:
         console.width = WIDE
-    if search is None:
-        found = settings(dataset)
-        title = f"{dataset.attrs['scene']}: errors l2(h), in time and in total, and what they cost"
-        console.print(title, _table(found), sep="\n")
-    else:
-        found = settings(dataset, search.target_field, search.target_norm)
-        _show_answer(console, search, found)
-    for reason, count in Counter(s.reason for s in found if s.reason).items():
-        console.print(f"{count} × {reason}" if count > 1 else reason, soft_wrap=True)
-    if search is None:
-        _show_rankings(console, dataset)
+    found = sweep_rankings(dataset) if search is None else _searched(dataset, search)
+    for ranking in found:
+        console.print(ranking.headline, soft_wrap=True)
+        if any(ranking.winners(i) for i in range(len(ranking.targets))):
+            console.print(_table(ranking))
+    if found:
+        console.print(found[-1].caption, soft_wrap=True)
+    if not found:
+        console.print(f"{dataset.attrs['scene']}: no run has an error that could be compared")
+    columns = (dataset[name].values for name in ("stepper", "status", "reason"))
+    failures = Counter(words for words in zip(*columns, strict=True) if words[-1])
+    for (stepper, status, reason), count in failures.items():
+        times = f"{count} × " if count > 1 else ""
+        console.print(f"{times}{stepper}, {status}: {reason}", soft_wrap=True)
 
 
-def _show_rankings(console: Any, dataset: xr.Dataset) -> None:
-    """Which stepper reaches which error at the least cost: the table and the sentence."""
+def _searched(dataset: xr.Dataset, search: SweepPlan) -> list[Ranking]:
+    """Rankings by the error that was searched for, one for each mesh."""
+    from swe_sphere.studies.report.answer import rankings
+    from swe_sphere.studies.report.rows import Metric, read_rows
+
+    rows = [row for row in read_rows(dataset) if row.role == "target"]
+    day, kind = float(dataset["report_day"].values[-1]), search.target_kind
+    total = dataset["error"].sel(kind="total", field=search.target_field)
+    if kind == "auto":
+        kind = "total" if bool(total.notnull().any()) else "time"
+    field = "vorticity" if kind == "slow" else search.target_field
+    metric = Metric(kind, field, search.target_norm, day)
+    meshes = dict.fromkeys(row.mesh for row in rows)
+    return [
+        ranking
+        for mesh in meshes
+        for ranking in rankings(
+            [row for row in rows if row.mesh == mesh], [metric], f"{search.scene}, {mesh}",
+            levels=[search.target_error or math.inf],
+        )
+    ]  # fmt: skip
+
+
+def _table(ranking: Ranking) -> Table:
     from rich import box
     from rich.table import Table
 
-    from swe_sphere.studies.report import sweep_rankings  # matplotlib takes its time to import
-
-    for ranking in sweep_rankings(dataset):
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-        for i, head in enumerate(ranking.heads):
-            table.add_column(head, justify="right" if i else "left", no_wrap=True)
-        for line in ranking.body:
-            table.add_row(*line)
-        console.print("", ranking.caption, table, ranking.headline, sep="\n", soft_wrap=True)
-
-
-def _show_answer(console: Any, search: SweepPlan, found: list[Setting]) -> None:
-    target = search.target_error or math.inf
-    kind = best_kind(found) if search.target_kind == "auto" else search.target_kind
-    what = f"{kind} error {search.target_norm}({search.target_field}) of {target:g}"
-    best = cheapest(found, target, kind)
-    if best:
-        console.print(f"{search.scene}: cheapest ways to a {what}", _table(best), sep="\n")
-    else:
-        console.print(f"{search.scene}: no stepper reaches a {what}")
-
-
-def _table(found: list[Setting]) -> Table:
-    """Settings as rows; what is the same in all of them is left out."""
-    from rich import box
-    from rich.table import Table
-
-    cells = [_cells(setting) for setting in found]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0, collapse_padding=True)
-    heads = [name for name in HEADS if name not in OPTIONAL or _differs(cells, name)]
-    for name in heads:
-        table.add_column(name, justify="left" if name in WORDS else "right", no_wrap=True)
-    for row in cells:
-        table.add_row(*(row[name] for name in heads))
+    for head in ranking.heads:
+        table.add_column(head, no_wrap=True)
+    for line in ranking.body:
+        table.add_row(*line)
     return table
-
-
-def _differs(cells: list[dict[str, str]], name: str) -> bool:
-    return len({row[name] for row in cells} - {""}) > 1
-
-
-def _cells(s: Setting) -> dict[str, str]:
-    """A setting as text, by the heads of columns."""
-    values = {
-        "time": _number(s.errors["time"]),
-        "total": _number(s.errors["total"]),
-        "slow": _number(s.errors["slow"]),
-        "seconds": f"{s.wall:.3g}",
-        "±": f"{50.0 * s.spread:.0f} %",
-    }
-    if s.status != "completed":
-        values = {**dict.fromkeys(values, ""), "time": s.status}
-    return {
-        "stepper": s.stepper,
-        "solver": s.preconditioner,
-        "mesh": s.mesh,
-        "dt [s]": f"{s.dt:.4g}" if s.dt < 1e4 else f"{s.dt:.0f}",
-        "/ limit": f"{s.gravity_limits:.2g}"
-        if s.gravity_limits < 10.0
-        else f"{s.gravity_limits:.0f}",
-        "Krylov": f"{s.krylov:.1f}" if s.krylov > 0.0 else "",
-        **values,
-    }
-
-
-def _number(value: float) -> str:
-    return f"{value:.1e}".replace("e-0", "e-") if math.isfinite(value) else ""
 
 
 def _progress_bar() -> Progress:

@@ -13,7 +13,6 @@ from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
-from swe_sphere.studies.sweep.answer import settings as settings_of
 from swe_sphere.studies.sweep.recipes import Recipe, load_recipe
 
 if TYPE_CHECKING:
@@ -133,10 +132,16 @@ def sweep(
         folder = out / Path(plan.scene).stem if len(plans) > 1 else out
         dataset = datasets[plan.scene] = _carried_out(plan, folder, quiet)
         _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
-        completed |= any(setting.status == "completed" for setting in settings_of(dataset))
+        completed |= _any_completed(dataset)
     if len(datasets) > 1:
         _join(datasets, out, loaded, quiet)
     return 0 if completed else RunFailed.exit_status
+
+
+def _any_completed(dataset: xr.Dataset) -> bool:
+    """Whether a run that stands for a setting has come to its end."""
+    compared = dataset["role"].isin(["grid", "target"])
+    return bool((dataset["status"] == "completed").where(compared, False).any())
 
 
 def _plans(context: typer.Context, recipe: Recipe | None) -> list[SweepPlan]:
