@@ -15,6 +15,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.ended import Ended
 from swe_sphere.studies.store import read_record
 from swe_sphere.studies.stress import (
     Result,
@@ -26,7 +27,6 @@ from swe_sphere.studies.stress import (
     page,
     try_out,
 )
-from swe_sphere.studies.stress.attempt import Ended
 from swe_sphere.studies.stress.groups import read_group
 from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
 from swe_sphere.studies.stress.series import Series

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from swe_sphere.errors import SweError
 from swe_sphere.io.norms import errors
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.progress import Watcher
-from swe_sphere.studies.stress.attempt import Ended, Tick, attempt, line
+from swe_sphere.studies.ended import Ended, attempt
+from swe_sphere.studies.stress.attempt import Tick, run_trial
 from swe_sphere.studies.stress.random_state import random_setting
 from swe_sphere.studies.stress.trial import Trial
 
@@ -27,20 +27,19 @@ def measure(trial: Trial, tick: Tick | None = None) -> Ended:
 
 def _with_file(trial: Trial, tick: Tick | None) -> Ended:
     """Run as the command does, with a file, and count NaN and infinities in it: not_finite."""
+    with tempfile.TemporaryDirectory() as folder:
+        return attempt(lambda: _written(trial, Path(folder) / "trial.nc"))
+
+
+def _written(trial: Trial, path: Path) -> Ended:
     run = trial.configuration
-    try:
-        if trial.part is not None:
-            run = run.changed({"dt": trial.part * run.simulation().stable_dt})
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "trial.nc"
-            summary = run.simulation().run(out=path, watcher=Watcher())
-            counted = _not_finite(path)
-    except SweError as error:
-        return Ended(error.status, line(error))
+    if trial.part is not None:
+        run = run.changed({"dt": trial.part * run.simulation().stable_dt})
+    summary = run.simulation().run(out=path, watcher=Watcher())
     if summary.status == "interrupted":
         raise Interrupted(summary.reason)
     numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
-    numbers |= {"not_finite": counted, "last_day": float(summary["days"] or 0.0)}
+    numbers |= {"not_finite": _not_finite(path), "last_day": float(summary["days"] or 0.0)}
     return Ended(summary.status, summary.reason or "", numbers)
 
 
@@ -55,12 +54,12 @@ def _not_finite(path: Path) -> float:
 
 def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
     """The run in float32, and apart_h, apart_v: relative l2 distance from that in float64."""
-    exact = attempt(trial.changed(run={"precision": "float64"}), tick)
-    if exact.sim is None or exact.status != "completed":
+    exact = run_trial(trial.changed(run={"precision": "float64"}), tick)
+    if exact.sim is None or not exact.completed:
         exact.reason = f"in float64: {exact.reason}"
         return exact
-    rough = attempt(trial.changed(run={"precision": "float32"}), tick)
-    if rough.status == "completed" and rough.sim is not None:
+    rough = run_trial(trial.changed(run={"precision": "float32"}), tick)
+    if rough.sim is not None and rough.completed:
         ends = [sim.snapshot.fields for sim in (rough.sim, exact.sim)]
         apart = errors(rough.sim.mesh, ends[0], ends[1])
         rough.numbers |= {"apart_h": apart["l2_h"], "apart_v": apart["l2_v"]}
@@ -80,7 +79,7 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
     for seed in trial.seeds:
         if tick is not None:
             tick(f"seed {seed}")
-        _add(batch, seed, attempt(_of_seed(trial, seed)))
+        _add(batch, seed, run_trial(_of_seed(trial, seed)))
     return batch
 
 
@@ -98,7 +97,7 @@ def _add(batch: Ended, seed: int, ended: Ended) -> None:
     for name in WORST:
         if name in ended.numbers:
             numbers[name] = max(numbers.get(name, -math.inf), ended.numbers[name])
-    if ended.status != "completed":
+    if not ended.completed:
         numbers["stopped"] += 1.0
         batch.reason = batch.reason or f"seed {seed}: {ended.status}: {ended.reason}"
     if ended.status in ("timed-out", "failed"):
@@ -106,7 +105,7 @@ def _add(batch: Ended, seed: int, ended: Ended) -> None:
 
 
 METHODS: dict[str, Callable[[Trial, Tick | None], Ended]] = {
-    "run": attempt,
+    "run": run_trial,
     "file": _with_file,
     "precisions": _two_precisions,
     "seeds": _seeds,

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 
 from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.ended import Ended
 from swe_sphere.studies.store import Record
-from swe_sphere.studies.stress.attempt import Ended, Tick
+from swe_sphere.studies.stress.attempt import Tick
 from swe_sphere.studies.stress.methods import measure
 from swe_sphere.studies.stress.trial import Trial
 
@@ -55,7 +56,7 @@ def judge(trial: Trial, ended: Ended) -> Result:
 def _verdict(trial: Trial, ended: Ended) -> tuple[str, list[str]]:
     """The outcome, and why it is not another one."""
     stopped = ended.status in STOPPED
-    if not stopped and ended.status != "completed":
+    if not (stopped or ended.completed):
         return "failed", [f"{ended.status}: {ended.reason}"]
     if not stopped and trial.expect == "refuse":
         return "failed", ["it was to be refused, but ran to its end"]

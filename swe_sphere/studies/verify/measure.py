@@ -12,9 +12,9 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean
 from swe_sphere.mesh import Interpolator
 from swe_sphere.simulation.evaluator import flow_errors, state_integrals
-from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.verify.case import CONVERGED
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Measure:
     """Wall time of the steps alone [s]."""
     status: str = "completed"
     """How it ended, as `Summary.status`."""
-    reason: str | None = None
+    reason: str = ""
 
 
 class Finer:
@@ -73,30 +73,34 @@ def measure(
     beyond_bounds, tracer_mass_drift   of all tracers: how far mixing ratios are out of the bounds
         of the initial ones, and the largest relative drift of mass
     """
+    ended = attempt(lambda: _measured(configuration, against, start))
+    sim, config = ended.sim, configuration.config
+    dt, seconds = (math.nan, 0.0) if sim is None else (sim.plan.dt, sim.wall_seconds)
+    return Measure(config, ended.numbers, dt, seconds, ended.status, ended.reason)
+
+
+def _measured(configuration: Configuration, against: str | Finer | None, start: bool) -> Ended:
     sim = _simulation(configuration)
-    if not start:
-        sim.run(watcher=Watcher())
-    found: dict[str, float] = {}
-    if start or sim.outcome.completed:
-        found = sim.diagnostics | _constants(sim) | _extremes(sim)
-        found |= _errors(sim, configuration, against)
-    ended = sim.outcome
-    return Measure(
-        sim.config, found, sim.plan.dt, sim.wall_seconds,
-        "completed" if start else ended.status, ended.reason,
-    )  # fmt: skip
+    ended = Ended(sim=sim) if start else stepped(sim)
+    if ended.completed:
+        ended.numbers = sim.diagnostics | _constants(sim) | _extremes(sim)
+        ended.numbers |= _errors(sim, configuration, against)
+    return ended
 
 
 def _simulation(configuration: Configuration) -> Simulation:
     """The run with no frames between start and end, to which its step would have to fit."""
     days = configuration.config.days
-    return configuration.changed({"every": 24.0 * days} if days else {}).simulation()
+    sim = configuration.changed({"every": 24.0 * days} if days else {}).simulation()
+    sim.begin()
+    return sim
 
 
 def _completed(configuration: Configuration) -> Simulation:
     sim = _simulation(configuration)
-    if not sim.run(watcher=Watcher()).completed:
-        raise RunFailed(f"a run to compare with was {sim.outcome.status}: {sim.outcome.reason}")
+    ended = stepped(sim)
+    if not ended.completed:
+        raise RunFailed(f"the run to compare with was {ended.status}: {ended.reason}")
     return sim
 
 
