@@ -104,24 +104,26 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         at = places[i]
         scale = inverse_area[i]
         k = last * size + i
-        out[k] = scale * gather(local, at, last * stride) + of_depth(c, i, size + i, k, x)
+        rate = of_depth(c, i, size + i, k, x)
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
             out[i] = scale * gather(local, at, 0) + wind[0]
             out[j] = scale * gather(local, at, stride) + wind[1]
+        out[k] = scale * gather(local, at, last * stride) + rate
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pointwise_alone(size: int, c: structure, x: vector, out: vector):
         i = wp.tid()
         k = last * size + i
-        out[k] = of_depth(c, i, size + i, k, x)
+        rate = of_depth(c, i, size + i, k, x)
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
             out[i] = wind[0]
             out[j] = wind[1]
+        out[k] = rate
 
     return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
 
