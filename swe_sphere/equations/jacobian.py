@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.prescribed import WindField
+from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.tendencies import TendencyComponent
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.kernels import combine_kernel
@@ -48,7 +48,7 @@ class ExactJacobian(Jacobian):
         discrete: DiscreteScene,
         tangent: TendencyComponent,
         tracers: TracerEquations | None,
-        wind: WindField,
+        wind: PrescribedFields,
         counters: dict[str, int],
     ) -> None:
         super().__init__(counters)

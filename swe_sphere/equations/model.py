@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
-from swe_sphere.equations.prescribed import ForcingField, WindField
+from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
 from swe_sphere.equations.tendencies import TendencyComponent
@@ -66,7 +66,8 @@ class Model:
         self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
         differentiable = all(effect.differentiable for effect in scene.effects)
         self._exact = jacobian == "exact" and differentiable
-        self._wind, self._forcing = WindField(made), ForcingField(made)
+        self._wind = PrescribedFields(made, "wind", "uv", scene.steady_wind)
+        self._forcing = PrescribedFields(made, "forcing", made.fluid, scene.steady_forcing)
         self.set_time(0.0)  # a function that fails does so before anything is computed
         self._components: dict[str, TendencyComponent] = {}
         self.component("all")
@@ -203,7 +204,7 @@ class Model:
     def mean_source(self, t: float) -> float:
         """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
         self._forcing.set_time(t)
-        return self._forcing.mean_depth_rate
+        return self._forcing.mean_of_depth
 
     def component(self, name: str) -> TendencyComponent:
         """The named component of the right-hand side, compiled when first called for."""

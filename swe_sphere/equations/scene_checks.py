@@ -78,10 +78,10 @@ def _check_effects(scene: SceneFields) -> None:
     for name, cls in EFFECTS.items():
         if cls.needs is None:
             continue
-        given = getattr(scene, cls.needs) is not None
-        if given and name not in names:
+        there = getattr(scene, cls.needs) is not None
+        if there and name not in names:
             raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
-        if name in names and not given:
+        if name in names and not there:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
     for effect in scene.effects:
         for other in names:
@@ -109,9 +109,9 @@ def _check_pointwise(scene: SceneFields, effect: PointwiseEffect) -> None:
 
 def _check_tracers(scene: SceneFields) -> None:
     """Names of tracers become names of variables in files."""
-    given: object = scene.tracers
-    if given is not None and not isinstance(given, Mapping):
-        raise ConfigError(f"{scene.name}: tracers are functions by name, not {shown(given)}")
+    tracers: object = scene.tracers
+    if tracers is not None and not isinstance(tracers, Mapping):
+        raise ConfigError(f"{scene.name}: tracers are functions by name, not {shown(tracers)}")
     if scene.tracers is not None and not scene.tracers:
         raise ConfigError(f"{scene.name}: tracers are called for, but there is none")
     for name in scene.tracers or ():

@@ -35,17 +35,17 @@ def checked_functions(scene: SceneFields) -> dict[str, Any]:
     """The functions of the scene by the names of its attributes, each made to check its results.
 
     Raises:
-        ConfigError: something that is given as a function is none.
+        ConfigError: what should be a function is none.
     """
     functions: dict[str, Any] = {
-        name: _Function(f"{scene.name}: {name}", given, returns, may_be_nan=name == "exact")
+        name: _Function(f"{scene.name}: {name}", function, returns, may_be_nan=name == "exact")
         for name, returns in RETURNS.items()
-        if (given := getattr(scene, name)) is not None or name == "initial"
+        if (function := getattr(scene, name)) is not None or name == "initial"
     }
     if scene.tracers is not None:
         functions["tracers"] = {
-            name: _Function(f"{scene.name}: tracer {name}", given)
-            for name, given in scene.tracers.items()
+            name: _Function(f"{scene.name}: tracer {name}", function)
+            for name, function in scene.tracers.items()
         }
         if scene.exact_tracers is not None:
             functions["exact_tracers"] = _TracerFunction(
@@ -64,24 +64,24 @@ class _Function:
     """
 
     label: str
-    given: Callable[..., Any]
+    function: Callable[..., Any]
     names: tuple[str, ...] = ()
     """Of the fields that it returns; empty: just one."""
     may_be_nan: bool = False
     """Whether NaN stands for what is not known."""
 
     def __post_init__(self) -> None:
-        given = self.given.given if isinstance(self.given, _Function) else self.given
-        if not callable(given):
-            raise ConfigError(f"{self.label} must be a function, not {type(given).__name__}")
-        object.__setattr__(self, "given", given)
+        function = self.function.function if isinstance(self.function, _Function) else self.function
+        if not callable(function):
+            raise ConfigError(f"{self.label} must be a function, not {type(function).__name__}")
+        object.__setattr__(self, "function", function)
 
     def __call__(self, lon: ArrayLike, lat: ArrayLike, *time: float) -> Any:
         return guarded(self.label, self._evaluated, np.asarray(lon), np.asarray(lat), *time)
 
     def _evaluated(self, lon: Array, lat: Array, *time: float) -> Any:
         with np.errstate(all="ignore"):  # what comes of it is checked
-            result = self.given(lon, lat, *time)
+            result = self.function(lon, lat, *time)
         return self._fitted(result, *np.broadcast_arrays(lon, lat))
 
     def _fitted(self, result: Any, lon: Array, lat: Array) -> Any:
@@ -97,8 +97,8 @@ class _Function:
         named = zip(self.names, fields, strict=True)
         return tuple(self._field(f" {name}", field, lon, lat) for name, field in named)
 
-    def _field(self, name: str, given: Any, lon: Array, lat: Array) -> Array:
-        return fitted(f"{self.label}{name}", given, lon, lat, self.may_be_nan)
+    def _field(self, name: str, values: Any, lon: Array, lat: Array) -> Array:
+        return fitted(f"{self.label}{name}", values, lon, lat, self.may_be_nan)
 
 
 class _TracerFunction(_Function):
@@ -114,15 +114,15 @@ class _TracerFunction(_Function):
         return {name: self._field(f" {name}", result[name], lon, lat) for name in result}
 
 
-def fitted(label: str, given: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
-    """What was given as a float64 array of the shape of lon and lat.
+def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:
+    """The values as a float64 array of the shape of lon and lat.
 
     Raises:
         ConfigError: it is anything but finite real numbers that broadcast to that shape.
     """
-    values = np.asanyarray(given)
+    values = np.asanyarray(original)
     if values.dtype.kind not in NUMBERS:
-        kind = type(given).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
+        kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
         raise ConfigError(f"{label} must be real numbers, not {kind}")
     values = np.ma.filled(values.astype(np.float64, copy=False), np.nan)
     try:

@@ -19,7 +19,9 @@ from swe_sphere.kernels import Terms, combine_kernel
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.operators import PointwiseOperator, TendencyOperator
 
-__all__ = ["TendencyComponent", "element_terms"]
+__all__ = ["TendencyComponent", "TermsOperator", "element_terms"]
+
+NO_POINTWISE = Pointwise()
 
 
 def element_terms(scene: Scene, component: str) -> Terms:
@@ -100,40 +102,53 @@ class Perturbation:
         return self._difference
 
 
-class TendencyComponent:
-    """One component of a right-hand side, by name.
+class TermsOperator:
+    """out = compiled terms at x; with hyperviscosity, of the Laplacian that is taken before."""
 
-    "all", "conservative" and "dissipative", which add up to all, and "tangent", the derivative of
-    all at the state it is put `at`.  With the Laplacian that hyperviscosity applies its own
-    Laplacian to.  Of linearised dynamics all components are such derivatives, at one base, and what
-    they are applied to is the difference of the state to it.
-    """
-
-    def __init__(self, discrete: DiscreteScene, name: str) -> None:
-        mesh, launch = discrete.device_mesh, discrete.launch
-        scene, parameters = discrete.scene, discrete.parameters
-        terms, point = element_terms(scene, name), pointwise_terms(discrete, name)
-        base: wp.array | None = parameters.get("base")
-        derived = (terms.tangent and terms.gradient) or point.needs_base
-        self.needs_base = base is None and derived
-        """Whether this is a derivative that has to be put `at` a state before it is called."""
-        self._perturbation = None
-        if base is not None and name != "tangent":
-            self._perturbation = Perturbation(discrete, base)
+    def __init__(
+        self, discrete: DiscreteScene, terms: Terms, point: Pointwise = NO_POINTWISE
+    ) -> None:
+        mesh, launch, parameters = discrete.device_mesh, discrete.launch, discrete.parameters
         self._laplacian, self._first = None, None
         if terms.biharmonic:
-            self._laplacian = discrete.zeros()
+            size = terms.unknowns * mesh.mesh.size
+            self._laplacian = wp.zeros(size, dtype=mesh.real, device=mesh.device)
             raised = terms.bottom and not terms.tangent
             once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
             self._first = TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0})
-        mine = parameters | {"base": base, "laplacian": self._laplacian}
+        mine = {"base": None, **parameters, "laplacian": self._laplacian}
         self.operator: Any
         """What is launched: its kernels, with their arguments."""
-        with _compiling(scene, point):
+        with _compiling(discrete.scene, point):
             if point.plain or terms.dynamics or terms.diffuses:
                 self.operator = TendencyOperator(mesh, terms, launch, mine, point)
             else:
                 self.operator = PointwiseOperator(mesh, terms.unknowns, point, launch, mine)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        """Evaluate at the state (or direction) x; `out` must be another array."""
+        if self._first is not None:
+            self._first(x, self._laplacian)
+        self.operator(x, out)
+
+
+class TendencyComponent(TermsOperator):
+    """One component of a right-hand side, by name.
+
+    "all", "conservative" and "dissipative", which add up to all, and "tangent", the derivative of
+    all at the state it is put `at`.  Of linearised dynamics all components are such derivatives, at
+    one base, and what they are applied to is the difference of the state to it.
+    """
+
+    def __init__(self, discrete: DiscreteScene, name: str) -> None:
+        terms, point = element_terms(discrete.scene, name), pointwise_terms(discrete, name)
+        super().__init__(discrete, terms, point)
+        base: wp.array | None = discrete.parameters.get("base")
+        derived = (terms.tangent and terms.gradient) or point.needs_base
+        self.needs_base = base is None and derived
+        """Whether this is a derivative that has to be put `at` a state before it is called."""
+        apart = base is not None and name != "tangent"
+        self._perturbation = Perturbation(discrete, base) if apart else None
 
     def at(self, base: wp.array) -> Self:
         """This derivative at a state, whose array is kept; kernels and work arrays are shared."""
@@ -143,8 +158,4 @@ class TendencyComponent:
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """out = this component at the state (or direction) x."""
-        if self._perturbation is not None:
-            x = self._perturbation(x)
-        if self._first is not None:
-            self._first(x, self._laplacian)
-        self.operator(x, out)
+        super().__call__(x if self._perturbation is None else self._perturbation(x), out)

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.tendencies import element_terms
+from swe_sphere.equations.tendencies import TermsOperator, element_terms
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracers import pointwise_kernels
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
 
@@ -51,7 +50,7 @@ class TracerEquations:
         self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
-        """The tracers' part of the whole right-hand side at the state x."""
+        """What the whole right-hand side does to tracers at the state x."""
         self.transport(x, out)
         if self._diffusion is not None:
             self._diffusion(x, out)
@@ -62,7 +61,7 @@ class TracerEquations:
         self.carry(wind, x, out)
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:
-        """Transport by a given wind (2N, ...)."""
+        """Transport by a wind (2N, ...)."""
         self._transport(wind, x, self.first, out, self.first)
 
     def diffuse(self, x: wp.array, out: wp.array) -> None:
@@ -111,8 +110,9 @@ class _Diffusion:
         )
         blocks = [slice(k * size, (k + 1) * size) for k in range(count)]
         self._fields = [(self._raised[block], self._rate[block]) for block in blocks]
-        self._laplacian = wp.zeros(size, dtype=real, device=mesh.device)
-        self._operators = self._make_operators(discrete, terms)
+        diffusion, biharmonic = terms.diffusion, terms.biharmonic
+        of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
+        self._operator = TermsOperator(discrete, of_field)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Add the diffusion at the state x to `out`."""
@@ -135,26 +135,7 @@ class _Diffusion:
         self._add(out)
 
     def _add(self, out: wp.array) -> None:
-        *before, last = self._operators
         for field, rate in self._fields:
-            for laplacian in before:
-                laplacian(field, self._laplacian)
-            last(field, rate)
+            self._operator(field, rate)
         *_, size = self._offsets
         self._launch(self._kernels.add, self._dim, self._rate, self._first, size, out)
-
-    def _make_operators(self, discrete: DiscreteScene, of_fluid: Terms) -> list[TendencyOperator]:
-        """The diffusion of a field; before it, for hyperviscosity, its Laplacian."""
-        mesh, launch = discrete.device_mesh, discrete.launch
-        parameters = discrete.parameters
-        terms = Terms(
-            wind=True,
-            still=True,
-            diffusion=of_fluid.diffusion,
-            biharmonic=of_fluid.biharmonic,
-        )
-        last = TendencyOperator(mesh, terms, launch, parameters | {"laplacian": self._laplacian})
-        if not terms.biharmonic:
-            return [last]
-        once = Terms(wind=True, still=True, diffusion=True)
-        return [TendencyOperator(mesh, once, launch, parameters | {"nu": 1.0}), last]
