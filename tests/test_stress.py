@@ -13,6 +13,7 @@ import pytest
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import build_mesh
+from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended
@@ -368,6 +369,28 @@ def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
     with pytest.raises(SystemExit):
         main(line)
     assert json.loads(capsys.readouterr().out)["results"] == []
+
+
+def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> None:
+    """After the ones that were finished."""
+    line = ["stress", "--quick", "--groups", "steady", "--out", str(tmp_path / "page.md")]
+    begun: list[str] = []
+
+    def interrupted(trial, _):
+        begun.append(trial.name)
+        if len(begun) == 2:
+            raise Interrupted("interrupted by Ctrl-C at day 1")
+        return judge(trial, Ended())
+
+    monkeypatch.setattr("swe_sphere.studies.stress.try_out", interrupted)
+    with pytest.raises(SystemExit) as end:
+        main(line)
+    assert end.value.code == 130
+    told = "interrupted by Ctrl-C at day 1; --resume goes on after the last trial"
+    assert told in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main([*line, "--resume"])
+    assert begun == [begun[0], begun[1], begun[1]]
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

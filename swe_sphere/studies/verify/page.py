@@ -4,45 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
 
 from swe_sphere.studies.bounds import Check
 from swe_sphere.studies.markdown import filled, table
 from swe_sphere.studies.verify.case import NORMS
 from swe_sphere.studies.verify.families import families
 from swe_sphere.studies.verify.verdict import Row
+from swe_sphere.toml_file import read_toml
 
 __all__ = ["page"]
 
+PACKAGE = "swe_sphere.studies.verify"
+
 MASS = "mass_drift"
 """Told once for all rows, unless it is out of bounds."""
-
-LABELS = {
-    "l2_q_gaussian_hills": "l2(hills)",
-    "l2_q_cosine_bells": "l2(bells)",
-    "l2_q_correlated": "l2(correlated)",
-    "l2_q_slotted_cylinders": "l2(cylinders)",
-    "order_q": "order(hills)",
-    "beyond_bounds": "out of bounds by",
-    "tracer_mass_drift": "tracer mass drift",
-    "mass_drift": "mass drift",
-    "energy_drift": "energy drift",
-    "order_energy": "order",
-    "enstrophy_drift": "potential enstrophy drift",
-    "max_v": "largest northward wind [m/s]",
-    "max_speed": "largest wind [m/s]",
-    "rms_h": "rms error of h [m]",
-    "max_h": "largest error of h [m]",
-    "l2_vorticity": "l2(vorticity)",
-    "decorrelation": "1 - correlation of vorticity",
-    "mean_depth": "mean depth [m]",
-    "energy": "mean energy [m³/s²]",
-    "enstrophy": "potential enstrophy [1/(m s²)]",
-    "max_wind": "largest wind [m/s]",
-    "rms_coriolis": "rms of f [1/s]",
-    "mean_bottom": "mean bottom [m]",
-    "area": "error of the sphere's area",
-}
-"""Quantities in words, where the name does not say enough."""
 
 COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
     "order": "order(h)",
@@ -50,15 +29,11 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 }
 """Quantities that have a column of their own, and its head."""
 
-EXACT = ("mean_depth", "energy", "enstrophy", "max_wind", "rms_coriolis", "mean_bottom")
-"""Numbers worth all their digits."""
-
-
 def page(rows: Sequence[Row], command: str) -> str:
     """The page (Markdown) of these rows, in the order of the families."""
     failed = sum(not row.passed for row in rows)
     head = filled(
-        "swe_sphere.studies.verify",
+        PACKAGE,
         "page.md",
         command=command,
         verdict=f"{failed} of" if failed else "All bounds hold:",
@@ -144,11 +119,18 @@ def _remarks(rows: list[Row]) -> Iterator[str]:
         yield ""
 
 
+@cache
+def _quantities() -> dict[str, dict[str, Any]]:
+    """Labels, and digits worth showing, of quantities whose name does not say enough."""
+    return read_toml(Path(str(resources.files(PACKAGE))) / "quantities.toml")
+
+
 def _label(name: str) -> str:
-    return LABELS.get(name) or COLUMNS.get(name, name)
+    return str(_quantities().get(name, {}).get("label", COLUMNS.get(name, name)))
 
 
 def _number(name: str, value: float) -> str:
     if name.startswith("order"):
         return f"{value:.1f}"
-    return f"{value:.7g}" if name in EXACT else f"{value:.2e}"
+    digits = _quantities().get(name, {}).get("digits")
+    return f"{value:.{digits}g}" if digits else f"{value:.2e}"
