@@ -1,15 +1,27 @@
-"""Files that a kill or a full disk at any moment leaves whole: the old one or the new one."""
+"""Files that a kill or a full disk at any moment leaves whole: the old one or the new one.
+
+A new file is made beside the place where it is wanted, under a name of its own, and takes that
+place by being renamed, which happens at once or not at all.
+"""
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import ConfigError, RunFailed, SweError
 
-__all__ = ["append_line", "sync_folder", "take_lock", "write_whole"]
+__all__ = [
+    "allocate", "claim", "clear_errors", "part_of", "put_in_place", "take_lock", "write_whole",
+]  # fmt: skip
+
+MENDING = "; mend that and run it again: what is finished is kept"
+UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
@@ -19,7 +31,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
     place of the old one.  Raises RunFailed if the disk refuses; then the old one is still there.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with _refusals(path):
+    with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with part.open("wb", buffering=0) as file:
@@ -28,22 +40,7 @@ def write_whole(path: Path, contents: str | bytes) -> None:
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-        sync_folder(path.parent)
-
-
-def append_line(path: Path, line: bytes) -> None:
-    """Add a line to a file, on disk before this returns; a kill may leave a part of it at the end.
-
-    Raises RunFailed if the disk refuses; then the file is as it was.
-    """
-    with _refusals(path), path.open("ab", buffering=0) as file:
-        size = os.fstat(file.fileno()).st_size
-        try:
-            _put(file.fileno(), line + b"\n")
-        except BaseException:
-            with suppress(OSError):
-                os.ftruncate(file.fileno(), size)
-            raise
+        _sync_folder(path.parent)
 
 
 def take_lock(file: int) -> bool:
@@ -70,7 +67,7 @@ def _put(file: int, contents: bytes) -> None:
     os.fsync(file)
 
 
-def sync_folder(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """Make a new name in a folder last, where the system can."""
     with suppress(OSError):
         file = os.open(folder, os.O_RDONLY)
@@ -80,12 +77,79 @@ def sync_folder(folder: Path) -> None:
             os.close(file)
 
 
+def part_of(path: Path) -> Path:
+    """Where the file for a path is made."""
+    return path.with_name(path.name + ".part")
+
+
+def claim(path: Path) -> io.FileIO:
+    """The file at `part_of(path)`, new or left behind, locked for as long as it is open.
+
+    The lock is that of the file and stays with it when it is renamed.
+
+    Raises:
+        ConfigError: another program writes the file, or what is there is no file.
+        OSError: it cannot be made.
+    """
+    if path.exists():
+        if not path.is_file():
+            raise ConfigError(f"cannot write {path}: what is there is no file")
+        with io.FileIO(path) as file:
+            _lock(file, path)
+    part = part_of(path)
+    file = io.FileIO(os.open(part, os.O_RDWR | os.O_CREAT, 0o666), "r+")
+    try:
+        _lock(file, path)
+        if not os.path.samestat(part.stat(), os.fstat(file.fileno())):
+            raise ConfigError(_taken(path))
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _lock(file: io.FileIO, path: Path) -> None:
+    """ConfigError if another program holds the lock; nothing where there are no locks."""
+    if not take_lock(file.fileno()):
+        raise ConfigError(_taken(path))
+
+
+def _taken(path: Path) -> str:
+    return f"cannot write {path}: another program writes it"
+
+
+def put_in_place(file: int, path: Path) -> None:
+    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
+    os.fsync(file)
+    part_of(path).replace(path)
+    _sync_folder(path.parent)
+
+
+def allocate(file: int, path: Path, size: int) -> None:
+    """Make sure that an open file can become so many bytes long (OSError if not).
+
+    Where the file system cannot allocate ahead, its free space is all there is to ask for.
+    """
+    try:
+        os.posix_fallocate(file, 0, size)
+    except AttributeError:  # not on this system (macOS)
+        _check_free(path, size)
+    except OSError as error:
+        if error.errno not in UNSUPPORTED:
+            raise
+        _check_free(path, size)
+
+
+def _check_free(path: Path, size: int) -> None:
+    if shutil.disk_usage(path.parent).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 @contextmanager
-def _refusals(path: Path) -> Iterator[None]:
+def clear_errors(what: str, kind: type[SweError] = ConfigError, after: str = "") -> Iterator[None]:
+    """Turn what the operating system or netCDF raises inside into one line: what, why, after."""
     try:
         yield
-    except OSError as error:
-        raise RunFailed(
-            f"cannot write {path}: {error.strerror}; mend that and run it again: what is finished"
-            " is kept"
-        ) from error
+    except (OSError, RuntimeError) as error:
+        text = getattr(error, "strerror", None) or str(error)
+        raise kind(f"{what}: {text}{after}") from error

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.durable import part_of, put_in_place
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.disk import part_of, put_in_place
 from swe_sphere.io.runfile import reading
 
 __all__ = ["Checkpoint", "checkpoint_path", "read_checkpoint", "write_checkpoint"]

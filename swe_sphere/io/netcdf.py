@@ -16,10 +16,10 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swe_sphere.durable import allocate, claim, clear_errors, part_of, put_in_place
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.classic import FORMAT
-from swe_sphere.io.disk import allocate, claim, clear_errors, part_of, put_in_place
 from swe_sphere.io.earlier_frames import EarlierFrames
 from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import (

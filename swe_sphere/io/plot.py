@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source, open_source
-from swe_sphere.io.disk import clear_errors
 from swe_sphere.io.frame import Frame
 from swe_sphere.io.globe import draw_graticule, equal_earth, globe_grid
 from swe_sphere.io.panels import draw_panel, panels

@@ -171,8 +171,8 @@ def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
 
 def save(sim: Running, path: Path) -> Path:
     """Write a checkpoint of the simulation as it stands, in a file of its own."""
+    from swe_sphere.durable import clear_errors
     from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
-    from swe_sphere.io.disk import clear_errors
     from swe_sphere.io.layout import attribute
 
     attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}

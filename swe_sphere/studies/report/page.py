@@ -9,8 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.durable import write_whole
-from swe_sphere.io.disk import clear_errors
+from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.content import OneMesh, Section, read_sections
 from swe_sphere.studies.report.figures import Diagram, render
