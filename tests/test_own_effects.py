@@ -193,6 +193,17 @@ def test_a_source_of_mass_brings_its_mass(path: Path, name: str, base: str) -> N
     assert abs(expected - mean) > 0.1
 
 
+def test_the_average_vector_field_takes_it_by_the_midpoint_rule(path: Path) -> None:
+    """What moves mass is no part of its energy, and the mass it brings is known to the solver."""
+    model = Model(MESH, own(path, "rain"))
+    tight_midpoint = {"tolerance": 1e-10}
+    ends = [
+        advance(name, model, model.initial_state(), 300.0, 1500.0, **tight_midpoint).state.numpy()
+        for name in ("average-vector-field", "implicit-midpoint")
+    ]
+    assert relative(*ends, 3) < 1e-7
+
+
 def test_what_conserves_mass_keeps_it_to_round_off(path: Path) -> None:
     """However roughly it is solved for."""
     model = Model(MESH, own(path, "stirring"))
@@ -244,6 +255,7 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
         ("return -rate * u, -rate * v", "return -c.cubic * u, v", "friction .*cubic"),
         ('name = "friction"', 'name = "drag"', "name of one of the package"),
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
+        ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
         ("wind_tendency", "tendency", "neither a wind_tendency nor a depth_tendency"),
         ('base: str = "williamson5"', 'base: str = "williamson1"', "wind, which is prescribed"),
     ],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_functions import fitted
+from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
@@ -95,6 +96,8 @@ class DiscreteScene:
             if np.ndim(value):
                 field = fitted(f"{label}: {name}", value, mesh.lon, mesh.lat)
                 found[name] = self.device_mesh.upload(field)
+            elif not np.isfinite(value):
+                raise ConfigError(f"{label}: {name} must be finite, not {value}")
         return found
 
     def _on_nodes(self, formula: Callable[[Array, Array], Array] | None) -> Array:

@@ -12,6 +12,7 @@ from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.planet import Planet
+from swe_sphere.settings import SCENE, STEPPER
 
 __all__ = ["LONGEST_DAYS", "MOST_ELEMENTS", "check_scene"]
 
@@ -26,10 +27,6 @@ KINDS: Mapping[str, type] = {
     "parameters": Mapping,
 }  # fmt: skip
 """Attributes of a scene that are neither numbers nor functions."""
-
-OWNERS = ("scene", "stepper")
-"""Names that settings use for what is no effect."""
-
 
 def check_scene(scene: SceneFields) -> None:
     """ConfigError for the first thing that is wrong."""
@@ -96,8 +93,8 @@ def _check_pointwise(scene: SceneFields, effect: PointwiseEffect) -> None:
     label = f"{scene.name}: effect {effect.name!r}"
     if EFFECTS.get(effect.name, type(effect)) is not type(effect):
         raise ConfigError(f"{label} has the name of one of the package; choose another")
-    if not (re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) and effect.name not in OWNERS):
-        raise ConfigError(f"{label}: a name is of small letters, digits and -, not of {OWNERS}")
+    if not (re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) and effect.name not in (SCENE, STEPPER)):
+        raise ConfigError(f"{label}: a name is of small letters, digits and -")
     wind, depth = effect.tendencies
     if wind is None and depth is None:
         raise ConfigError(f"{label} has neither a wind_tendency nor a depth_tendency")
