@@ -1,6 +1,5 @@
-"""`sweep` in Python: scenes and steppers as objects, the user's own diagnostics, its example."""
+"""`sweep` in Python: scenes and steppers as objects, the user's own diagnostics."""
 
-import doctest
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +15,6 @@ from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
-
-
-def test_the_example_of_the_docstring_runs():
-    tests = doctest.DocTestFinder().find(sweep, "sweep", globs={"sweep": sweep})
-    assert [doctest.DocTestRunner().run(test).failed for test in tests] == [0]
-    assert sum(len(test.examples) for test in tests) == 4
 
 
 def test_a_scene_as_an_object_gives_what_its_name_gives():

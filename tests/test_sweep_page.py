@@ -29,7 +29,16 @@ def test_every_variable_of_the_page_is_there():
     known = {*WORDS, *UNITS, "error", "wall", "cpu", "wall_spread", "rhs_seconds"}
     known.add("modelled_seconds")
     known |= {"wall_seconds", "cpu_seconds"}
-    statuses = {"grid", "target", "stability", "converged", "completed", "unstable", "refused"}
+    statuses = {
+        "grid",
+        "target",
+        "stability",
+        "converged",
+        "completed",
+        "unstable",
+        "refused",
+        "failed",
+    }
     assert told - known - statuses == set()
 
 

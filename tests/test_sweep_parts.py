@@ -10,9 +10,10 @@ import pytest
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.sweep.plan import make_plan
 from swe_sphere.studies.sweep.recipes import load_recipe, recipe_names
-from swe_sphere.studies.sweep.runspec import Schedule, free_steps
+from swe_sphere.studies.sweep.runspec import RunSpec, Schedule, free_steps
 from swe_sphere.studies.sweep.steps import dt_sequence, longest_accurate, longest_working
 
 # --- plan
@@ -152,6 +153,10 @@ def test_steps_meet_all_report_times():
     assert schedule.interval == 0.5 * DAY
     steps = schedule.steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
+    config = make_config({"scene": "williamson2", "dt": steps.dt, "days": 5.0})
+    days = RunSpec(None, config, steps, report_days=schedule.report_days).report_steps()
+    assert [days[step] for step in sorted(days)] == [1.0, 2.5, 5.0]
+    assert max(days) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):
         schedule.steps(2.0 * DAY)
 

@@ -147,8 +147,8 @@ def _any_completed(dataset: xr.Dataset) -> bool:
 def _plans(context: typer.Context, recipe: Recipe | None) -> list[SweepPlan]:
     """What the flags say, and for the rest the recipe."""
     flags = {name: value for name, value in context.params.items() if name not in OWN}
-    given = {name: value for name, value in flags.items() if is_given(value)}
-    return [make_plan(given)] if recipe is None else recipe.plans(given)
+    asked = {name: value for name, value in flags.items() if is_given(value)}
+    return [make_plan(asked)] if recipe is None else recipe.plans(asked)
 
 
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:

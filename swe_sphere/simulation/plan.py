@@ -11,7 +11,7 @@ from functools import reduce
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
 
-__all__ = ["TimePlan", "continued_plan", "time_plan"]
+__all__ = ["TimePlan", "common_measure", "continued_plan", "time_plan"]
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
@@ -60,7 +60,7 @@ def time_plan(
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
-    common = reduce(_common_measure, also, _common_measure(length, interval))
+    common = reduce(common_measure, also, common_measure(length, interval))
     count = max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
     step = common / count
     if step < SHORTEST * Fraction(dt):
@@ -116,7 +116,7 @@ def _milliseconds(seconds: float) -> Fraction:
     return fraction
 
 
-def _common_measure(a: Fraction, b: Fraction) -> Fraction:
+def common_measure(a: Fraction, b: Fraction) -> Fraction:
     """The largest time of which both are whole multiples."""
     numerator = math.gcd(a.numerator * b.denominator, b.numerator * a.denominator)
     return Fraction(numerator, a.denominator * b.denominator)

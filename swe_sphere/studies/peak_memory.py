@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -54,13 +55,10 @@ def peak_memory() -> float:
     Where there is no /proc it is the most since the process began; NaN where nothing tells.
     """
     try:
-        lines = STATUS.read_text().splitlines()
+        found = re.search(r"VmHWM:\s+(\d+)", STATUS.read_text())
     except OSError:
-        return _since_the_start()
-    for line in lines:
-        if line.startswith("VmHWM:"):
-            return 1024.0 * float(line.split()[1])
-    return _since_the_start()
+        found = None
+    return 1024.0 * float(found[1]) if found else _since_the_start()
 
 
 def _since_the_start() -> float:

@@ -69,15 +69,15 @@ def sweep(
         ConfigError: the sweep cannot be made as asked for.
         KeyboardInterrupt: on Ctrl-C; what is finished stays in `out`.
 
-    A sweep of some seconds, and the error of the wind that each step leaves:
-
-    >>> ds = sweep("williamson2", ["rk4", "tr-bdf2"], ne=2, np=4, days=0.05, dt=[2160, 1080],
-    ...            repeats=1)
-    >>> grid = ds.isel(run=ds.role.values == "grid")
-    >>> grid.stepper.values.tolist()
-    ['rk4', 'tr-bdf2', 'rk4', 'tr-bdf2']
-    >>> bool((grid.error.sel(kind="time", field="v", norm="l2") < 1e-3).all())
-    True
+    Examples:
+        >>> from swe_sphere import sweep
+        >>> ds = sweep("williamson2", ["rk4", "tr-bdf2"], ne=2, np=4, days=0.05, dt=[2160, 1080],
+        ...            repeats=1)
+        >>> grid = ds.isel(run=ds.role.values == "grid")
+        >>> grid.stepper.values.tolist()
+        ['rk4', 'tr-bdf2', 'rk4', 'tr-bdf2']
+        >>> bool((grid.error.sel(kind="time", field="v", norm="l2") < 1e-3).all())
+        True
     """
     from swe_sphere.equations.scene import Scene
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ from swe_sphere.studies.sweep.record import (
 from swe_sphere.studies.sweep.runner import COUNTS
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 __all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "read_dataset", "write_dataset"]
@@ -47,13 +49,15 @@ UNITS = {
     **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
     **dict.fromkeys(("days", "days_planned"), "d"),
     "peak_memory": "byte",
+    "rhs_seconds": "s",
 }
 """Numbers of a row and their units; others that a run has come without."""
-TIMES = ("wall", "cpu")
-"""Clocks that all repeats are read on."""
-
-Runs = list[list[RunRecord]]
-"""The repeats of each run."""
+CLOCKS = ("wall", "cpu")
+"""That all repeats are read on."""
+INNER = ("key", "repeat", "record", "wall_seconds", "cpu_seconds")
+"""Columns of the table that are no variables as they stand."""
+ERROR = ("run", "kind", "field", "norm", "report_day")
+"""Dimensions of the errors."""
 
 
 def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
@@ -62,26 +66,26 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
     dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
     """
+    import pandas as pd
     import xarray as xr
 
     records = current(records, header.sources)
-    runs = _by_key(records)
-    rows = [_row(repeats[0], header.scene) for repeats in runs]
-    more = sorted({name for row in rows for name in row} - {*UNITS, *WORDS})
-    units = UNITS | {name: "" for name in more if name.removesuffix("_seconds") not in TIMES}
-    data: dict[str, Any] = {name: ("run", _words(rows, name)) for name in WORDS}
-    for name, unit in units.items():
-        attributes = {"units": unit} if unit else {}
-        data[name] = ("run", _numbers(row.get(name) for row in rows), attributes)
-    rhs = {mesh: float(np.median(times)) for mesh, times in _rhs_seconds(records).items()}
-    times = _numbers(rhs.get(repeats[0].mesh) for repeats in runs)
-    data |= {"rhs_seconds": ("run", times, {"units": "s"})} | _times(runs)
-    data["modelled_seconds"] = ("run", _modelled(runs, records), {"units": "s"})
-    days, errors = _errors(runs)
-    data["error"] = (("run", "kind", "field", "norm", "report_day"), errors, {"units": "1"})
-    coordinates = {"kind": list(KINDS), "field": list(FIELDS), "norm": list(NORMS),
-                   "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
-    return xr.Dataset(data, coordinates, _attributes(header, records))
+    table = pd.DataFrame([_row(record, header.scene) for record in records])
+    order = table["key"].unique()
+    table["median_rhs"] = table.groupby(list(MESH))["rhs_seconds"].transform("median")
+    noise = (table["rhs_seconds"] / table["median_rhs"]).quantile([0.1, 0.9])
+    table["rhs_seconds"] = table.pop("median_rhs")
+    # of a run that was made anew the last record holds
+    table = table.drop_duplicates(["key", "repeat"], keep="last")
+    runs = table[table["repeat"] == 0].set_index("key").loc[order]
+    data: dict[str, Any] = {name: ("run", runs[name].to_numpy(object)) for name in WORDS}
+    for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *INNER})):
+        attributes = {"units": UNITS[name]} if name in UNITS else {}
+        data[name] = ("run", runs[name].to_numpy(float), attributes)
+    data |= _times(table, order)
+    data["modelled_seconds"] = ("run", _modelled(records, runs["record"]), {"units": "s"})
+    data["error"] = _errors(runs["record"])
+    return xr.Dataset(data, attrs=_attributes(header, records, noise))
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
@@ -116,111 +120,77 @@ def read_dataset(path: Path) -> xr.Dataset:
         raise ConfigError(f"cannot read {path}: {error}") from None
 
 
-def _by_key(records: list[RunRecord]) -> Runs:
-    """Repeats of one run together; of a run that was made anew the last one holds."""
-    latest: dict[str, dict[int, RunRecord]] = {}
-    for record in records:
-        latest.setdefault(record.key, {})[record.repeat] = record
-    return [[of[n] for n in sorted(of)] for of in latest.values()]
-
-
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     config = run.config
+    clocks = dict.fromkeys(f"{clock}_seconds" for clock in CLOCKS)
     return {
-        **run.numbers,
+        **dict.fromkeys(UNITS), **clocks, **run.numbers,
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
         "scene": scene,
         "preconditioner": config.preconditioner or "",
         "settings": " ".join(config.settings),
         "days_planned": config.days,
         **{name: getattr(run, name) for name in ("role", "status", "reason")},
-    }
+        "rhs_seconds": math.nan if run.rhs_seconds is None else run.rhs_seconds,
+        "key": run.key, "repeat": run.repeat, "record": run,
+    }  # fmt: skip
 
 
-def _words(rows: list[dict[str, Any]], name: str) -> NDArray[np.object_]:
-    return np.array([row[name] for row in rows], dtype=object)
-
-
-def _numbers(values: Iterable[float | None]) -> NDArray[np.float64]:
-    """The values, NaN where there is none."""
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def _rhs_seconds(records: list[RunRecord]) -> dict[tuple[object, ...], list[float]]:
-    """Times of a right-hand side by mesh [s]."""
-    found: dict[tuple[object, ...], list[float]] = {}
-    for record in records:
-        if record.rhs_seconds is not None:
-            found.setdefault(record.mesh, []).append(record.rhs_seconds)
-    return found
-
-
-def _modelled(runs: Runs, records: list[RunRecord]) -> NDArray[np.float64]:
-    """What the work of each run costs at the lowest prices that any of them has found."""
+def _modelled(records: list[RunRecord], runs: Iterable[RunRecord]) -> NDArray[np.float64]:
+    """What the work of each run costs at the lowest prices that any like it has found."""
     found: dict[tuple[object, ...], list[Prices]] = {}
     for record in records:
         found.setdefault(record.integrator, []).append(record.prices)
     prices = {integrator: lowest(several) for integrator, several in found.items()}
-    seconds = [modelled_seconds(of[0].work, prices[of[0].integrator]) for of in runs]
-    return np.array(seconds)
+    return np.array([modelled_seconds(run.work, prices[run.integrator]) for run in runs])
 
 
-def _noise(records: list[RunRecord]) -> float:
-    """Spread of the time of right-hand sides over the sweep: 10th to 90th percentile / median."""
-    shares = [np.array(times) / np.median(times) for times in _rhs_seconds(records).values()]
-    if not shares:
-        return float("nan")
-    low, high = np.percentile(np.concatenate(shares), [10.0, 90.0])
-    return float(high - low)
-
-
-def _times(runs: Runs) -> dict[str, Any]:
+def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:
     """Times of the repeats, their median and their spread; of failed runs what they took."""
-    most = max(len(repeats) for repeats in runs)
-    table: dict[str, NDArray[np.float64]] = {}
-    for clock in TIMES:
-        values = table[clock] = np.full((len(runs), most), np.nan)
-        for row, repeats in zip(values, runs, strict=True):
-            row[: len(repeats)] = _numbers(r.numbers.get(f"{clock}_seconds") for r in repeats)
-    wall, cpu = (_by_row(np.median, table[clock]) for clock in TIMES)
-    spread = _by_row(np.ptp, table["wall"]) / np.maximum(wall, np.finfo(float).tiny)
     seconds = {"units": "s"}
-    return {
-        "wall": (("run", "repeat"), table["wall"], seconds),
-        "cpu": (("run", "repeat"), table["cpu"], seconds),
-        "wall_seconds": ("run", wall, seconds),
-        "cpu_seconds": ("run", cpu, seconds),
-        "wall_spread": ("run", spread, {"units": "1", "long_name": "(max - min) / median"}),
-    }
+    found: dict[str, Any] = {}
+    for clock in CLOCKS:
+        repeats = table.pivot(index="key", columns="repeat", values=f"{clock}_seconds")
+        repeats = repeats.loc[order].astype(float)
+        middle, extent = repeats.median(axis=1), repeats.max(axis=1) - repeats.min(axis=1)
+        found[clock] = (("run", "repeat"), repeats.to_numpy(), seconds)
+        found[f"{clock}_seconds"] = ("run", middle.to_numpy(), seconds)
+        if clock == "wall":
+            spread = extent / middle.clip(lower=np.finfo(float).tiny)
+            told = {"units": "1", "long_name": "(max - min) / median"}
+            found["wall_spread"] = ("run", spread.to_numpy(), told)
+    return found
 
 
-def _by_row(of: Callable[..., Any], table: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A number of the finite values of each row, NaN where there is none."""
-    kept = (row[np.isfinite(row)] for row in table)
-    return np.array([of(values) if values.size else np.nan for values in kept])
+def _errors(runs: Iterable[RunRecord]) -> xr.DataArray:
+    """All errors, NaN where there is none."""
+    import xarray as xr
+
+    runs = list(runs)
+    days = sorted({error.day for run in runs for error in run.errors})
+    sizes = (len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days))
+    labels = {"kind": list(KINDS), "field": list(FIELDS), "norm": list(NORMS),
+              "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
+    table = xr.DataArray(np.full(sizes, np.nan), labels, ERROR, attrs={"units": "1"})
+    for n, run in enumerate(runs):
+        for error in run.errors:
+            values = np.array([getattr(error, norm) for norm in NORMS], dtype=float)
+            place = {"kind": error.kind, "field": error.field, "report_day": error.day}
+            table[n].loc[place] = values
+    return table
 
 
-def _errors(runs: Runs) -> tuple[list[float], NDArray[np.float64]]:
-    """Report days, and errors (run, kind, field, norm, report_day)."""
-    entries = [repeats[0].errors for repeats in runs]
-    days = sorted({entry.day for errors in entries for entry in errors})
-    table = np.full((len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days)), np.nan)
-    for run, errors in enumerate(entries):
-        for entry in errors:
-            place = KINDS.index(entry.kind), FIELDS.index(entry.field)
-            values = _numbers(getattr(entry, norm) for norm in NORMS)
-            table[run, *place, :, days.index(entry.day)] = values
-    return days, table
-
-
-def _attributes(header: Header, records: list[RunRecord]) -> dict[str, Any]:
+def _attributes(
+    header: Header, records: list[RunRecord], noise: pd.Series[float]
+) -> dict[str, Any]:
+    """noise: 10th and 90th percentile of the time of right-hand sides over their median."""
     dt, check = _converged(records)
     values = dict(header)
     return {
         **{name: values[name] for name in ("scene", "machine", "cores", "created", "command")},
         **{name: json.dumps(values[name]) for name in ("plan", "sources", "versions")},
         "title": f"time steps and cost: {header.title}",
-        "noise": _noise(records),
+        "noise": float(noise[0.9] - noise[0.1]),
         "converged_dt": dt,
         "converged_check": check,
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,23 +24,13 @@ if TYPE_CHECKING:
 
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Discretisation", "Discretisations", "History", "Limits"]
+__all__ = ["Discretisation", "Discretisations", "History"]
 
 History = dict[float, Fields]
 """Fields by report day."""
 
 BATCH = 0.01
 """Time of one batch of right-hand sides [s]."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Steps [s] that the start of a scene allows on a mesh."""
-
-    gravity_limit: float
-    """Leapfrog's without filter: 1 over the spectral radius."""
-    advective_limit: float
-    """The same, were there no gravity waves."""
 
 
 class Discretisation:
@@ -92,16 +81,26 @@ class Discretisation:
         return self._sim.start
 
     @cached_property
-    def limits(self) -> Limits:
-        """The gravity and the advective limit at the start."""
+    def limits(self) -> dict[str, float]:
+        """Steps [s] that the start allows.
+
+        gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
+        same, were there no gravity waves.
+        """
         model = self._sim.model
         radius = model.spectrum(model.initial_state()).wave
         gravity = 1.0 / radius if radius > 0.0 else np.inf
-        if self.scene.effect("pressure-gradient") is None:
-            return Limits(gravity, gravity)
         at_start = state_integrals(model, self.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
-        return Limits(gravity, gravity * (wind + wave) / wind if wind > 0.0 else np.inf)
+        if self.scene.effect("pressure-gradient") is None:
+            wave = 0.0
+        advective = gravity * ((wind + wave) / wind) if wind > 0.0 else np.inf
+        return {"gravity_limit": gravity, "advective_limit": advective}
+
+    @property
+    def gravity_limit(self) -> float:
+        """The longest step of leapfrog [s], about."""
+        return self.limits["gravity_limit"]
 
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""

@@ -134,7 +134,7 @@ class Sweep:
     def _find_limit(self, integrator: Integrator) -> None:
         if integrator.refusal is not None:
             return
-        limit, gravity = integrator.stable_dt, integrator.space.limits.gravity_limit
+        limit, gravity = integrator.stable_dt, integrator.space.gravity_limit
         known = math.isfinite(limit)
         guess = limit if known else 8.0 * gravity
         ends: set[str] = set()
@@ -179,7 +179,7 @@ class Sweep:
             return self._error(self._runner.run(run, self._evaluator))
 
         longest = integrator.dt_sequence(1)[0]
-        shortest = min(longest, integrator.space.limits.gravity_limit) / SHORTEST
+        shortest = min(longest, integrator.space.gravity_limit) / SHORTEST
         return longest_accurate(error, target, longest, shortest)
 
     def _worth_timing(self, tried: Iterable[RunSpec], target: float) -> list[RunSpec]:
@@ -222,5 +222,5 @@ def _limit_found(integrator: Integrator, found: float | None) -> str:
         return f"{integrator.label}: no step gets to the end"
     if found >= integrator.longest:
         return f"{integrator.label}: stable at every step up to {found:.4g} s"
-    gravity = found / integrator.space.limits.gravity_limit
+    gravity = found / integrator.space.gravity_limit
     return f"{integrator.label}: longest stable step {found:.4g} s, {gravity:.3g} gravity limits"

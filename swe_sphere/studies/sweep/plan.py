@@ -25,7 +25,7 @@ from swe_sphere.simulation.config import (
 from swe_sphere.simulation.setup import make_mesh
 from swe_sphere.simulation.supplied import Supplied
 
-__all__ = ["SweepPlan", "check_plan", "make_plan"]
+__all__ = ["SweepPlan", "make_plan"]
 
 
 def _listed(value: object) -> tuple[object, ...]:
@@ -97,9 +97,9 @@ class SweepPlan(BaseModel):
     scene: str
     steppers: Annotated[tuple[str, ...], BeforeValidator(_stepper_names), Field(min_length=1)]
     dt: Steps = "auto"
-    """Time steps [s] of every stepper, or a ladder for each."""
+    """Time steps [s] of every stepper, or a sequence for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
-    """Steps of an automatic ladder."""
+    """Steps of an automatic sequence."""
     ne: Counts = ()
     np: Counts = ()
     precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
@@ -143,9 +143,8 @@ class SweepPlan(BaseModel):
 
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
-        shared = {name: getattr(self, name) for name in RUN_OPTIONS}
-        given = shared | values
-        return make_config({name: value for name, value in given.items() if value is not None})
+        whole = {name: getattr(self, name) for name in RUN_OPTIONS} | values
+        return make_config({name: value for name, value in whole.items() if value is not None})
 
     def changes(self) -> dict[str, Any]:
         """The values that differ from the defaults, as JSON can hold them."""
@@ -164,16 +163,15 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
         plan = SweepPlan.model_validate(dict(values))
     except ValidationError as error:
         raise ConfigError(first_complaint(error, SweepPlan)) from None
-    check_plan(plan, scene)
+    _check(plan, Supplied(scene).scene_of(plan.run_config()))
     return plan
 
 
-def check_plan(plan: SweepPlan, own: Scene | None) -> None:
+def _check(plan: SweepPlan, scene: Scene) -> None:
     """ConfigError for what no run could begin with: names, meshes, times, files."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
     from swe_sphere.steppers import get_stepper
 
-    scene = Supplied(own).scene_of(plan.run_config())
     for name in (*plan.steppers, plan.converged_stepper):
         get_stepper(name)
     for name in plan.preconditioner:
@@ -181,13 +179,10 @@ def check_plan(plan: SweepPlan, own: Scene | None) -> None:
     for ne in plan.ne or (scene.ne,):
         for points in plan.np or (scene.np,):
             make_mesh(plan.run_config(ne=ne, np=points), scene)
-    _check_times(plan, scene.days if plan.days is None else plan.days)
-    for path in plan.reference:
-        if not path.is_file():
-            raise ConfigError(f"reference: there is no file {path}")
-
-
-def _check_times(plan: SweepPlan, days: float) -> None:
+    days = scene.days if plan.days is None else plan.days
     late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
     if late:
         raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")
+    for path in plan.reference:
+        if not path.is_file():
+            raise ConfigError(f"reference: there is no file {path}")

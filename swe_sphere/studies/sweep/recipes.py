@@ -29,18 +29,18 @@ class Recipe:
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
 
-    def plans(self, given: Mapping[str, object]) -> list[SweepPlan]:
-        """The plans, with the values given in the place of the recipe's.
+    def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
+        """The plans, with the values of flags in the place of the recipe's.
 
         A scene among them chooses the sweeps of that scene.  Raises ConfigError for a scene that
         the recipe does not have, and as `make_plan`.
         """
-        scene = given.get("scene")
+        scene = flags.get("scene")
         chosen = [values for values in self.sweeps if scene in (None, values.get("scene"))]
         if not chosen:
             scenes = ", ".join(str(values.get("scene")) for values in self.sweeps)
             raise ConfigError(f"the recipe has no scene {scene!r}; it has {scenes}")
-        return [make_plan(values | {**given}) for values in chosen]
+        return [make_plan(values | {**flags}) for values in chosen]
 
 
 def recipe_names() -> list[str]:

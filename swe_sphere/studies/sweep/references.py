@@ -166,21 +166,21 @@ class ReferenceRuns:
         rows of both hold these errors, and those that `total` finds.
         """
         kind = _stepper(stepper)
-        limit = min(space.stable_dt(kind), LONGEST * space.limits.gravity_limit)
+        limit = min(space.stable_dt(kind), LONGEST * space.gravity_limit)
         twice = self._schedule.steps(2.0 * part * limit)
         coarse, fine = (self._spec(space, stepper, steps) for steps in (twice, _halved(twice)))
-        if not self._has(fine):
+        if self._kept(fine) is None:
             self._compare(coarse, fine, kind.order, total)
-        return self._found(fine)
+        return self._kept(fine) or {}
 
     def finer(self, space: Discretisation) -> History:
         """A run on a finer mesh, for the total error."""
         stepper, part = FINER
         steps = self._schedule.steps(part * space.stable_dt(_stepper(stepper)))
         spec = self._spec(space, stepper, steps)
-        if not self._has(spec):
+        if self._kept(spec) is None:
             self._keep(spec, self._runner.result(spec), [])
-        return self._found(spec)
+        return self._kept(spec) or {}
 
     def _spec(self, space: Discretisation, stepper: str, steps: TimePlan) -> RunSpec:
         chosen = {"stepper": stepper, "dt": steps.dt, "days": self._schedule.days}
@@ -206,11 +206,12 @@ class ReferenceRuns:
     def _file(self, spec: RunSpec) -> Path:
         return self._folder / f"{spec.key}.nc"
 
-    def _has(self, spec: RunSpec) -> bool:
-        """Whether the run need not be made: it is known how it failed, or its fields are there."""
+    def _kept(self, spec: RunSpec) -> History | None:
+        """Its fields, none of a run that failed; None where it is yet to be made."""
         known = self._runner.known(spec)
-        failed = known is not None and known.status != "completed"
-        return failed or (known is not None and _load(self._file(spec)) is not None)
+        if known is None:
+            return None
+        return _load(self._file(spec)) if known.status == "completed" else {}
 
     def _keep(self, spec: RunSpec, result: Result, errors: list[Errors]) -> None:
         """Fields first: what there is a record of has been written."""
@@ -218,11 +219,6 @@ class ReferenceRuns:
             _save(self._file(spec), result.snapshots, spec.label)
         if self._runner.known(spec) is None:
             self._runner.keep(spec, result, errors)
-
-    def _found(self, spec: RunSpec) -> History:
-        record = self._runner.known(spec)
-        done = record is not None and record.status == "completed"
-        return (_load(self._file(spec)) if done else None) or {}
 
 
 def _save(path: Path, history: History, label: str) -> None:

@@ -6,7 +6,7 @@ import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -232,7 +232,7 @@ class Runner:
         self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
     ) -> RunRecord:
         """Write the record of a run."""
-        numbers = {**result.numbers, **asdict(spec.space.limits)}
+        numbers: dict[str, float | None] = {**result.numbers, **spec.space.limits}
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason, numbers=numbers, errors=errors,

@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.plan import TimePlan, time_plan
+from swe_sphere.simulation.plan import TimePlan, common_measure, time_plan
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.steps import dt_sequence
@@ -48,7 +48,7 @@ class Schedule:
     def interval(self) -> float:
         """The longest time [s] of which all report times are multiples, to the millisecond."""
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
-        return float(reduce(_common_measure, times))
+        return float(reduce(common_measure, times))
 
     def steps(self, dt: float) -> TimePlan:
         """Steps of at most dt [s] that meet all report times.
@@ -63,11 +63,6 @@ def free_steps(days: float, dt: float) -> TimePlan:
     """Steps of exactly dt [s] to the end or a little beyond, for runs that meet no report times."""
     count = max(1, math.ceil(days * DAY / dt - 1e-9))
     return TimePlan(dt, count, count, dt)
-
-
-def _common_measure(a: Fraction, b: Fraction) -> Fraction:
-    numerator = math.gcd(a.numerator * b.denominator, b.numerator * a.denominator)
-    return Fraction(numerator, a.denominator * b.denominator)
 
 
 @dataclass(frozen=True)
@@ -188,7 +183,7 @@ class Integrator:
     def dt_sequence(self, levels: int) -> list[float]:
         """Steps to try [s], the longest first."""
         explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
-        usable, gravity = self.kind.safety * self.stable_dt, self.space.limits.gravity_limit
+        usable, gravity = self.kind.safety * self.stable_dt, self.space.gravity_limit
         return dt_sequence(usable, explicit, gravity, self.schedule.interval, levels)
 
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
