@@ -88,11 +88,11 @@ def test_a_tolerance_out_of_range_is_refused(tolerance: float) -> None:
 ESTIMATES = {"tr-bdf2": 3, "esdirk4": 4, "rosenbrock-w": 3}
 
 
-def test_every_stepper_with_a_companion_has_an_estimate() -> None:
+def test_every_stepper_with_an_embedded_method_has_an_estimate() -> None:
     found = {name: getattr(cls, "estimate_order", None) for name, cls in STEPPERS.items()}
     assert {name: order for name, order in found.items() if order is not None} == ESTIMATES
-    with_companion = {name for name, cls in STEPPERS.items() if getattr(cls, "embedded", None)}
-    assert with_companion == ESTIMATES.keys()
+    with_embedded = {name for name, cls in STEPPERS.items() if getattr(cls, "embedded", None)}
+    assert with_embedded == ESTIMATES.keys()
 
 
 @pytest.mark.parametrize("name", ESTIMATES)

@@ -23,7 +23,7 @@ from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
-from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces, interpolation
+from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.inner import Direct
 from swe_sphere.solvers.preconditioners.schwarz import Schwarz
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -296,8 +296,8 @@ def face_vertices(mesh: Mesh) -> np.ndarray:
     return found
 
 
-def branch_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
-    """Each branch times an envelope (ne-1, ne-1) on the inner vertices of face 0.
+def coarse_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
+    """A function of each space: its pattern times an envelope (ne-1, ne-1) on the inner vertices of face 0.
 
     Where the degree np - 1 is odd the pattern changes sign from vertex to vertex.
     """
@@ -305,7 +305,7 @@ def branch_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
     i, j = np.indices(vertices.shape)
     along_1, along_2 = (-1.0) ** ((mesh.np - 1) * i), (-1.0) ** ((mesh.np - 1) * j)
     functions = []
-    spaces = [interpolation(mesh, space) for space in branch_spaces(mesh)]
+    spaces = [interpolation(mesh, space) for space in coarse_spaces(mesh)]
     for space, sign in zip(
         spaces, (1.0, along_1 * along_2, along_1, along_2), strict=True
     ):
@@ -317,10 +317,10 @@ def branch_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("np_", [3, 4, 5, 8])
-def test_branch_spaces(np_: int) -> None:
+def test_coarse_spaces(np_: int) -> None:
     """Sizes; the smooth one adds up to 1; each function is 1 at its own vertex and local."""
     mesh = build_mesh(4, np_)
-    spaces = [interpolation(mesh, space) for space in branch_spaces(mesh)]
+    spaces = [interpolation(mesh, space) for space in coarse_spaces(mesh)]
     vertices = 6 * mesh.ne**2 + 2
     shapes = [space.shape for space in spaces]
     assert shapes[1:] == [(mesh.size, n) for n in (vertices, vertices, vertices - 8)]
@@ -341,7 +341,7 @@ def test_spurious_patterns_have_no_discrete_gradient(np_: int, stretch: float) -
     """Like constants, and on curved and stretched elements too; yet they are anything but flat."""
     mesh = build_mesh(7, np_, stretch=stretch, centre=(0.7, 0.4))
     gradient, inner = sparse.gradient(mesh), inner_nodes(mesh)
-    for function in branch_functions(mesh, np.ones((6, 6)))[1:]:
+    for function in coarse_functions(mesh, np.ones((6, 6)))[1:]:
         slope = (gradient @ function).reshape(2, -1)
         assert np.abs(slope[:, inner]).max() < 1e-13 * np.abs(slope).max()
         assert np.ptp(function[inner]) > 1.0
@@ -353,7 +353,7 @@ def inner_nodes(mesh: Mesh) -> np.ndarray:
 
 
 def quotients(ne: int, np_: int) -> np.ndarray:
-    """Rayleigh quotients of -D G [m-2] for a bump over face 0 in each branch, and the largest."""
+    """Rayleigh quotients of -D G [m-2] for a bump over face 0 in each space, and the largest."""
     mesh = build_mesh(ne, np_)
     gradient, weights = sparse.gradient(mesh), np.tile(mesh.area, 2)
     wave = np.sin(np.pi * np.arange(1, ne) / ne) ** 2
@@ -361,7 +361,7 @@ def quotients(ne: int, np_: int) -> np.ndarray:
     mass = sp.diags_array(1.0 / mesh.area)
     largest = sla.eigs(mass @ square, 1, which="LM", return_eigenvectors=False, tol=1e-2)
     return np.array(
-        [f @ square @ f / (mesh.area @ f**2) for f in branch_functions(mesh, np.outer(wave, wave))]
+        [f @ square @ f / (mesh.area @ f**2) for f in coarse_functions(mesh, np.outer(wave, wave))]
         + [abs(largest[0])]
     )
 
@@ -379,7 +379,7 @@ def test_spurious_waves_are_as_slow_as_their_envelope(np_: int) -> None:
     assert np.all(fine[1:-1] < 0.03 * fine[-1])
 
 
-def test_spurious_branches_pay_on_a_stretched_mesh(monkeypatch) -> None:
+def test_computational_modes_pay_on_a_stretched_mesh(monkeypatch) -> None:
     system = newton(8, 4.0)
     (counts,) = system.counts("helmholtz", [3600.0])
     monkeypatch.setattr(CoarseCorrection, "_sweep", lambda self, r: np.zeros_like(r))

@@ -17,7 +17,7 @@ from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients
-from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces, interpolation
+from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.inner import Multilevel
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
@@ -170,7 +170,7 @@ def test_diagonal_and_bound_on_the_spectrum(np_: int, precision: str) -> None:
 @pytest.mark.parametrize("np_", [3, 4, 8])
 def test_slopes_of_coarse_functions_are_those_of_the_whole_gradient(np_: int) -> None:
     mesh = mesh_of(np_)
-    spaces = [space for space in branch_spaces(mesh) if space.numbers.max() >= 0]
+    spaces = [space for space in coarse_spaces(mesh) if space.numbers.max() >= 0]
     for space in spaces:
         whole = sparse.gradient(mesh) @ interpolation(mesh, space)
         assert relative(sparse.slopes(mesh, space).toarray(), whole.toarray()) < 1e-13

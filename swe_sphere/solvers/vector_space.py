@@ -108,7 +108,7 @@ class VectorSpace:
         return self._do.dot(a, b)
 
     def norm(self, a: wp.array) -> float:
-        """|a|; not a number when an element is not."""
+        """|a|; NaN when an element is."""
         return math.sqrt(self._do.dot(a, a))
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:

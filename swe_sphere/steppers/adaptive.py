@@ -40,9 +40,9 @@ class Cut:
 class AdaptiveStepper(Stepper):
     """An implicit scheme whose steps follow their error; `dt` is the outer step, met exactly.
 
-    `by="embedded"`: the difference to the companion method in the energy norm, over the norm of the
+    `by="embedded"`: the difference to the embedded method in the energy norm, over the norm of the
     state, a step.  The error of a run then goes with the tolerance for rosenbrock-w, whose estimate
-    is that of the companion of lower order, and with its power 2/3 for tr-bdf2; for esdirk4 with a
+    is that of the embedded method of lower order, and with its power 2/3 for tr-bdf2; for esdirk4 with a
     power between the two while steps are longer than the fastest gravity waves (`lauter`, ne 3).
 
     `by="energy"`: relative drift of the total energy, per day.  All of it is the time integrator's,

@@ -34,7 +34,7 @@ class PIController:
             raise ConfigError(f"adaptive: the order must be at least 1, not {self.order}")
 
     def accepts(self, error: float) -> bool:
-        """Whether a step with that error may stand; one that is not a number may not."""
+        """Whether a step with that error may stand; one that is NaN may not."""
         return error <= self.tolerance
 
     def ratio(self, error: float, before: float) -> float:

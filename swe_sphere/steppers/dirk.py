@@ -27,7 +27,7 @@ class DiagonallyImplicit(ImplicitStepper):
     """Rows of the tableau up to the diagonal."""
     b: ClassVar[tuple[float, ...]]
     embedded: ClassVar[tuple[float, ...] | None] = None
-    """Weights of a companion of another order, where the method has one."""
+    """Weights of an embedded method of another order, where there is one."""
     followed: ClassVar[float] = 0.0
     """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
@@ -130,7 +130,7 @@ class ImplicitMidpoint(DiagonallyImplicit):
 class TRBDF2(DiagonallyImplicit):
     """TR-BDF2: trapezoidal rule then BDF2, second order, L-stable (Bank et al. 1985).
 
-    Companion of third order: Hosea & Shampine 1996, doi:10.1016/0168-9274(95)00115-8.
+    Embedded method of third order: Hosea & Shampine 1996, doi:10.1016/0168-9274(95)00115-8.
     """
 
     name, order = "tr-bdf2", 2

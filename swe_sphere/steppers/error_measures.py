@@ -1,4 +1,4 @@
-"""Measures of the error of a step: to the companion method, and by the total energy."""
+"""Measures of the error of a step: to the embedded method, and by the total energy."""
 
 from typing import ClassVar, Protocol
 

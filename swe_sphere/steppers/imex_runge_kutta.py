@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.gravity_waves import GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.imex_stepper import TOLERANCE, SplitStepper, depth_of
+from swe_sphere.steppers.imex_stepper import TOLERANCE, ImexStepper, depth_of
 from swe_sphere.steppers.stability import Complex, error_constant, tableau
 from swe_sphere.steppers.stepper import Combiner
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 
-class ImexRungeKutta(SplitStepper):
+class ImexRungeKutta(ImexStepper):
     """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
 
     The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is

@@ -19,7 +19,7 @@ MUCH_FASTER = 1e4
 stability."""
 
 
-class SplitStepper(SolvingStepper):
+class ImexStepper(SolvingStepper):
     """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
 
     The step is limited by the wind, which in williamson5 doubles in a few days.

@@ -9,11 +9,11 @@ from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.solvers.gravity_waves import GravityWaveSolver
 from swe_sphere.steppers import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2
-from swe_sphere.steppers.imex_stepper import SplitStepper, depth_of
+from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
 from swe_sphere.steppers.stability import Complex
 
 
-class SemiImplicit(SplitStepper):
+class SemiImplicit(ImexStepper):
     """Semi-implicit leapfrog, Robert-Asselin-Williams filter: one right-hand side and one solve.
 
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,

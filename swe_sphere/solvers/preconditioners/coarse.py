@@ -1,4 +1,4 @@
-"""Coarse correction on the element vertices: one solve a branch, added up."""
+"""Coarse correction on the element vertices: one solve for each family of waves, added up."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -6,30 +6,30 @@ from numpy.typing import NDArray
 
 from swe_sphere.operators import sparse
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
-from swe_sphere.solvers.preconditioners.computational_modes import branch_spaces, interpolation
+from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-SPURIOUS_SWEEPS = 6
-"""Chebyshev steps on each spurious branch, whose coarse operators are well conditioned.  Days into
-a run the spurious waves limit the convergence: with three steps it takes half as many iterations
+MODE_SWEEPS = 6
+"""Chebyshev steps on the computational modes, whose coarse operators are well conditioned.  Days into
+a run these waves limit the convergence: with three steps it takes half as many iterations
 again."""
 NEGLIGIBLE = 0.01
-"""Couplings in the spurious branches that are left out, relative to the diagonal: one in three."""
+"""Couplings of the computational modes that are left out, relative to the diagonal: one in three."""
 
 
 class CoarseCorrection:
-    """x = sum over the branches of P_k S_k^-1 P_k^T M b, on the host in float32.
+    """x = sum over the spaces of P_k S_k^-1 P_k^T M b, on the host in float32.
 
-    The smooth branch has the compact Helmholtz operator and is factorised; the spurious ones have
+    The smooth waves have the compact Helmholtz operator, factorised; the computational modes have
     the Galerkin operators of S, and a few Chebyshev steps will do.
     """
 
     def __init__(self, schur: SchurMatrix) -> None:
         mesh = schur.mesh
-        functions, area = branch_spaces(mesh), sp.diags_array(mesh.area)
+        functions, area = coarse_spaces(mesh), sp.diags_array(mesh.area)
         self._schur, self._hats = schur, functions[0]
         spaces = [interpolation(mesh, function) for function in functions]
         self._mass, *masses = [(space.T @ (area @ space)).tocsr() for space in spaces]
@@ -39,7 +39,7 @@ class CoarseCorrection:
         restriction.data *= mesh.area.astype(np.float32)[restriction.indices]
         self._restriction = restriction
         slopes = [sparse.slopes(mesh, function).astype(np.float32) for function in functions[1:]]
-        self._branches = list(zip(masses, slopes, strict=True))
+        self._modes = list(zip(masses, slopes, strict=True))
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -52,11 +52,11 @@ class CoarseCorrection:
             matrix.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
-        blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._branches]
-        self._spurious = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
-        self._inverse = (1.0 / self._spurious.diagonal()).astype(np.float32)
-        largest = spectral_bound(lambda x: self._inverse * (self._spurious @ x), self._inverse.size)
-        self._coefficients = chebyshev_coefficients(SPURIOUS_SWEEPS, largest)
+        blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
+        self._mode_matrix = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
+        self._inverse = (1.0 / self._mode_matrix.diagonal()).astype(np.float32)
+        largest = spectral_bound(lambda x: self._inverse * (self._mode_matrix @ x), self._inverse.size)
+        self._coefficients = chebyshev_coefficients(MODE_SWEEPS, largest)
 
     def solve(self, b: Float32) -> Float32:
         """The correction (N,) for the residual b (N,)."""
@@ -73,7 +73,7 @@ class CoarseCorrection:
         d = np.float32(take) * (self._inverse * r)
         x: Float32 = np.float32(beta) * d
         for keep, take, beta in others:
-            r -= self._spurious @ d
+            r -= self._mode_matrix @ d
             d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
             x += np.float32(beta) * d
         return x

@@ -5,7 +5,7 @@ has no slope at the interior GLL nodes, and opposite slopes on the two sides of 
 when its sign alternates from element to element, which average to zero.  Times a slowly varying
 envelope these patterns are slow waves too, however fine the mesh: no smoother damps them and no
 compact Laplacian knows them.  So beside the bilinear hats for the smooth waves there is a coarse
-function hat x pattern along each of the two directions, and one along both: four branches, nearly
+function hat x pattern along each of the two directions, and one along both: four spaces, nearly
 orthogonal to each other.
 """
 
@@ -23,7 +23,7 @@ CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""
 
 
-def branch_spaces(mesh: Mesh) -> list[ElementSpace]:
+def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
     """Functions of V = 6 ne^2 + 2 vertices: smooth, both patterns, each pattern.
 
     The two directions are paired across element boundaries around each vertex.  At the eight cube

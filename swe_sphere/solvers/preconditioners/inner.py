@@ -22,7 +22,7 @@ MOST_CYCLES = 4
 """Gravity-wave Courant numbers (root of the largest diagonal entry of S) from which one more
 Chebyshev step, and for each of which one more cycle, pays."""
 DEGREES = {3: 3, 4: 2}
-"""Chebyshev steps by np, where not 4.  At np 3 the branches share their shortest wave, whose nodal
+"""Chebyshev steps by np, where not 4.  At np 3 all waves share their shortest wave, whose nodal
 values are 1, 0, -1, 0: the coarse correction overshoots it, and two steps leave as much of it as
 there was, so that the cycle is singular from some mesh on."""
 LARGEST_MEMORY = 4e9
@@ -127,7 +127,7 @@ class Direct(InnerSolver):
 
 
 class Multilevel(InnerSolver):
-    """Cycles of a coarse correction on four wave branches and Chebyshev steps on S itself.
+    """Cycles of a coarse correction on smooth waves and computational modes, and Chebyshev steps on S itself.
 
     At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
     `symmetric`, as many steps go before the correction, as conjugate gradients need.
