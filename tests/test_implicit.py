@@ -212,7 +212,7 @@ def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: st
     """With two Newton iterations allowed, a step of two days fails and its parts do not."""
     stepper = STEPPERS[name](small_mountain, 2.0 * DAY, tolerance=1e-4)
     stepper.start(small_mountain.initial_state())
-    stepper._newton.max_iterations = 2
+    stepper.newton.max_iterations = 2
     stepper.step()
     assert 0 < stepper.counters["rejected_steps"] < 20
     assert stepper.time == 2.0 * DAY
@@ -305,7 +305,7 @@ def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) ->
 def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain) -> None:
     stepper = STEPPERS["tr-bdf2"](small_mountain, 2.0 * DAY, tolerance=1e-8)
     stepper.start(small_mountain.initial_state())
-    stepper._newton.max_iterations = 1
+    stepper.newton.max_iterations = 1
     with pytest.raises(RunFailed, match="64 parts: out of Newton iterations"):
         stepper.step()
 

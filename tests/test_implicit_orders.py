@@ -161,7 +161,7 @@ def test_error_estimate_goes_with_the_lower_order(moving, name: str) -> None:
 
 
 def test_error_estimate_is_near_the_error(moving) -> None:
-    """The embedded method of tr-bdf2 is more accurate than itself, so the difference is its error."""
+    """The method embedded in tr-bdf2 is more accurate than it, so the difference is its error."""
     model, state, _ = moving
     exact = advance("rk4", model, state, 50.0, 900.0).state
     stepper = advance("tr-bdf2", model, state, 900.0, 900.0, tolerance=1e-9)

@@ -297,7 +297,7 @@ def face_vertices(mesh: Mesh) -> np.ndarray:
 
 
 def coarse_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
-    """A function of each space: its pattern times an envelope (ne-1, ne-1) on the inner vertices of face 0.
+    """Of each space its pattern times an envelope (ne-1, ne-1) on the inner vertices of face 0.
 
     Where the degree np - 1 is odd the pattern changes sign from vertex to vertex.
     """

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from swe_sphere.errors import ConfigError
 
-__all__ = ["ConstantForcing", "EisenstatWalker", "Forcing"]
+__all__ = ["EisenstatWalker", "Forcing"]
 
-
-class Forcing(Protocol):
-    """Chooses the relative tolerance eta of the next linear solve, |F + J d| <= eta |F|."""
-
-    def __call__(
-        self, norm: float, previous_norm: float | None, previous: float | None, target: float
-    ) -> float:
-        """From |F_k|, |F_(k-1)|, eta_(k-1) (None at the first) and the norm that Newton is to
-        reach."""
-        ...
+Forcing = Callable[[float, float | None, float | None, float], float]
+"""The relative tolerance eta of the next linear solve, |F + J d| <= eta |F|, from |F_k|, |F_(k-1)|,
+eta_(k-1) (None at the first) and the norm that Newton is to reach."""
 
 
 @dataclass(frozen=True)
@@ -59,21 +52,3 @@ class EisenstatWalker:
             if safeguard > self.threshold:
                 eta = max(eta, safeguard)
         return max(min(eta, self.cap), self.guard * target / norm)
-
-
-@dataclass(frozen=True)
-class ConstantForcing:
-    """The same tolerance in every iteration."""
-
-    eta: float = 1e-2
-
-    def __post_init__(self) -> None:
-        """Raises ConfigError unless 0 <= eta < 1."""
-        if not 0.0 <= self.eta < 1.0:
-            raise ConfigError(f"a forcing term must be at least 0 and below 1, not {self.eta}")
-
-    def __call__(
-        self, norm: float, previous_norm: float | None, previous: float | None, target: float
-    ) -> float:
-        """See `Forcing`."""
-        return self.eta

@@ -29,7 +29,7 @@ QUIETLY = functools.partial(np.errstate, invalid="ignore", over="ignore")
 class HostVectors:
     """The operations of `VectorSpace` on device "cpu"; see there for their meaning."""
 
-    def __init__(self, weights: Array, real: type) -> None:
+    def __init__(self, weights: Array, real: type, device: str = "cpu") -> None:
         self.real, self.n = real, weights.size
         self.dtype = np.dtype(wp.dtype_to_numpy(real))
         self._weights = weights

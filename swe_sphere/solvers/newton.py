@@ -154,13 +154,11 @@ class NewtonKrylov:
         tolerance beyond the arithmetic, 0 included, is met when the corrections are of round-off
         size: the result then says `roundoff`.  Points where F is not finite are stepped back from.
         """
-        p = _Progress(problem, x)
         problem.residual(x, self._residual)
-        p.evaluations = 1
-        p.residuals.append(self.space.norm(self._residual))
-        first = p.residuals[0]
+        first = self.space.norm(self._residual)
+        p = _Progress(problem, x, residuals=[first], evaluations=1)
         p.target = max(self.rtol * (first if scale is None else scale), self.atol)
-        if not math.isfinite(p.residuals[0]):
+        if not math.isfinite(first):
             return p.end(Status.NOT_A_NUMBER, "the residual of the guess is not finite")
         if first == 0.0 or (scale is None and first <= p.target):
             return p.end(Status.CONVERGED, "the guess is good enough")

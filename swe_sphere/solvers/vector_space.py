@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -25,21 +24,32 @@ __all__ = ["VectorSpace"]
 Array = NDArray[np.float64]
 
 
-class _Counted:
-    """The operations of a space, counted."""
-
-    def __init__(self, do: HostVectors | DeviceVectors, work: Work, kind: str) -> None:
-        def counted(name: str, rows: Callable[..., int] | None = None) -> Callable[..., Any]:
-            return work.counted(f"{name} {kind}", getattr(do, name), rows)
-
-        self.copy, self.clear, self.scale = counted("copy"), counted("clear"), counted("scale")
-        self.axpby, self.dot = counted("axpby"), counted("dot")
-        self.project = counted("project", lambda stack, count, v: count)
-        self.combine_rows = counted("combine_rows", lambda scale, x, stack, c, out: len(c))
+OPERATIONS: dict[str, Callable[..., int] | None] = {
+    "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None,
+    "project": lambda stack, count, v: count,
+    "combine_rows": lambda scale, x, stack, c, out: len(c),
+}  # fmt: skip
+"""What a device or the host does, with how many rows of a stack a call reads where it reads any."""
 
 
 class VectorSpace:
     """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>)."""
+
+    copy: Callable[[wp.array, wp.array], None]
+    """copy(source, target): target = source."""
+    clear: Callable[[wp.array], None]
+    """clear(x): x = 0."""
+    scale: Callable[[float, wp.array], None]
+    """scale(a, x): x = a x."""
+    axpby: Callable[[float, wp.array, float, wp.array], None]
+    """axpby(a, x, b, y): y = a x + b y."""
+    dot: Callable[[wp.array, wp.array], float]
+    """dot(a, b): <a, b>."""
+    project: Callable[[wp.array, int, wp.array], Array]
+    """project(stack, count, v): <stack[s], v> for s < count, as numpy array (count,) that the next
+    call overwrites."""
+    combine_rows: Callable[[float, wp.array, wp.array, Array, wp.array], None]
+    """combine_rows(scale, x, stack, c, out): as `combine`, for c in an array."""
 
     def __init__(
         self,
@@ -61,11 +71,14 @@ class VectorSpace:
         self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels
-        self._do: HostVectors | DeviceVectors | _Counted = (
-            DeviceVectors(values, real, self.device) if by_kernels else HostVectors(values, real)
-        )
-        if work is not None:
-            self._do = _Counted(self._do, work, f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}")
+        kind = DeviceVectors if by_kernels else HostVectors
+        do = kind(values, real, self.device)
+        name = f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}"
+        for operation, rows in OPERATIONS.items():
+            function = getattr(do, operation)
+            if work is not None:
+                function = work.counted(f"{operation} {name}", function, rows)
+            setattr(self, operation, function)
 
     def zeros(self) -> wp.array:
         """A new vector (n,) of zeros."""
@@ -83,37 +96,13 @@ class VectorSpace:
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
 
-    def copy(self, source: wp.array, target: wp.array) -> None:
-        """target = source."""
-        self._do.copy(source, target)
-
-    def clear(self, x: wp.array) -> None:
-        """x = 0."""
-        self._do.clear(x)
-
-    def scale(self, a: float, x: wp.array) -> None:
-        """x = a x."""
-        self._do.scale(a, x)
-
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """y = y + a x."""
-        self._do.axpby(a, x, 1.0, y)
-
-    def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
-        """y = a x + b y."""
-        self._do.axpby(a, x, b, y)
-
-    def dot(self, a: wp.array, b: wp.array) -> float:
-        """<a, b>."""
-        return self._do.dot(a, b)
+        self.axpby(a, x, 1.0, y)
 
     def norm(self, a: wp.array) -> float:
         """|a|; NaN when an element is."""
-        return math.sqrt(self._do.dot(a, a))
-
-    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        """<stack[s], v> for s < count, as numpy array (count,) that the next call overwrites."""
-        return self._do.project(stack, count, v)
+        return math.sqrt(self.dot(a, a))
 
     def combine(
         self,
@@ -125,4 +114,4 @@ class VectorSpace:
     ) -> None:
         """out = scale (x + sum_s c_s stack[s]) over the first len(c) rows; `out` may be `x`."""
         c = np.asarray(coefficients, dtype=np.float64)
-        self._do.combine_rows(scale, x, stack, c, out)
+        self.combine_rows(scale, x, stack, c, out)

@@ -42,8 +42,9 @@ class AdaptiveStepper(Stepper):
 
     `by="embedded"`: the difference to the embedded method in the energy norm, over the norm of the
     state, a step.  The error of a run then goes with the tolerance for rosenbrock-w, whose estimate
-    is that of the embedded method of lower order, and with its power 2/3 for tr-bdf2; for esdirk4 with a
-    power between the two while steps are longer than the fastest gravity waves (`lauter`, ne 3).
+    is that of an embedded method of lower order, and with its power 2/3 for tr-bdf2; for esdirk4
+    with a power between the two while steps are longer than the fastest gravity waves (`lauter`,
+    ne 3).
 
     `by="energy"`: relative drift of the total energy, per day.  All of it is the time integrator's,
     as the discretisation in space keeps energy.  It goes with the error of schemes that damp

@@ -12,27 +12,23 @@ from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 class AverageProblem(StageProblem):
     """x - dt G(start, x) = start, with G the average of the right-hand side between two states.
 
+    dt is twice `tau`, and `rhs` the start.
     Its Jacobian is taken as I - dt/2 J(mean), which differs by terms of second order in the step's
     change: Newton then gains a fixed, large factor an iteration and needs no code of its own.
     """
+
+    slopes = 2.0
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
         super().__init__(model, space, preconditioner)
         self._average = PoissonTendency(model) if PoissonTendency.fits(model) else None
         self._mean, self._loss = model.zeros(), model.zeros()
 
-    def residual(self, x: wp.array, out: wp.array) -> None:
-        """out = x - dt G(start, x) - start; dt is twice `tau` and `rhs` the start."""
-        self._slope_between(x)
-        self.space.copy(x, out)
-        self.space.axpy(-2.0 * self.tau, self._slope, out)
-        self.space.axpy(-1.0, self.rhs, out)
-
     def linearise(self, x: wp.array) -> None:
         """Fix the mean state at which the tangent is taken."""
         self._operator.update(self._mean_of(x), self.time)
 
-    def _slope_between(self, x: wp.array) -> None:
+    def _evaluate(self, x: wp.array) -> None:
         if self._average is None:
             self._model.tendency(self._mean_of(x), self.time, self._slope)
             return

@@ -1,6 +1,5 @@
 """The backward differentiation formula of second order."""
 
-import numpy as np
 import warp as wp
 
 from swe_sphere.equations.model import Model
@@ -36,56 +35,32 @@ class BDF2(ImplicitStepper):
 
     def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()
-        self._previous_dt = 0.0
         self._starter = TRBDF2(model, self.dt, self.loosest, "none")
         self._starter.share_solver(self)
-
-    def tighten(self, tolerance: float) -> None:
-        """Take this tolerance from now on."""
-        super().tighten(tolerance)
-        self._starter.tighten(tolerance)
-
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
-        self._previous_dt = 0.0
-
-    def state_dict(self) -> dict[str, np.ndarray]:
-        """Copies of all that a bitwise exact restart needs."""
-        return super().state_dict() | {"previous_dt": np.array(self._previous_dt)}
-
-    def load_state_dict(self, state: dict[str, np.ndarray], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many steps."""
-        super().load_state_dict(state, steps)
-        self._previous_dt = float(state["previous_dt"])
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}
 
     def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
-        if self._previous_dt == 0.0:
+        last_dt = self.motion.last_dt
+        if last_dt == 0.0:
             return self._start_up(t, dt, out)
-        w = dt / self._previous_dt
+        w = dt / last_dt
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.copy(self.state, self._rhs)
         self.space.axpby(past, self._previous, now, self._rhs)
         self.space.copy(self.state, out)
         self.space.axpby(-w, self._previous, 1.0 + w, out)
-        self.space.axpy(0.5 * EXPECTED * dt * (dt + self._previous_dt), self.motion.bend, out)
+        self.space.axpy(0.5 * EXPECTED * dt * (dt + last_dt), self.motion.bend, out)
         result = self._solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
         return None if result.converged else result
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and the present one that before it."""
         self.space.copy(self.state, self._previous)
-        self._previous_dt = dt
         super().accept(dt)
 
     def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
-        starter = self._starter
-        starter.start(self.state, t)
-        failure = starter.step_to(t, dt, out)
-        for name, count in starter.counters.items():
-            self.counters[name] += count
-            starter.counters[name] = 0
-        return failure
+        self._starter.tighten(self.loosest)
+        self._starter.start(self.state, t)
+        return self._starter.step_to(t, dt, out)

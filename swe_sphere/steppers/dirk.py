@@ -6,16 +6,15 @@ from typing import ClassVar
 import numpy as np
 import warp as wp
 
-from swe_sphere.equations.model import Model
 from swe_sphere.solvers.newton import NewtonResult
-from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stability import error_constant, tableau
+from swe_sphere.steppers.successive_stages import SuccessiveStages
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
 
 
-class DiagonallyImplicit(ImplicitStepper):
+class DiagonallyImplicit(SuccessiveStages):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
@@ -25,9 +24,6 @@ class DiagonallyImplicit(ImplicitStepper):
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
-    b: ClassVar[tuple[float, ...]]
-    embedded: ClassVar[tuple[float, ...] | None] = None
-    """Weights of an embedded method of another order, where there is one."""
     followed: ClassVar[float] = 0.0
     """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
@@ -37,36 +33,7 @@ class DiagonallyImplicit(ImplicitStepper):
         """From the tableau."""
         return error_constant(tableau(cls.a, len(cls.b)), np.array(cls.b), cls.order)
 
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Slopes of this step and of the last, and those of the solver."""
-        return 19 + 2 * len(cls.b)
-
-    def _allocate(self, model: Model) -> None:
-        stages = len(self.b)
-        self._stack = self.space.stack(stages)
-        self._past = self.space.stack(stages)
-        self._slopes = [self._stack[i] for i in range(stages)]
-        self._guesses = [self._past[i] for i in range(stages)]
-        self._rhs, self._attempted = model.zeros(), 0.0
-
-    def _begin(self, slope: wp.array) -> None:
-        for guess in self._guesses:
-            self.space.copy(slope, guess)
-
-    def _remembered(self) -> dict[str, wp.array]:
-        return {"state": self.state, "slopes": self._past}
-
-    def error_estimate(self) -> float:
-        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
-        assert self.embedded is not None
-        difference = self._attempted * (np.array(self.b) - np.array(self.embedded))
-        self.space.clear(self._rhs)
-        self.space.combine(self._rhs, self._stack, difference, self._rhs)
-        return self.space.norm(self._rhs)
-
     def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
-        self._attempted = dt
         for i, row in enumerate(self.a):
             earlier, gamma = dt * np.array(row[:i]), dt * row[i]
             stage_time = t + dt * sum(row)
@@ -79,7 +46,7 @@ class DiagonallyImplicit(ImplicitStepper):
             if not result.converged:
                 return result
             self._slope(out, self._rhs, gamma, self._slopes[i])
-        self.space.combine(self.state, self._stack, dt * np.array(self.b), out)
+        self._finish(dt, out)
         return None
 
     def _guess(self, i: int, gamma: float, out: wp.array) -> None:
@@ -89,11 +56,6 @@ class DiagonallyImplicit(ImplicitStepper):
         if i > 0 and self.followed:
             self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
             self.space.axpy(-self.followed * gamma, self._guesses[i - 1], out)
-
-    def accept(self, dt: float) -> None:
-        """Make `new` the present state, and keep the slopes for the guesses of the next step."""
-        super().accept(dt)
-        self.space.copy(self._stack, self._past)
 
 
 class ImplicitEuler(DiagonallyImplicit):

@@ -42,6 +42,9 @@ Failure = NewtonResult | LinearResult
 class StageProblem:
     """x - tau F(x, t) = r with exact Jacobian products."""
 
+    slopes: ClassVar[float] = 1.0
+    """How many times tau the slope in the residual is taken."""
+
     def __init__(self, model: Model, space: VectorSpace, preconditioner_name: str) -> None:
         self._model, self.space = model, space
         self.preconditioner = make_preconditioner(preconditioner_name, model)
@@ -52,10 +55,13 @@ class StageProblem:
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out = x - tau F(x) - r."""
-        self._model.tendency(x, self.time, self._slope)
+        self._evaluate(x)
         self.space.copy(x, out)
-        self.space.axpy(-self.tau, self._slope, out)
+        self.space.axpy(-self.slopes * self.tau, self._slope, out)
         self.space.axpy(-1.0, self.rhs, out)
+
+    def _evaluate(self, x: wp.array) -> None:
+        self._model.tendency(x, self.time, self._slope)
 
     def linearise(self, x: wp.array) -> None:
         """Fix the state of the Jacobian."""
@@ -87,7 +93,7 @@ class ImplicitStepper(SolvingStepper):
         """That of the step last attempted."""
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
-        self._newton = NewtonKrylov(
+        self.newton = NewtonKrylov(
             space,
             _gmres(space),
             max_iterations=NEWTON_ITERATIONS,
@@ -168,8 +174,9 @@ class ImplicitStepper(SolvingStepper):
         self.space.copy(self.new, self.state)
 
     def share_solver(self, other: "ImplicitStepper") -> None:
-        """Solve with the preconditioner, the Krylov basis and the motion of another stepper."""
-        self.problem, self._newton, self.motion = other.problem, other._newton, other.motion
+        """Solve with the preconditioner, the Krylov basis and the motion of another; it counts."""
+        self.problem, self.newton, self.motion = other.problem, other.newton, other.motion
+        self.counters = other.counters
 
     def tighten(self, tolerance: float) -> None:
         """Take this tolerance from now on."""
@@ -214,21 +221,21 @@ class ImplicitStepper(SolvingStepper):
     def _newton_solve(self, tau: float, x: wp.array, scale: float) -> NewtonResult:
         """Solve the problem as it is set from the guess x; the tolerance is relative to `scale`."""
         self._prepare(tau)
-        self._newton.rtol = self.tolerance
-        result = self._newton.solve(self.problem, x, scale, self._worthless())
+        self.newton.rtol = self.tolerance
+        result = self.newton.solve(self.problem, x, scale, self._worthless())
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
         return result
 
     def _solve_linear(self, rhs: wp.array, x: wp.array, **goal: float) -> LinearResult:
         """Solve the linearised problem as it is set from the guess x, to what `goal` says."""
-        result = self._newton.gmres.solve(
+        result = self.newton.gmres.solve(
             self.problem.jacobian,
             rhs,
             x,
             self.problem.precondition,
             **({"rtol": 0.0} | goal),
-            max_iterations=self._newton.max_krylov,
+            max_iterations=self.newton.max_krylov,
         )
         self.counters["krylov_iterations"] += result.iterations
         return result

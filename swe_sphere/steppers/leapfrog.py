@@ -76,9 +76,16 @@ class Leapfrog(Stepper):
 
 
 def _growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-    """Larger eigenvalue of the map (x-, x) -> (x + share d, x+ - (1 - share) d)."""
+    return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
+
+
+def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
+    """Largest growth with the filter of the scheme x+ = old x- + new x.
+
+    That is the larger eigenvalue of the map (x-, x) -> (x + share d, x+ - (1 - share) d).
+    """
     half = 0.5 * FILTER
-    future = np.stack([1.0 + 2.0 * z_dissipation, 2.0 * z_wave], axis=-1)
+    future = np.stack(np.broadcast_arrays(old, new), axis=-1)
     present = np.broadcast_to([0.0, 1.0], future.shape)
     past = np.broadcast_to([1.0, 0.0], future.shape)
     d = half * (past - 2.0 * present + future)

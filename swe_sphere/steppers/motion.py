@@ -30,7 +30,8 @@ class Motion:
         self._slope, self._work = space.zeros(), space.zeros()
         self.bend = space.zeros()
         """x'' between the last two steps."""
-        self.rate, self._dt = 0.0, 0.0
+        self.rate, self.last_dt = 0.0, 0.0
+        """The latter is the length [s] of the last step, 0 before the first."""
         self.frequencies = (0.0, 0.0)
 
     def start(self, model: Model, state: wp.array, t: float, dt: float) -> wp.array:
@@ -44,7 +45,7 @@ class Motion:
         space.axpy(probe, self._slope, self._work)
         model.tendency(self._work, t + probe, self.bend)
         space.axpy(-1.0, self._slope, self.bend)
-        self.rate, self._dt = space.norm(self._slope), 0.0
+        self.rate, self.last_dt = space.norm(self._slope), 0.0
         frequency = _ratio(space.norm(self.bend), probe * self.rate)
         self.frequencies = frequency, frequency
         space.clear(self.bend)
@@ -53,7 +54,7 @@ class Motion:
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:
         """Take note of a step of dt [s] between two states."""
         space, slope, bend, before = self._space, self._work, self._slope, self.bend
-        apart = 0.5 * (dt + self._dt)
+        apart = 0.5 * (dt + self.last_dt)
         space.copy(old, slope)
         space.axpby(1.0 / dt, new, -1.0 / dt, slope)
         space.axpby(1.0 / apart, slope, -1.0 / apart, bend)
@@ -62,7 +63,7 @@ class Motion:
         first = _ratio(math.sqrt(now), self.rate)
         second = _ratio(math.sqrt(max(now - 2.0 * both + then, 0.0) / now), dt) if now else first
         self.frequencies = first, (max(first, second) if then else first)
-        self._slope, self.bend, self._work, self._dt = slope, bend, before, dt
+        self._slope, self.bend, self._work, self.last_dt = slope, bend, before, dt
 
     def truncation(self, constant: float, order: int, dt: float) -> float:
         """What a solver may leave of a step of dt [s] by a scheme with that error constant C.
@@ -74,14 +75,14 @@ class Motion:
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """What an exact restart needs."""
-        numbers = np.array([self.rate, self._dt, *self.frequencies])
+        numbers = np.array([self.rate, self.last_dt, *self.frequencies])
         vectors = {"mean_slope": self._slope, "bend": self.bend}
         return {"motion": numbers} | {k: v.numpy().copy() for k, v in vectors.items()}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go on from what `state_dict` returned."""
         numbers = (float(number) for number in saved["motion"])
-        self.rate, self._dt, *frequencies = numbers
+        self.rate, self.last_dt, *frequencies = numbers
         self.frequencies = frequencies[0], frequencies[1]
         self._slope.assign(saved["mean_slope"])
         self.bend.assign(saved["bend"])

@@ -6,20 +6,20 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stability import error_constant
+from swe_sphere.steppers.successive_stages import SuccessiveStages
 
 Array = NDArray[np.float64]
 FRACTION = 1e-3
 """Half width of the difference that gives dF/dt, in time steps."""
 
 
-class RosenbrockW(ImplicitStepper):
+class RosenbrockW(SuccessiveStages):
     """Rosenbrock-W method RA34PW2: linearly implicit, four stages, third order, L-stable.
 
     (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
     keeps its order with an inexact J (Rang & Angermann 2005, doi:10.1007/s10543-005-0035-y).  It is
-    solved for u = Gamma k, which needs no product with J on the right (Hairer & Wanner 1996, IV.7).
+    solved for u = Gamma k/dt: no product with J is on the right then (Hairer & Wanner 1996, IV.7).
     A solve is as exact as `tolerance` says, relative to the change of the state over the last step.
     """
 
@@ -49,38 +49,23 @@ class RosenbrockW(ImplicitStepper):
         a = np.array(cls.alpha) + np.array(cls.lower) + cls.gamma * np.eye(len(cls.b))
         return error_constant(a, np.array(cls.b), cls.order)
 
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Stages of this step and of the last, and those of the solver."""
-        return 21 + 2 * len(cls.b)
-
     def _allocate(self, model: Model) -> None:
-        stages = len(self.b)
-        self._stack, self._past = self.space.stack(stages), self.space.stack(stages)
-        self._solutions = [self._stack[i] for i in range(stages)]
-        self._guesses = [self._past[i] for i in range(stages)]
-        self._point, self._rhs, self._drift = model.zeros(), model.zeros(), model.zeros()
+        super()._allocate(model)
+        self._point, self._drift = model.zeros(), model.zeros()
         self._has_drift = not model.scene.autonomous
-        sums = np.array(self.lower) + self.gamma * np.eye(stages)
-        inverse = np.linalg.inv(sums)
+        sums = np.array(self.lower) + self.gamma * np.eye(len(self.b))
+        self._inverse = np.linalg.inv(sums)
         self._c, self._gammas = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
-        self._inner, self._coupling = np.array(self.alpha) @ inverse, -np.tril(inverse, -1)
-        self._b, self._b_embedded = np.array(self.b) @ inverse, np.array(self.embedded) @ inverse
+        self._inner, self._coupling = self.alpha @ self._inverse, -np.tril(self._inverse, -1)
+
+    def _weights(self, b: tuple[float, ...]) -> Array:
+        weights: Array = b @ self._inverse
+        return weights
 
     def _begin(self, slope: wp.array) -> None:
+        super()._begin(slope)
         for guess, part in zip(self._guesses, self._gammas, strict=True):
-            self.space.copy(slope, guess)
             self.space.scale(float(part), guess)
-
-    def error_estimate(self) -> float:
-        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
-        self.space.clear(self._rhs)
-        difference = self._b - self._b_embedded
-        self.space.combine(self._rhs, self._stack, difference, self._rhs)
-        return self.space.norm(self._rhs)
-
-    def _remembered(self) -> dict[str, wp.array]:
-        return {"state": self.state, "stages": self._past}
 
     def _attempt(self, t: float, dt: float, out: wp.array) -> LinearResult | None:
         tau = self.gamma * dt
@@ -91,29 +76,28 @@ class RosenbrockW(ImplicitStepper):
         self.problem.linearise(self.state)
         for i in range(len(self.b)):
             self._right_hand_side(i, t, dt)
-            result = self._solve_stage(i, tau, dt)
+            result = self._solve_stage(i, dt)
             if not result.converged:
                 return result
-        self.space.combine(self.state, self._stack, self._b, out)
+        self._finish(dt, out)
         return None
 
     def _right_hand_side(self, i: int, t: float, dt: float) -> None:
-        """gamma dt [F(x + sum a_ij u_j) + sum c_ij u_j / dt + gamma_i dt dF/dt]."""
-        space, tau = self.space, self.gamma * dt
-        space.combine(self.state, self._stack, self._inner[i, :i], self._point)
+        """gamma [F(x + dt sum a_ij u_j) + sum c_ij u_j + gamma_i dt dF/dt]."""
+        space = self.space
+        space.combine(self.state, self._stack, dt * self._inner[i, :i], self._point)
         self.model.tendency(self._point, t + self._c[i] * dt, self._rhs)
-        space.scale(tau, self._rhs)
+        space.scale(self.gamma, self._rhs)
         space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
         if self._has_drift:
-            space.axpy(tau * self._gammas[i] * dt, self._drift, self._rhs)
+            space.axpy(self.gamma * self._gammas[i] * dt, self._drift, self._rhs)
 
-    def _solve_stage(self, i: int, tau: float, dt: float) -> LinearResult:
+    def _solve_stage(self, i: int, dt: float) -> LinearResult:
         """(I - tau J) u_i = right-hand side; u_i has its mass, which J does not move."""
-        u = self._solutions[i]
+        u = self._slopes[i]
         self.space.copy(self._guesses[i], u)
-        self.space.scale(dt, u)
-        goal = self.tolerance * tau * self.motion.rate
-        result = self._solve_linear(self._rhs, u, atol=goal, floor=self._worthless())
+        goal, floor = self.tolerance * self.gamma * self.motion.rate, self._worthless() / dt
+        result = self._solve_linear(self._rhs, u, atol=goal, floor=floor)
         self._restore_mass(self._rhs, u)
         return result
 
@@ -125,10 +109,3 @@ class RosenbrockW(ImplicitStepper):
         self.model.tendency(self.state, t + step, self._drift)
         self.model.tendency(self.state, t - step, self._point)
         self.space.axpby(-0.5 / step, self._point, 0.5 / step, self._drift)
-
-    def accept(self, dt: float) -> None:
-        """Make `new` the present state, and keep the stages for the guesses of the next step."""
-        super().accept(dt)
-        for solution, guess in zip(self._solutions, self._guesses, strict=True):
-            self.space.copy(solution, guess)
-            self.space.scale(1.0 / dt, guess)

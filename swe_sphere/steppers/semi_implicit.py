@@ -37,7 +37,8 @@ class SemiImplicit(ImexStepper):
     ) -> None:
         super().__init__(model, dt, tolerance, coriolis, solver)
         self._starter = ARK2(model, dt, solver=self.solver)
-        self._starter.motion = self.motion  # which takes note of its step
+        # which take note of its step
+        self._starter.motion, self._starter.counters = self.motion, self.counters
         self._previous, self._slope, self._linear = model.zeros(), model.zeros(), model.zeros()
         self._change, self._difference = model.zeros(), model.zeros()
         real, n = model.device_mesh.real, model.mesh.size
@@ -91,30 +92,16 @@ class SemiImplicit(ImexStepper):
 
     def _first_step(self) -> None:
         wp.copy(self._previous, self.state)
-        starter = self._starter
-        starter.start(self.state, self.time)
-        starter.step()
-        wp.copy(self.state, starter.state)
+        self._starter.start(self.state, self.time)
+        self._starter.step()
+        wp.copy(self.state, self._starter.state)
         self.space.copy(self.state, self._difference)
         self.space.axpby(-2.0, self._previous, 2.0, self._difference)
         wp.copy(self._guess, depth_of(self._difference, self._guess.size))
-        self.counters["krylov_iterations"] += starter.counters["krylov_iterations"]
-        starter.counters["krylov_iterations"] = 0
 
     @classmethod
     def _growth(
         cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
     ) -> NDArray[np.float64]:
-        """Larger eigenvalue of the map (x-, x) -> (x + share d, x+ - (1 - share) d)."""
-        half = 0.5 * leapfrog.FILTER
         old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
-        new = 2.0 * z_wave / (1.0 - z_implicit)
-        future = np.stack(np.broadcast_arrays(old, new), axis=-1)
-        present = np.broadcast_to([0.0, 1.0], future.shape)
-        past = np.broadcast_to([1.0, 0.0], future.shape)
-        d = half * (past - 2.0 * present + future)
-        step = np.stack(
-            [present + leapfrog.SHARE * d, future - (1.0 - leapfrog.SHARE) * d], axis=-2
-        )
-        growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
-        return growth
+        return leapfrog.filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))

@@ -117,20 +117,20 @@ VARIABLE_STEP = _edits(
         "enumerate(_INVERSE / dt)",
         "enumerate(_INVERSE / self.dt)",
     ),
-    ("distance of slopes", MOTION, _RATES, "apart = 0.5 * (dt + self._dt)", "apart = dt"),
+    ("distance of slopes", MOTION, _RATES, "apart = 0.5 * (dt + self.last_dt)", "apart = dt"),
     (
         "the last step of the motion lost in restarts",
         MOTION,
         _RATES,
-        "self.rate, self._dt, *frequencies = numbers",
+        "self.rate, self.last_dt, *frequencies = numbers",
         "self.rate, _, *frequencies = numbers",
     ),
     (
         "the last step of BDF2 lost in restarts",
-        BDF2,
+        MOTION,
         _RESTART,
-        'self._previous_dt = float(state["previous_dt"])',
-        "self._previous_dt = 0.0",
+        "self.rate, self.last_dt, *frequencies = numbers",
+        "self.rate, _, *frequencies = numbers",
     ),
 )
 

@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 MODE_SWEEPS = 6
-"""Chebyshev steps on the computational modes, whose coarse operators are well conditioned.  Days into
-a run these waves limit the convergence: with three steps it takes half as many iterations
+"""Chebyshev steps on the computational modes, whose coarse operators are well conditioned.  Days
+into a run these modes limit the convergence: with three steps it takes half as many iterations
 again."""
 NEGLIGIBLE = 0.01
-"""Couplings of the computational modes that are left out, relative to the diagonal: one in three."""
+"""Couplings of computational modes that are left out, relative to the diagonal: one in three."""
 
 
 class CoarseCorrection:
@@ -47,15 +47,15 @@ class CoarseCorrection:
 
         schur = self._schur
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
-        matrix = self._mass + tau**2 * schur.gravity * compact
+        smooth = self._mass + tau**2 * schur.gravity * compact
         self._direct = splu(
-            matrix.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+            smooth.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
-        self._mode_matrix = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
-        self._inverse = (1.0 / self._mode_matrix.diagonal()).astype(np.float32)
-        largest = spectral_bound(lambda x: self._inverse * (self._mode_matrix @ x), self._inverse.size)
+        self._matrix = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
+        self._inverse = (1.0 / self._matrix.diagonal()).astype(np.float32)
+        largest = spectral_bound(lambda x: self._inverse * (self._matrix @ x), self._inverse.size)
         self._coefficients = chebyshev_coefficients(MODE_SWEEPS, largest)
 
     def solve(self, b: Float32) -> Float32:
@@ -73,7 +73,7 @@ class CoarseCorrection:
         d = np.float32(take) * (self._inverse * r)
         x: Float32 = np.float32(beta) * d
         for keep, take, beta in others:
-            r -= self._mode_matrix @ d
+            r -= self._matrix @ d
             d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
             x += np.float32(beta) * d
         return x

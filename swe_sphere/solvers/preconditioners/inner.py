@@ -127,7 +127,7 @@ class Direct(InnerSolver):
 
 
 class Multilevel(InnerSolver):
-    """Cycles of a coarse correction on smooth waves and computational modes, and Chebyshev steps on S itself.
+    """Cycles of a coarse correction, of smooth waves and computational modes, and Chebyshev steps.
 
     At large gravity-wave Courant numbers a Chebyshev step and more cycles are added.  With
     `symmetric`, as many steps go before the correction, as conjugate gradients need.
