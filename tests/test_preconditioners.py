@@ -391,13 +391,13 @@ def test_computational_modes_pay_on_a_stretched_mesh(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize(("inner", "np_"), [(Direct, 4), (Schwarz, 16)])
-def test_too_large_is_refused_before_anything_is_built(small, inner, np_: int) -> None:
+def test_too_large_is_refused_before_anything_is_built(inner, np_: int) -> None:
     """On a mesh of ne 120, of which nothing but the size is looked at."""
     size = 6 * (120 * (np_ - 1)) ** 2 + 2
-    matrix = SimpleNamespace(mesh=SimpleNamespace(ne=120, np=np_, size=size))
-    operator = make_preconditioner("jacobi", small[0]).operator
+    mesh = SimpleNamespace(mesh=SimpleNamespace(ne=120, np=np_, size=size))
+    operator = SimpleNamespace(mesh=mesh, gravity=9.8, coriolis=np.zeros(1))
     with pytest.raises(ConfigError, match=r"about \d+ GB; choose the preconditioner helmholtz "):
-        inner(operator, matrix).setup(1000.0, np.ones(1))
+        inner(operator).setup(1000.0, np.ones(1))
 
 
 def test_unknown_name_gets_the_nearest() -> None:

@@ -163,7 +163,7 @@ def test_diagonal_and_bound_on_the_spectrum(np_: int, precision: str) -> None:
     dense = system.matrix.toarray()
     assert relative(system.diagonal, np.diag(dense)) < 1e-13
     largest = np.abs(np.linalg.eigvals(dense / system.diagonal[:, None])).max()
-    bound = Multilevel(system.operator, system.host).largest_eigenvalue(1.0 / system.diagonal)
+    bound = Multilevel(system.operator).largest_eigenvalue(1.0 / system.diagonal)
     assert largest <= bound <= 1.06 * largest
 
 
@@ -228,7 +228,7 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     operator = SchurOperator(on_device, model.launch, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
     operator.configure(tau, depth, 1.0 / host.diagonal(tau, depth))
-    inner, x = Multilevel(operator, host, symmetric=True), operator.vector()
+    inner, x = Multilevel(operator, symmetric=True), operator.vector()
     inner.setup(tau, depth)
     columns = []
     for unit in np.eye(mesh.size):

@@ -19,13 +19,11 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.convert import convert_kernel
 from swe_sphere.kernels.pointwise import Pointwise
-from swe_sphere.operators import DeviceMesh, TendencyOperator
-from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators import TendencyOperator
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.solvers.preconditioners.inner import Multilevel
-from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
+from swe_sphere.solvers.preconditioners.inner import Multilevel, schur_operator
 from swe_sphere.solvers.tracer_waves import TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -125,12 +123,14 @@ class GravityWaveSolver:
         self.waves, self.tau = waves, 0.0
         model = waves.model
         self._launch, self._outer = model.launch, model.device_mesh.real
-        self.operator = self._schur_operator(wp.float64, self._outer)
+        self.operator = schur_operator(model, waves.coriolis, wp.float64, self._outer)
+        self._rough = schur_operator(model, waves.coriolis, wp.float32, wp.float32)
+        self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
+        self._rough_r, self._rough_z = self._rough.vector(), self._rough.vector()
         area = model.mesh.area / model.mesh.area.sum()
         self.space = VectorSpace(area, model.device, work=model.launch.work)
         self.setups, self.setup_seconds = 0, 0.0
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
-        self._make_preconditioner()
         self._krylov: Any = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
         )
@@ -150,10 +150,7 @@ class GravityWaveSolver:
         start = time.perf_counter()
         self.tau = tau
         depth = np.full(self.waves.model.mesh.size, self.waves.depth)
-        inverse = 1.0 / self._matrix.diagonal(tau, depth)
-        for operator in (self.operator, self._rough):
-            operator.configure(tau, depth, inverse)
-        self._inner.setup(tau, depth)
+        self.operator.configure(tau, depth, self._inner.prepare(tau, depth))
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
 
@@ -178,22 +175,6 @@ class GravityWaveSolver:
         if self.waves.tracers is not None:
             self.waves.tracers.solve(self.tau, r, out)
         return result
-
-    def _schur_operator(self, real: Any, outer: Any) -> SchurOperator:
-        model = self.waves.model
-        mesh = model.device_mesh
-        if mesh.real is not real:
-            mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
-        gravity = model.scene.planet.gravity
-        return SchurOperator(mesh, model.launch, gravity, self.waves.coriolis, outer)
-
-    def _make_preconditioner(self) -> None:
-        waves = self.waves
-        gravity = waves.model.scene.planet.gravity
-        self._rough = self._schur_operator(wp.float32, wp.float32)
-        self._matrix = SchurMatrix(waves.model.mesh, gravity, waves.coriolis)
-        self._inner = Multilevel(self._rough, self._matrix, symmetric=waves.symmetric)
-        self._rough_r, self._rough_z = self._rough.vector(), self._rough.vector()
 
     def _precondition(self, r: wp.array, z: wp.array) -> None:
         self._launch(self._down, self.space.n, r, self._rough_r)

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.operators import DeviceMesh
-from swe_sphere.operators.schur import SchurOperator
-from swe_sphere.solvers.preconditioners.inner import Direct, InnerSolver, Jacobi, Multilevel
+from swe_sphere.solvers.preconditioners.inner import (
+    Direct,
+    InnerSolver,
+    Jacobi,
+    Multilevel,
+    schur_operator,
+)
 from swe_sphere.solvers.preconditioners.preconditioner import Preconditioner, elimination_memory
-from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 from swe_sphere.solvers.preconditioners.schwarz import Schwarz
 
 Array = NDArray[np.float64]
@@ -38,11 +41,9 @@ class BlockElimination(Preconditioner):
         if model.scene.wind is not None:
             raise ConfigError("a scene with prescribed wind has no gravity waves to precondition")
         self._model = model
-        mesh = DeviceMesh(model.mesh, model.device, self.real, model.shape)
-        gravity, outer = model.scene.planet.gravity, model.device_mesh.real
-        self.operator = SchurOperator(mesh, model.launch, gravity, model.coriolis, outer)
-        self.matrix = SchurMatrix(model.mesh, gravity, model.coriolis)
-        self.inner = self.inner_solver(self.operator, self.matrix)
+        outer = model.device_mesh.real
+        self.operator = schur_operator(model, model.coriolis, self.real, outer)
+        self.inner = self.inner_solver(self.operator)
         self._b, self._h = self.operator.vector(), self.operator.vector()
         self._tau, self._depth = 0.0, np.zeros(model.mesh.size)
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
@@ -73,8 +74,7 @@ class BlockElimination(Preconditioner):
     def _make(self, tau: float, depth: Array) -> None:
         start = time.perf_counter()
         self._tau, self._depth = tau, depth
-        self.operator.configure(tau, depth, 1.0 / self.matrix.diagonal(tau, depth))
-        self.inner.setup(tau, depth)
+        self.inner.prepare(tau, depth)
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
 

@@ -7,7 +7,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
@@ -29,11 +31,36 @@ LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
 
-class InnerSolver(ABC):
-    """Approximate inverse of S; `setup`, of an operator configured alike, before `solve`."""
+def schur_operator(model: Model, coriolis: Array, real: Any, outer: Any) -> SchurOperator:
+    """S of a model with that Coriolis parameter (N,) [s-1], in one number type inside.
 
-    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
-        self.operator, self.matrix = operator, matrix
+    outer: number type of the states that it eliminates from and substitutes into.
+    """
+    mesh = model.device_mesh
+    if mesh.real is not real:
+        mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
+    return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer)
+
+
+class InnerSolver(ABC):
+    """Approximate inverse of S; `prepare`, or `setup` with the operator configured, before `solve`.
+
+    Raises ConfigError where it would not fit in memory.
+    """
+
+    def __init__(self, operator: SchurOperator) -> None:
+        self.operator = operator
+        self.matrix = SchurMatrix(operator.mesh.mesh, operator.gravity, operator.coriolis)
+
+    def prepare(self, tau: float, depth: Array) -> Array:
+        """Bring the operator and its inverse to tau [s] and the depth (N,) [m].
+
+        Returns one over the diagonal of S (N,).
+        """
+        inverse = 1.0 / self.matrix.diagonal(tau, depth)
+        self.operator.configure(tau, depth, inverse)
+        self.setup(tau, depth)
+        return inverse
 
     @classmethod
     def memory_estimate(cls, ne: int, np: int) -> float:
@@ -47,6 +74,14 @@ class InnerSolver(ABC):
     @abstractmethod
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x near S^-1 b, both (N,); b may be overwritten."""
+
+    def refuse_if_large(self, memory: float, what: str) -> None:
+        """ConfigError where that takes more memory [bytes] than is reasonable."""
+        if memory > LARGEST_MEMORY:
+            raise ConfigError(
+                f"{what} would take about {memory / 1e9:.0f} GB; choose the preconditioner "
+                f"helmholtz (multilevel) instead of helmholtz-{type(self).__name__.lower()}"
+            )
 
     def chebyshev(self, degree: int, diagonal: Array) -> list[tuple[float, float, float]]:
         """Coefficients of so many Chebyshev steps on S with that diagonal (N,)."""
@@ -91,21 +126,13 @@ class Jacobi(InnerSolver):
 
 
 class Direct(InnerSolver):
-    """Sparse LU factors of S, on the host.
+    """Sparse LU factors of S, on the host."""
 
-    Raises ConfigError where the factors would not fit.
-    """
-
-    def __init__(self, operator: SchurOperator, matrix: SchurMatrix) -> None:
-        super().__init__(operator, matrix)
-        n, degree = matrix.mesh.size, matrix.mesh.np - 1
-        bytes_ = 12.0 * 2.2 * degree * n**1.5
-        if bytes_ > LARGEST_MEMORY:
-            raise ConfigError(
-                f"the factors of a {n} x {n} Schur complement would take about "
-                f"{bytes_ / 1e9:.0f} GB; choose the preconditioner helmholtz (multilevel) instead "
-                "of helmholtz-direct"
-            )
+    def __init__(self, operator: SchurOperator) -> None:
+        super().__init__(operator)
+        n, degree = self.matrix.mesh.size, self.matrix.mesh.np - 1
+        factors = f"the factors of a {n} x {n} Schur complement"
+        self.refuse_if_large(12.0 * 2.2 * degree * n**1.5, factors)
 
     @classmethod
     def memory_estimate(cls, ne: int, np: int) -> float:
@@ -134,16 +161,12 @@ class Multilevel(InnerSolver):
     """
 
     def __init__(
-        self,
-        operator: SchurOperator,
-        matrix: SchurMatrix,
-        degree: int | None = None,
-        symmetric: bool = False,
+        self, operator: SchurOperator, degree: int | None = None, symmetric: bool = False
     ) -> None:
-        super().__init__(operator, matrix)
-        self._degree = degree or DEGREES.get(matrix.mesh.np, 4)
+        super().__init__(operator)
+        self._degree = degree or DEGREES.get(operator.mesh.mesh.np, 4)
         self._symmetric = symmetric
-        self._coarse = CoarseCorrection(matrix)
+        self._coarse = CoarseCorrection(self.matrix)
         self._correction = operator.launch.work.counted(
             f"coarse solve {operator.size}", self._coarse.solve
         )

@@ -4,9 +4,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.patches import patch_kernel
-from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY, InnerSolver
+from swe_sphere.solvers.preconditioners.inner import InnerSolver
 from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
 
 Array = NDArray[np.float64]
@@ -31,7 +30,7 @@ class Schwarz(InnerSolver):
         """
         mesh = self.matrix.mesh
         longest = (3 * mesh.np - 2) ** 2
-        self._refuse_if_large(4.0 * mesh.size * longest)
+        self.refuse_if_large(8.0 * mesh.size * longest, "the patch inverses")
         matrix = self.matrix.matrix(tau, depth)
         columns = np.zeros((mesh.size, longest), dtype=np.int32)
         rows = np.zeros((mesh.size, longest), dtype=np.float32)
@@ -64,10 +63,3 @@ class Schwarz(InnerSolver):
             for row in nodes
         ]
         return [np.unique(nodes[group]) for group in near]
-
-    def _refuse_if_large(self, memory: float) -> None:
-        if 2.0 * memory > LARGEST_MEMORY:
-            raise ConfigError(
-                f"the patch inverses would take about {2e-9 * memory:.0f} GB; choose the "
-                "preconditioner helmholtz (multilevel) instead of helmholtz-schwarz"
-            )
