@@ -116,9 +116,9 @@ def test_solver_is_given_a_part_of_what_the_step_is_wrong_by(turning, name: str)
 
 def test_semi_implicit_schemes_have_the_constants_of_their_parts() -> None:
     """Of the implicit ones in Runge-Kutta methods; leapfrog is wrong by (2 dt)^3 x'''/24."""
-    assert ARK2.error_constant() == pytest.approx(TRBDF2.error_constant(), rel=1e-12)
-    assert ARS343.error_constant() == pytest.approx(SDIRK3.error_constant(), rel=1e-12)
-    assert SemiImplicit.error_constant() == pytest.approx(8.0 / 24.0 / 2.0)
+    assert ARK2.error_constant == pytest.approx(TRBDF2.error_constant, rel=1e-12)
+    assert ARS343.error_constant == pytest.approx(SDIRK3.error_constant, rel=1e-12)
+    assert SemiImplicit.error_constant == pytest.approx(8.0 / 24.0 / 2.0)
 
 
 def test_steps_that_do_not_resolve_the_motion_have_no_larger_tolerance() -> None:

@@ -58,7 +58,7 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     from swe_sphere.steppers import get_stepper
 
     kind, size = get_stepper(config.stepper), _Size(config, scene, ne, np)
-    stepping = kind.state_vectors() * size.vector + _sampling(size)
+    stepping = kind.vectors * size.vector + _sampling(size)
     preconditioner = PRECONDITIONERS.find(config.preconditioner or "helmholtz")
     if kind.family == "imex":
         stepping += elimination_memory(ne, np, 8) + preconditioner.memory_estimate(ne, np)

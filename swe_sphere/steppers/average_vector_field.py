@@ -55,16 +55,8 @@ class AverageVectorField(ImplicitStepper):
     style = ("#6E3548", "8")
     expected_error = ((900.0, 1.259850e-05, 2.160948e-04), (450.0, 3.188864e-06, 5.434619e-05))
     default_tolerance = 1e-6
-
-    @classmethod
-    def error_constant(cls) -> float:
-        """That of the midpoint rule."""
-        return 1.0 / 12.0
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """With those of the averaged slope."""
-        return 28
+    vectors = 28
+    error_constant = 1.0 / 12.0  # that of the midpoint rule
 
     def _allocate(self, model: Model) -> None:
         self._past = model.zeros()

@@ -22,16 +22,8 @@ class BDF2(ImplicitStepper):
     style = ("#516CF6", "^")
     expected_error = ((900.0, 4.102155e-05, 7.407046e-04), (450.0, 1.169645e-05, 2.008829e-04))
     default_tolerance = 1e-2
-
-    @classmethod
-    def error_constant(cls) -> float:
-        """For equal steps (Hairer, Norsett & Wanner 1993, III.2)."""
-        return 2.0 / 9.0
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Its own and its starter's."""
-        return TRBDF2.state_vectors() + 9
+    vectors = TRBDF2.vectors + 9
+    error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def _allocate(self, model: Model) -> None:
         self._previous, self._rhs = model.zeros(), model.zeros()

@@ -5,9 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from swe_sphere.solvers.newton import NewtonResult
-from swe_sphere.steppers.stability import error_constant, tableau
+from swe_sphere.steppers.stability import tableau
 from swe_sphere.steppers.successive_stages import SuccessiveStages
 
 ROUGH = 0.1
@@ -29,9 +30,9 @@ class DiagonallyImplicit(SuccessiveStages):
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
 
     @classmethod
-    def error_constant(cls) -> float:
-        """From the tableau."""
-        return error_constant(tableau(cls.a, len(cls.b)), np.array(cls.b), cls.order)
+    def matrix(cls) -> NDArray[np.float64]:
+        """A (stages, stages)."""
+        return tableau(cls.a, len(cls.b))
 
     def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
         for i, row in enumerate(self.a):

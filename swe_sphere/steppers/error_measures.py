@@ -1,6 +1,7 @@
 """Measures of the error of a step: to the embedded method, and by the total energy."""
 
-from typing import ClassVar, Protocol
+from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
@@ -18,22 +19,30 @@ ROUNDOFFS = 10.0
 """Changes of the energy by fewer round-offs of it are no drift."""
 
 
-class Measure(Protocol):
+class Measure(ABC):
     """The error of the step last attempted by a scheme, which has not been accepted yet."""
 
     unit: ClassVar[str]
     """What its values are, in words."""
-    order: int
-    """The power of dt that they go with."""
 
+    def __init__(self, scheme: ImplicitStepper, order: int) -> None:
+        """order: the power of dt that the values go with."""
+        self._scheme, self.order = scheme, order
+
+    @abstractmethod
     def __call__(self, dt: float) -> float:
         """Error of the step of dt [s]."""
 
+    @abstractmethod
     def per_change(self, dt: float) -> float:
         """The value that an error as large as the present change over dt [s] would have."""
 
+    def relative_rate(self) -> float:
+        """Rate of the last step [s-1], over the norm of the state."""
+        return self._scheme.motion.rate / self._scheme.space.norm(self._scheme.state)
 
-class LocalError:
+
+class LocalError(Measure):
     """What the scheme estimates, in the energy norm over the norm of the state, a step.
 
     Winds and depth times sqrt(g/H) are measured alike [m s-1], so that the ratio means the same in
@@ -48,7 +57,7 @@ class LocalError:
                 f"adaptive: stepper {scheme.name} has no error estimate; take one of "
                 f"{_with_estimate()}, or adaptive-by energy"
             )
-        self._scheme, self.order = scheme, scheme.estimate_order
+        super().__init__(scheme, scheme.estimate_order)
 
     def __call__(self, dt: float) -> float:
         """The estimate of the scheme for the step it attempted last."""
@@ -56,10 +65,10 @@ class LocalError:
 
     def per_change(self, dt: float) -> float:
         """The relative change over dt [s]."""
-        return dt * _relative_rate(self._scheme)
+        return dt * self.relative_rate()
 
 
-class EnergyDrift:
+class EnergyDrift(Measure):
     """Relative change of the total energy I(h |V|^2/2 + g h (h/2 + b)), per day."""
 
     unit: ClassVar[str] = "relative energy drift per day"
@@ -71,7 +80,7 @@ class EnergyDrift:
                 f"adaptive-by energy: {model.scene.name} as set up here does not conserve energy;"
                 " take adaptive-by embedded"
             )
-        self._scheme, self.order = scheme, scheme.order
+        super().__init__(scheme, scheme.order)
         self._area, self._bottom = model.mesh.area, model.bottom
         self._gravity = model.scene.planet.gravity
 
@@ -83,7 +92,7 @@ class EnergyDrift:
 
     def per_change(self, dt: float) -> float:
         """The relative change of the energy in a day, were all of the change in its direction."""
-        return 2.0 * DAY * _relative_rate(self._scheme)
+        return 2.0 * DAY * self.relative_rate()
 
     def _energy(self, state: wp.array) -> float:
         fluid = state.numpy()[: self._scheme.model.fluid_size]
@@ -92,10 +101,7 @@ class EnergyDrift:
         return float(0.5 * np.sum(self._area * h * (u**2 + v**2 + potential)))
 
 
-MEASURES: dict[str, type[LocalError] | type[EnergyDrift]] = {
-    "embedded": LocalError,
-    "energy": EnergyDrift,
-}
+MEASURES = {"embedded": LocalError, "energy": EnergyDrift}
 """Measures by name."""
 
 
@@ -117,11 +123,6 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
 def _with_estimate() -> str:
     """Names of the steppers that estimate their error."""
     return ", ".join(k for k, cls in STEPPERS.items() if cls.estimate_order)
-
-
-def _relative_rate(scheme: ImplicitStepper) -> float:
-    """Rate of the last step [s-1], over the norm of the state."""
-    return scheme.motion.rate / scheme.space.norm(scheme.state)
 
 
 def _has_energy(scene: Scene) -> bool:

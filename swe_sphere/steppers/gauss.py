@@ -130,17 +130,8 @@ class GaussLegendre(ImplicitStepper):
     style = ("#5229A3", (6, 1, 0))
     expected_error = ((900.0, 4.778152e-08, 4.285903e-07), (450.0, 3.042596e-09, 2.722186e-08))
     default_tolerance = 1e-4
-    coupled_stages = len(C)
-
-    @classmethod
-    def error_constant(cls) -> float:
-        """From the tableau."""
-        return error_constant(np.array(A), np.array(B), cls.order)
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Those of pairs count twice."""
-        return 35
+    coupled_stages, vectors = len(C), 35
+    error_constant = error_constant(np.array(A), np.array(B), order)
 
     def _allocate(self, model: Model) -> None:
         self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()

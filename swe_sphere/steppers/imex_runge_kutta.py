@@ -8,10 +8,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.gravity_waves import GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.imex_stepper import TOLERANCE, ImexStepper, depth_of
-from swe_sphere.steppers.stability import Complex, error_constant, tableau
+from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
+from swe_sphere.steppers.stability import Complex, error_constant, runge_kutta_growth, tableau
 from swe_sphere.steppers.stepper import Combiner
 
 Array = NDArray[np.float64]
@@ -33,16 +32,15 @@ class ImexRungeKutta(ImexStepper):
     b: ClassVar[tuple[float, ...]]
     """The weights of both."""
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float = TOLERANCE,
-        coriolis: str = "explicit",
-        solver: GravityWaveSolver | None = None,
-    ) -> None:
-        super().__init__(model, dt, tolerance, coriolis, solver)
-        stages, n = len(self.b), model.mesh.size
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            cls.vectors = 17 + 2 * len(cls.b)  # both slopes of a stage, and those of the solver
+            implicit = tableau(cls.implicit, len(cls.b))
+            cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
+
+    def _allocate(self, model: Model) -> None:
+        stages, n, dt = len(self.b), model.mesh.size, self.dt
         self._tau = dt * self.implicit[0][-1]
         stack = self.space.stack(2 * stages)
         self._full = [stack[i] for i in range(stages)]
@@ -98,27 +96,11 @@ class ImexRungeKutta(ImexStepper):
         wp.copy(self._past[i], depth_of(slope, self._guess.size))
 
     @classmethod
-    def state_vectors(cls) -> int:
-        """Both slopes of each stage, and those of the solver."""
-        return 17 + 2 * len(cls.b)
-
-    @classmethod
-    def error_constant(cls) -> float:
-        """That of the implicit part."""
-        return error_constant(tableau(cls.implicit, len(cls.b)), np.array(cls.b), cls.order)
-
-    @classmethod
     def _growth(
         cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
     ) -> NDArray[np.float64]:
-        z_i, z_e = np.broadcast_arrays(z_implicit, z_wave + z_dissipation)
-        z_i, z_e = z_i[..., None, None], z_e[..., None, None]
-        stages = len(cls.b)
-        a_i, a_e = tableau(cls.implicit, stages), tableau(cls.explicit, stages)
-        matrix = np.eye(stages) - z_i * a_i - z_e * a_e
-        y = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
-        growth: Array = np.abs(1.0 + (z_i + z_e)[..., 0, 0] * (y @ np.array(cls.b)))
-        return growth
+        a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
+        return runge_kutta_growth(np.array(cls.b), (a_e, z_wave + z_dissipation), (a_i, z_implicit))
 
 
 class ARK2(ImexRungeKutta):

@@ -13,7 +13,6 @@ from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.steppers.solving import SolvingStepper
 from swe_sphere.steppers.stability import Complex, largest_step
 
-TOLERANCE = 1e-3
 MUCH_FASTER = 1e4
 """How many times faster than the explicit waves the implicit ones may be in the analysis of
 stability."""
@@ -41,7 +40,7 @@ class ImexStepper(SolvingStepper):
         self,
         model: Model,
         dt: float,
-        tolerance: float = TOLERANCE,
+        tolerance: float | None = None,
         coriolis: str = "explicit",
         solver: GravityWaveSolver | None = None,
     ) -> None:
@@ -49,6 +48,7 @@ class ImexStepper(SolvingStepper):
         self.solver = solver or GravityWaveSolver(GravityWaves(model, coriolis))
         self.waves = self.solver.waves
         self.counters = {"krylov_iterations": 0}
+        self._allocate(model)
 
     def _solve(self, tau: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
         """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,).

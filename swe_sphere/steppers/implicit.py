@@ -77,9 +77,6 @@ class ImplicitStepper(SolvingStepper):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
     family = "implicit"
-    default_tolerance: ClassVar[float] = 1e-3
-    """For steps that do not resolve the motion: where the error of the solver is well below that of
-    the scheme (docs/steppers.md)."""
 
     def __init__(
         self,
@@ -88,7 +85,7 @@ class ImplicitStepper(SolvingStepper):
         tolerance: float | None = None,
         preconditioner: str = "helmholtz",
     ) -> None:
-        super().__init__(model, dt, self.default_tolerance if tolerance is None else tolerance)
+        super().__init__(model, dt, tolerance)
         self.tolerance = self.loosest
         """That of the step last attempted."""
         self.problem = self._make_problem(preconditioner)
@@ -108,9 +105,6 @@ class ImplicitStepper(SolvingStepper):
         waves = model.scene.effect("pressure-gradient") is not None
         self._needs_depth = waves and not model.scene.linear
         self._allocate(model)
-
-    def _allocate(self, model: Model) -> None:
-        """Make the work vectors of the scheme; the solver and its space are there."""
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""

@@ -25,6 +25,7 @@ class Leapfrog(Stepper):
     """
 
     name, order = "leapfrog", 2
+    vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
 
@@ -63,11 +64,6 @@ class Leapfrog(Stepper):
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Those of the starter, and four."""
-        return RK4.state_vectors() + 4
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

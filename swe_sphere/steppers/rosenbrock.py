@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.steppers.stability import error_constant
 from swe_sphere.steppers.successive_stages import SuccessiveStages
 
 Array = NDArray[np.float64]
@@ -44,10 +43,10 @@ class RosenbrockW(SuccessiveStages):
     embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
 
     @classmethod
-    def error_constant(cls) -> float:
-        """From the tableau."""
-        a = np.array(cls.alpha) + np.array(cls.lower) + cls.gamma * np.eye(len(cls.b))
-        return error_constant(a, np.array(cls.b), cls.order)
+    def matrix(cls) -> Array:
+        """That with which the method is a diagonally implicit one for linear equations."""
+        matrix: Array = np.array(cls.alpha) + cls.lower + cls.gamma * np.eye(len(cls.b))
+        return matrix
 
     def _allocate(self, model: Model) -> None:
         super()._allocate(model)

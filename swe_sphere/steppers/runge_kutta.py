@@ -1,12 +1,13 @@
 """Explicit Runge-Kutta methods: a method is its Butcher tableau."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.steppers.stability import largest_step, runge_kutta_growth, tableau
+from swe_sphere.steppers.stability import Complex, largest_step, runge_kutta_growth, tableau
 from swe_sphere.steppers.stepper import Combiner, Stepper
 
 
@@ -16,6 +17,11 @@ class RungeKutta(Stepper):
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau below the diagonal, from the second stage on."""
     b: ClassVar[tuple[float, ...]]
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            cls.vectors = 3 + len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
@@ -37,14 +43,12 @@ class RungeKutta(Stepper):
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest step [s] with |R(z)| <= 1 over the spectrum."""
-        stages = len(cls.b)
-        growth: Any = runge_kutta_growth(tableau(cls.a, stages), np.array(cls.b))
-        return largest_step(growth, wave, dissipation, reach=2.0 * stages)
+        a, b = tableau(cls.a, len(cls.b)), np.array(cls.b)
 
-    @classmethod
-    def state_vectors(cls) -> int:
-        """Slopes, a stage and the state, with what the model holds."""
-        return 3 + len(cls.b)
+        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+            return runge_kutta_growth(b, (a, z_wave + z_dissipation))
+
+        return largest_step(growth, wave, dissipation, reach=2.0 * len(b))
 
 
 class RK4(RungeKutta):

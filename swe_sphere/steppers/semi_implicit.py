@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
-from swe_sphere.solvers.gravity_waves import GravityWaveSolver
 from swe_sphere.steppers import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2
 from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
@@ -24,19 +23,14 @@ class SemiImplicit(ImexStepper):
     """
 
     name, order = "semi-implicit", 2
+    default_tolerance = 1e-2
+    vectors = ARK2.vectors + 26  # with the room of the second set-up
+    error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
     expected_error = ((900.0, 3.986228e-05, 1.060878e-03), (450.0, 9.255843e-06, 3.349328e-04))
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float = 1e-2,
-        coriolis: str = "explicit",
-        solver: GravityWaveSolver | None = None,
-    ) -> None:
-        super().__init__(model, dt, tolerance, coriolis, solver)
-        self._starter = ARK2(model, dt, solver=self.solver)
+    def _allocate(self, model: Model) -> None:
+        self._starter = ARK2(model, self.dt, solver=self.solver)
         # which take note of its step
         self._starter.motion, self._starter.counters = self.motion, self.counters
         self._previous, self._slope, self._linear = model.zeros(), model.zeros(), model.zeros()
@@ -50,16 +44,6 @@ class SemiImplicit(ImexStepper):
         """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
         self._guess.zero_()
-
-    @classmethod
-    def error_constant(cls) -> float:
-        """That of leapfrog: dt^3/3 of the third derivative, of a change of 2 dt the first."""
-        return 1.0 / 6.0
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """With its starter's and the room of the second set-up."""
-        return ARK2.state_vectors() + 26
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous, "guess": self._guess}

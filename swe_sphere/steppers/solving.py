@@ -1,7 +1,6 @@
 """What all steppers share that solve equations: how exactly they do, and what that is tied to."""
 
-from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -24,8 +23,15 @@ class SolvingStepper(Stepper):
     range.
     """
 
-    def __init__(self, model: Model, dt: float, tolerance: float) -> None:
+    error_constant: ClassVar[float]
+    """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
+    default_tolerance: ClassVar[float] = 1e-3
+    """For steps that do not resolve the motion: where the error of the solver is well below that of
+    the scheme (docs/steppers.md)."""
+
+    def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
         super().__init__(model, dt)
+        tolerance = self.default_tolerance if tolerance is None else tolerance
         if not 0.0 <= tolerance < 1.0:
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
         self.loosest = tolerance
@@ -34,12 +40,9 @@ class SolvingStepper(Stepper):
             energy_weights(model), model.device, model.device_mesh.real, work=model.launch.work
         )
         self.motion = Motion(self.space)
-        self._constant = self.error_constant()
 
-    @classmethod
-    @abstractmethod
-    def error_constant(cls) -> float:
-        """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
+    def _allocate(self, model: Model) -> None:
+        """Make the work vectors of the scheme; the solver and its space are there."""
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
@@ -65,4 +68,4 @@ class SolvingStepper(Stepper):
 
     def _goal(self, dt: float) -> float:
         """Residual to solve a step of dt [s] to, relative to the change over it."""
-        return min(self.loosest, self.motion.truncation(self._constant, self.order, dt))
+        return min(self.loosest, self.motion.truncation(self.error_constant, self.order, dt))

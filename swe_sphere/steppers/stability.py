@@ -50,16 +50,16 @@ def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -
 
 
 def runge_kutta_growth(
-    a: NDArray[np.float64], b: NDArray[np.float64]
-) -> Callable[[Complex, Complex], NDArray[np.float64]]:
-    """|R(z)|, R(z) = 1 + z b^T (I - zA)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2)."""
-    ones = np.ones(len(b))
+    b: NDArray[np.float64], *parts: tuple[NDArray[np.float64], Complex]
+) -> NDArray[np.float64]:
+    """|R|, R = 1 + z b^T (I - sum_k z_k A_k)^-1 1 (Hairer & Wanner 1996, eq. IV.3.2), z = sum z_k.
 
-    def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        z = (z_wave + z_dissipation)[..., None, None]
-        stages = np.linalg.solve(
-            np.eye(len(b)) - z * a, np.broadcast_to(ones[:, None], (*z.shape[:-2], len(b), 1))
-        )
-        return np.abs(1.0 + z[..., 0, 0] * (stages[..., 0] @ b))
-
+    b: the weights; parts: matrices A_k with the eigenvalues times dt z_k of what they are for.
+    """
+    stacked = np.broadcast_arrays(*(z for _, z in parts))
+    matrix = np.eye(len(b)) - sum(
+        z[..., None, None] * a for (a, _), z in zip(parts, stacked, strict=True)
+    )
+    stages = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
+    growth: NDArray[np.float64] = np.abs(1.0 + sum(stacked) * (stages @ b))
     return growth

@@ -54,6 +54,8 @@ class Stepper(ABC):
     expected_error: ClassVar[tuple[tuple[float, float, float], ...]] = ()
     """Time steps [s] with the l2 errors of height and wind in scene lauter, ne 3, after 3 hours,
     that `swe-sphere verify` holds it to."""
+    vectors: ClassVar[int] = 50
+    """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
     coupled_stages: ClassVar[int] = 1
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
     safety: ClassVar[float] = 0.85
@@ -105,11 +107,6 @@ class Stepper(ABC):
     @abstractmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
-
-    @classmethod
-    def state_vectors(cls) -> int:
-        """State vectors that it and its solver hold, without the Krylov basis; rather too many."""
-        return 50
 
     def costs(self) -> dict[str, float]:
         """What the steps so far have taken: counts, and seconds where the name says so."""

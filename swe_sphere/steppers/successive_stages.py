@@ -1,5 +1,6 @@
 """What methods share whose implicit stages are solved one after the other."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.stability import error_constant
 
 
 class SuccessiveStages(ImplicitStepper):
@@ -17,10 +19,16 @@ class SuccessiveStages(ImplicitStepper):
     embedded: ClassVar[tuple[float, ...] | None] = None
     """Weights of an embedded method of another order, where there is one."""
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            cls.vectors = 19 + 2 * len(cls.b)  # slopes of two steps, and those of the solver
+            cls.error_constant = error_constant(cls.matrix(), np.array(cls.b), cls.order)
+
     @classmethod
-    def state_vectors(cls) -> int:
-        """Slopes of this step and of the last, and those of the solver."""
-        return 19 + 2 * len(cls.b)
+    @abstractmethod
+    def matrix(cls) -> NDArray[np.float64]:
+        """A (stages, stages) of the tableau."""
 
     def _allocate(self, model: Model) -> None:
         stages = len(self.b)

@@ -53,8 +53,8 @@ TOLERANCE = _edits(
         "error constant of semi-implicit leapfrog × 10",
         f"{STEPPERS}/semi_implicit.py",
         _SHARED,
-        "return 1.0 / 6.0",
-        "return 10.0 / 6.0",
+        "error_constant = 1.0 / 6.0",
+        "error_constant = 10.0 / 6.0",
     ),
     ("no cap for long steps", MOTION, _CAP, "(min(1.0, f * dt) for f", "(f * dt for f"),
     (
