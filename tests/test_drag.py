@@ -25,7 +25,8 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import build_mesh
-from swe_sphere.steppers import STEPPERS, leapfrog
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.testcases import get_scene
 
 SHAPES = ("element", "node")
@@ -117,7 +118,7 @@ def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
 
     Steps of a hundredth of the time of decay, so that errors of second order are below 1e-4.
     """
-    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     drag, time = Drag(linear=1e-4, quadratic=2e-6), 2e4
     scene = make_scene("relaxation").with_effect(drag).with_effect(Relaxation(time))
     model = Model(MESH, scene)
@@ -136,7 +137,7 @@ def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
 @pytest.mark.parametrize("name", STEPPERS)
 def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
     """On a made solution of all of dynamics; but where damping is lagged it is of first order."""
-    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     names = ("advection", "pressure", "rotation", "quadratic-drag", "relaxation")
     model = Model(MESH, manufactured(*names))
     exact, scale, errors = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size), []
@@ -153,7 +154,7 @@ def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
 @pytest.mark.parametrize("name", ["leapfrog", "semi-implicit"])
 def test_leapfrog_is_stable_with_damping(name: str, monkeypatch) -> None:
     """Without a filter either: taken at the present level, damping would blow up."""
-    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     scene = make_scene("pressure").with_effect(Drag(1e-4)).with_effect(Relaxation(2e4))
     model = Model(MESH, scene)
     state = random_state(model, 3)

@@ -14,8 +14,9 @@ from support import IMPLICIT, advance, make_scene, random_state, relative, tange
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Forcing
 from swe_sphere.errors import ConfigError
-from swe_sphere.steppers import STEPPERS, leapfrog
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.leapfrog import Leapfrog
 
 DYNAMICS = ("advection", "pressure", "rotation", "orography")
 
@@ -28,7 +29,7 @@ def model() -> Model:
 @pytest.mark.parametrize("name", STEPPERS)
 def test_every_stepper_keeps_its_order_with_unsteady_forcing(model, name, monkeypatch) -> None:
     """Forcing of wind and depth, taken at the times of the stages; the filters switched off."""
-    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     exact, scale = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size)
     errors = []
     for halving in range(3):

@@ -16,8 +16,9 @@ from swe_sphere.equations.effects import Linearised, Tracers
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.gravity_waves import reference_depth
-from swe_sphere.steppers import STEPPERS, leapfrog
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.leapfrog import Leapfrog
 
 WAVES = ("advection", "pressure", "rotation", "orography")
 DAMPED = (*WAVES, "viscosity", "hyperviscosity", "quadratic-drag", "relaxation")
@@ -140,7 +141,7 @@ def test_newton_converges_at_once(name: str) -> None:
 @pytest.mark.parametrize("name", STEPPERS)
 def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
     """On a made solution, with forcing beside the linearised dynamics."""
-    monkeypatch.setattr(leapfrog, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     model = Model(MESH, manufactured("advection", "pressure", "rotation", "linearised"))
     exact, scale, errors = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size), []
     for halving in range(2):

@@ -19,7 +19,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.planet import Planet
 from swe_sphere.solvers.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers import leapfrog as leapfrog_module
+from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.steppers.stability import tableau
 from swe_sphere.testcases import get_scene
 
@@ -160,7 +160,7 @@ def test_order_by_three_halvings(moving, name: str, coriolis: str) -> None:
 def test_semi_implicit_without_its_filter_is_of_second_order(
     moving, monkeypatch, coriolis: str
 ) -> None:
-    monkeypatch.setattr(leapfrog_module, "FILTER", 0.0)
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     found = orders(moving, "semi-implicit", STEPS, coriolis=coriolis)
     assert found == pytest.approx([2.0] * 3, abs=0.15)
 
@@ -191,12 +191,12 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
 
     stepper.step()
     # undo the filter: with d = nu/2 (x- - 2x + x+) the two levels are x + a d and x+ - (1 - a) d
-    d = (stepper.state_dict()["previous"] - now) / leapfrog_module.SHARE
-    new = stepper.state.numpy() + (1.0 - leapfrog_module.SHARE) * d
+    d = (stepper.state_dict()["previous"] - now) / Leapfrog.default_share
+    new = stepper.state.numpy() + (1.0 - Leapfrog.default_share) * d
     left = new - dt * wave(new)
     right = past + 2 * dt * (rate.numpy() + loss.numpy() - wave(now)) + dt * wave(past)
     assert relative(left, right, 3) < 1e-8
-    assert d == pytest.approx(0.5 * leapfrog_module.FILTER * (past - 2 * now + new), abs=1e-8)
+    assert d == pytest.approx(0.5 * Leapfrog.default_strength * (past - 2 * now + new), abs=1e-8)
 
 
 # --- properties of runs

@@ -1,5 +1,7 @@
 """Leapfrog with the Robert-Asselin-Williams filter."""
 
+from typing import ClassVar
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -9,11 +11,6 @@ from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex, largest_step
 from swe_sphere.steppers.stepper import Combiner, Stepper
-
-FILTER = 0.1
-"""Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""
-SHARE = 0.7
-"""Williams' alpha: part of the displacement given to the present level (1: Robert-Asselin)."""
 
 
 class Leapfrog(Stepper):
@@ -29,12 +26,17 @@ class Leapfrog(Stepper):
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
 
+    default_strength: ClassVar[float] = 0.1
+    """Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""
+    default_share: ClassVar[float] = 0.7
+    """Williams' alpha: part of the displacement given to the present level (1: Robert-Asselin)."""
+
     def __init__(
-        self, model: Model, dt: float, strength: float = FILTER, share: float = SHARE
+        self, model: Model, dt: float, strength: float | None = None, share: float | None = None
     ) -> None:
         super().__init__(model, dt)
-        self._displacement = 0.5 * strength
-        self._share = share
+        self._displacement = 0.5 * (self.default_strength if strength is None else strength)
+        self._share = self.default_share if share is None else share
         self._previous, self._slope = model.zeros(), model.zeros()
         self._damping = wp.zeros((1, model.size), dtype=self.state.dtype, device=model.device)
         self._add_damping = Combiner(model, self._damping, np.ones(1))
@@ -80,11 +82,11 @@ def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
 
     That is the larger eigenvalue of the map (x-, x) -> (x + share d, x+ - (1 - share) d).
     """
-    half = 0.5 * FILTER
+    half, share = 0.5 * Leapfrog.default_strength, Leapfrog.default_share
     future = np.stack(np.broadcast_arrays(old, new), axis=-1)
     present = np.broadcast_to([0.0, 1.0], future.shape)
     past = np.broadcast_to([1.0, 0.0], future.shape)
     d = half * (past - 2.0 * present + future)
-    step = np.stack([present + SHARE * d, future - (1.0 - SHARE) * d], axis=-2)
+    step = np.stack([present + share * d, future - (1.0 - share) * d], axis=-2)
     growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
     return growth

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
-from swe_sphere.steppers import leapfrog
 from swe_sphere.steppers.imex_runge_kutta import ARK2
 from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
+from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
 from swe_sphere.steppers.stability import Complex
 
 
@@ -59,7 +59,7 @@ class SemiImplicit(ImexStepper):
         wp.copy(self._guess, depth_of(self._change, self._guess.size))
         self.model.launch(
             self._kernel, self.model.size, self._previous, self.state, self._change,
-            1.0, 0.5 * leapfrog.FILTER, leapfrog.SHARE,
+            1.0, 0.5 * Leapfrog.default_strength, Leapfrog.default_share,
         )  # fmt: skip
         self.motion.accept(self._previous, self.state, self.dt)
 
@@ -88,4 +88,4 @@ class SemiImplicit(ImexStepper):
         cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
     ) -> NDArray[np.float64]:
         old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
-        return leapfrog.filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
+        return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))

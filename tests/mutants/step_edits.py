@@ -73,7 +73,7 @@ TOLERANCE = _edits(
     ),
     (
         "default of implicit schemes × 10",
-        f"{STEPPERS}/implicit.py",
+        f"{STEPPERS}/solving.py",
         (f"{_DEFAULTS}[crank-nicolson]",),
         "default_tolerance: ClassVar[float] = 1e-3",
         "default_tolerance: ClassVar[float] = 1e-2",
