@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray
 
+from swe_sphere import Simulation
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
@@ -131,6 +132,20 @@ def test_frames_after_the_checkpoint_are_written_again(finished, tmp_path):
     for name, values in contents(finished).items():
         assert values.tobytes() == expected[name].tobytes(), name
     assert RunFile(finished).series()[0].tolist() == samples.tolist()
+
+
+def test_a_simulation_goes_on_in_the_file_it_wrote(tmp_path):
+    settings = {name: value for name, value in SMALL.items() if name not in ("scene", "days")}
+    sim, whole = (Simulation("williamson6", **settings) for _ in range(2))
+    file = tmp_path / "jet.nc"
+    sim.run(days=0.5, out=file)
+    sim.run(days=1.0, out=file)
+    whole.run(days=1.0, out=tmp_path / "whole.nc")
+    expected = contents(tmp_path / "whole.nc")
+    for name, values in contents(file).items():
+        assert values.tobytes() == expected[name].tobytes(), name
+    with pytest.raises(ConfigError, match="holds a finished run"):
+        whole.run(days=1.25, out=file)
 
 
 def test_with_overwrite_a_new_file_begins_at_the_checkpoint(finished):

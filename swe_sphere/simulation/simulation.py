@@ -67,6 +67,9 @@ class Simulation(Observed):
         ConfigError: whatever cannot be done as asked for, in one line.
     """
 
+    _out: Path | None = None
+    """The file that the last run wrote."""
+
     def __init__(
         self,
         scene: str | Path | Scene,
@@ -175,7 +178,8 @@ class Simulation(Observed):
 
         Args:
             days: length of the run from its very start [days].
-            out: a file to write frames, series of diagnostics and checkpoints to.
+            out: a file to write frames, series of diagnostics and checkpoints to; the one that this
+                simulation wrote before is gone on with.
             every: time between frames [h].
             callbacks: functions of the simulation: called after every step, or when
                 `callbacks.every` says.
@@ -193,11 +197,14 @@ class Simulation(Observed):
         asked["overwrite"] = overwrite or None
         kept = {k: v for k, v in self.config.given().items() if k not in PER_RUN}
         kept |= {name: value for name, value in asked.items() if value is not None}
-        self.config = make_config(kept if out is None else {**kept, "out": Path(out)})
+        if out is not None:
+            kept |= {"out": Path(out)} | ({"restart": Path(out)} if Path(out) == self._out else {})
+        self.config = make_config(kept)
         check_paths(self.config)
         check_out(self.config)
         calls = scheduled(callbacks)
         self.begin(callbacks=calls)
+        self._out = self.config.out
         self._watcher = watcher or Notebook(progress)
         self.outcome = execute(self, calls, self._watcher)
         return self.summary
