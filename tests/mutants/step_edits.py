@@ -140,8 +140,8 @@ METADATA = _edits(
         "time of checkpoints one step early",
         "swe_sphere/simulation/recorder.py",
         _CHECKPOINT,
-        "self._plan.dt * moment.step, moment.step",
-        "self._plan.dt * (moment.step - 1), moment.step",
+        "dt * sim.steps, sim.steps",
+        "dt * (sim.steps - 1), sim.steps",
     ),
     (
         "one run_id for all runs",
@@ -166,9 +166,9 @@ METADATA = _edits(
     ),
     (
         "counts before a restart forgotten",
-        "swe_sphere/simulation/execution.py",
+        "swe_sphere/simulation/observed.py",
         _CONTINUED,
-        "n + carried.get(name, 0)",
+        "n + self._carried.get(name, 0)",
         "n",
     ),
     (
