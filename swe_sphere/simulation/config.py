@@ -22,7 +22,7 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.settings import complaint
 from swe_sphere.toml_file import read_toml
 
-__all__ = ["RunConfig", "first_complaint", "load_config", "make_config"]
+__all__ = ["RunConfig", "first_complaint", "flag_of", "load_config", "make_config"]
 
 
 def _time_step(value: object) -> object:
@@ -77,58 +77,71 @@ class RunConfig(BaseModel):
     Whether scene, stepper, mesh and device exist is checked where they are made.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     scene: str
-    """Name of a scene, or path of a .py file that defines `scene(**parameters)`, or of a .toml."""
+    """Name of a scene, or a .py or .toml file with one."""
     stepper: str = "rk4"
+    """Time integrator, by name, or a .py file with one."""
     preconditioner: str | None = None
-    """Of the linear solves of an implicit stepper."""
+    """Of an implicit stepper's solves, by name, or a .py file with one."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Of the solves of an implicit stepper, relative to the change over a step."""
+    """Of an implicit stepper's solves, relative to the change over a step."""
     dt: TimeStep = "auto"
-    """Time step [s]; of an adaptive run the longest one, by default the time between frames."""
+    """Time step [s]. auto (the default): a safe part of the stability limit; for a stepper without
+    one, advective Courant number 2, but no more than an hour. Of an adaptive run the longest step,
+    by default the time between frames."""
     adaptive: Positive | None = None
-    """Tolerance of steps that follow their error, for implicit steppers with an estimate."""
+    """Let the steps inside of dt follow their error, to this tolerance (relative)."""
     adaptive_by: Literal["embedded", "energy"] = "embedded"
-    """The error: of a step, relative to the state; or relative drift of the energy per day."""
+    """That error: of a step, relative to the state; or the relative drift of energy per day."""
     days: Days | None = None
     """Length of the run from its very start [days]."""
     ne: Whole | None = None
-    """Elements along the edge of a cube face."""
+    """Elements along an edge of the cube."""
     np: Whole | None = None
-    """Nodes along the edge of an element."""
+    """Nodes along an edge of an element."""
     stretch: Number = 1.0
-    """Schmidt refinement factor at the centre."""
+    """Schmidt refinement: refine the mesh so many times at the centre."""
     centre_lon: Number = 0.0
-    """Longitude of the refined point [rad]."""
+    """Longitude of the centre [rad]."""
     centre_lat: Number = 0.0
-    """Latitude of the refined point [rad]."""
+    """Latitude of the centre [rad]."""
     spin: Number = 0.0
-    """Turn of the cube about that point [rad]."""
+    """Turn of the cube about the centre [rad]."""
     alpha: Number | None = None
     """Scene parameter alpha: angle between the flow and the equator [rad]."""
     device: str = "cpu"
+    """Where to run."""
     precision: Literal["float64", "float32"] = "float64"
+    """Number type of the state."""
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
     settings: tuple[str, ...] = ()
-    """"effect.parameter=value", "scene.parameter=value" and "stepper.option=value"."""
+    """Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of the stepper
+    (stepper.tolerance=1e-4); repeatable."""
     diagnostics: tuple[FileName, ...] = ()
-    """Python files with diagnostics of the user's own: see `simulation.diagnostics`."""
+    """Python files with diagnostics of your own; repeatable."""
     out: FileName | None = None
+    """Write frames here."""
     overwrite: bool = False
-    """Replace the file `out` if it is there already."""
+    """Replace that file if it is there already."""
     every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None
-    """Time between frames [h]."""
+    """Time between frames [h] (about a day)."""
     plot: FileName | None = None
+    """Draw the last frame."""
     restart: FileName | None = None
+    """Go on where that run stopped; out may name it."""
     reference: FileName | None = None
-    """Reference solution on a latitude-longitude grid, for the time at the end of the run."""
+    """Lat-lon reference solution of the time at the end of the run, for the errors."""
     time_limit: Positive | None = None
-    """Wall time that the steps may take [s]; the run ends when it is used up."""
+    """Wall time that the steps may take [s]; the run ends in good order when it is used up."""
     as_json: bool = False
+    """Print the result as one line of JSON."""
     quiet: bool = False
+    """Print errors only."""
 
     @field_validator("settings", mode="before")
     @classmethod
@@ -170,16 +183,16 @@ def load_config(path: Path) -> dict[str, object]:
 def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
     """The first complaint about values of the model as "field: what is wrong, not value"."""
     first = error.errors(include_url=False)[0]
-    name = _flag(str(first["loc"][0])) if first["loc"] else "configuration"
+    name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
     if first["type"] == "extra_forbidden":
-        names = ", ".join(sorted(map(_flag, model.model_fields)))
+        names = ", ".join(sorted(map(flag_of, model.model_fields)))
         return f"there is no option {name!r}; there are {names}"
     if first["type"] == "missing":
         return f"{name}: say which one to run (swe-sphere list shows what there is)"
     return f"{name}: {complaint(error)}, not {shown(first['input'])}"
 
 
-def _flag(field: str) -> str:
+def flag_of(field: str) -> str:
     """Name of a field on the command line."""
     flags = {own: flag for flag, own in _FIELDS.items()}
     return flags.get(field, field.replace("_", "-"))
