@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -22,16 +22,25 @@ METAVARS = {
     "centre_lon": "RADIANS", "centre_lat": "RADIANS", "spin": "RADIANS", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "restart": "FILE.nc",
-    "reference": "FILE.nc", "time_limit": "SECONDS",
+    "reference": "FILE.nc", "time_limit": "SECONDS", "levels": "N", "repeats": "R",
+    "target_error": "E", "finer": "NE",
 }  # fmt: skip
 """What a flag takes, where its type does not say it."""
 
 
-def with_flags(model: type[BaseModel], argument: str) -> Callable[[F], F]:
-    """Give a command `f(context, **values)` a flag for each field of the model.
+LIST = "A,B,..."
+REPEATED = ("settings", "diagnostics", "reference")
+"""Fields of several values whose flag is given again for each; others take a list, A,B,..."""
 
-    argument: the field that is given without a flag.  The command's own parameters stay; what the
-    user does not give is None, and the texts of the fields are the help.
+
+def with_flags(
+    model: type[BaseModel], argument: str, without: Sequence[str] = ()
+) -> Callable[[F], F]:
+    """Give a command `f(**values)` a flag for each field of the model.
+
+    argument: the field that is given without a flag; without: fields that have none.  The command's
+    own parameters stay; what the user does not give is None or empty, and the texts of the fields
+    are the help.
     """
 
     def give(function: F) -> F:
@@ -40,8 +49,8 @@ def with_flags(model: type[BaseModel], argument: str) -> Callable[[F], F]:
             for parameter in inspect.signature(function, eval_str=True).parameters.values()
             if parameter.kind is not inspect.Parameter.VAR_KEYWORD
         ]
-        fields = [_parameter(model, name, argument) for name in model.model_fields]
-        parameters = [own[0], *fields, *own[1:]]
+        names = [name for name in model.model_fields if name not in without]
+        parameters = [*(_parameter(model, name, argument) for name in names), *own]
         function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         function.__annotations__ = {p.name: p.annotation for p in parameters}
         return function
@@ -57,31 +66,35 @@ def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
 
 def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Parameter:
     field = model.model_fields[name]
-    kind, choices = _kind(field.annotation)
+    kind, choices = _kind(field.annotation, name in REPEATED)
     text = (field.description or "").replace("[", r"\[")
     if name == argument:
         info = typer.Argument(help=text)
     elif kind is bool:
         info = typer.Option(f"--{flag_of(name)}", help=text)
     else:
-        metavar = METAVARS.get(name) or choices
+        metavar = LIST if choices == LIST else METAVARS.get(name) or choices
         info = typer.Option(f"--{flag_of(name)}", metavar=metavar, help=text)
     default = False if kind is bool else None
-    annotation = Annotated[kind if kind is bool else kind | None, info]
+    wanted: Any = kind if kind is bool else kind | None
+    annotation = Annotated[wanted, info]
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
     )
 
 
-def _kind(annotation: Any) -> tuple[Any, str | None]:
+def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:
     """The plain type of a field as a flag takes it, and its choices in words."""
-    if get_origin(annotation) is Annotated:
-        return _kind(get_args(annotation)[0])
-    if get_origin(annotation) is Literal:
-        return str, "|".join(map(str, get_args(annotation)))
-    if get_origin(annotation) is tuple:
-        return list[_kind(get_args(annotation)[0])[0]], None  # type: ignore[misc]
-    kinds = [_kind(each) for each in get_args(annotation) if each is not type(None)]
+    origin, inside = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _kind(inside[0], repeated)
+    if origin is Literal:
+        return str, "|".join(map(str, inside))
+    if origin is tuple and repeated:
+        return list[_kind(inside[0], repeated)[0]], None  # type: ignore[misc]
+    if origin is tuple:
+        return str, LIST
+    kinds = [_kind(each, repeated) for each in inside if each is not type(None)]
     if len(kinds) == 1:
         return kinds[0]
     if kinds:  # a number or a word: the configuration tells them apart

@@ -20,7 +20,6 @@ __all__ = ["run"]
 
 @with_flags(RunConfig, argument="scene")
 def run(
-    context: typer.Context,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Options by name; flags go first.")
     ] = None,
@@ -33,7 +32,7 @@ def run(
         summary = _run(asked)
     except Exception as error:
         if values["as_json"]:
-            typer.echo(failed_summary(context.params, *explain(error)).as_json())
+            typer.echo(failed_summary(values, *explain(error)).as_json())
         raise
     show_summary(summary, asked)
     return summary.exit_status

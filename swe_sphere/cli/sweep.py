@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swe_sphere.cli.errors import Stopped
-from swe_sphere.cli.run import is_given
+from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.interrupt import Interrupted
@@ -22,103 +22,25 @@ if TYPE_CHECKING:
 
 __all__ = ["sweep"]
 
-OWN = ("recipe", "out", "report_only", "quiet")
-"""Flags that are not part of a plan."""
+RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin")
+"""Fields of a plan without a flag."""
 
 
-def _option(flag: str, unit: str, text: str) -> Any:
-    """A flag; the brackets of units in its text are no markup."""
-    return typer.Option(flag, metavar=unit, help=text.replace("[", r"\["))
-
-
+@with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
 def sweep(
-    context: typer.Context,
-    scene: Annotated[
-        str | None, typer.Argument(help="Name of a scene, or of a file that defines one.")
-    ] = None,
     out: Annotated[
-        Path | None, _option("--out", "DIR", "Folder of the runs; one that is there goes on.")
-    ] = None,
-    steppers: Annotated[str | None, _option("--steppers", "A,B,...", "What to compare.")] = None,
-    dt: Annotated[
-        str | None,
-        _option("--dt", "LIST|auto", "Steps [s]. auto (the default): some for each stepper."),
-    ] = None,
-    levels: Annotated[
-        int | None, _option("--levels", "N", "How many steps auto takes (6).")
-    ] = None,
-    ne: Annotated[
-        str | None, _option("--ne", "LIST", "Elements along an edge of the cube.")
-    ] = None,
-    np: Annotated[str | None, _option("--np", "LIST", "Nodes along an edge of an element.")] = None,
-    precision: Annotated[
-        str | None, _option("--precision", "LIST", "float64, float32 or both.")
-    ] = None,
-    preconditioner: Annotated[
-        str | None, _option("--preconditioner", "LIST", "Of the implicit steppers.")
-    ] = None,
-    tolerance: Annotated[
-        float | None, _option("--tolerance", "T", "Of the implicit steppers' solves.")
-    ] = None,
-    days: Annotated[float | None, _option("--days", "D", "Length of the runs.")] = None,
-    report_days: Annotated[
-        str | None, _option("--report-days", "LIST", "When errors are taken, besides the end.")
-    ] = None,
-    repeats: Annotated[
-        int | None, _option("--repeats", "R", "How often each setting is timed (3).")
-    ] = None,
-    time_limit: Annotated[
-        float | None, _option("--time-limit", "SECONDS", "Most time of the steps of one run.")
-    ] = None,
-    find_limit: Annotated[
-        bool, typer.Option("--find-limit", help="Also search for the longest stable steps.")
-    ] = False,
-    target_error: Annotated[
-        float | None,
-        _option("--target-error", "E", "Search for the cheapest way to this error, no grid."),
-    ] = None,
-    target_kind: Annotated[
-        str | None, _option("--target-kind", "time|total|slow", "Which error is meant.")
-    ] = None,
-    target_field: Annotated[
-        str | None, _option("--target-field", "h|v|vorticity", "Of which field (h).")
-    ] = None,
-    target_norm: Annotated[
-        str | None, _option("--target-norm", "l1|l2|linf", "In which norm (l2).")
-    ] = None,
-    reference: Annotated[
-        list[Path] | None, _option("--reference", "FILE.nc", "Lat-lon reference; repeatable.")
-    ] = None,
-    finer: Annotated[
-        int | None, _option("--finer", "NE", "Total error against a run of that ne; 0: none.")
-    ] = None,
-    alpha: Annotated[
-        float | None, _option("--alpha", "RADIANS", "Angle between flow and equator.")
-    ] = None,
-    stretch: Annotated[
-        float | None, _option("--stretch", "S", "Refine the mesh S times at the centre.")
-    ] = None,
-    centre_lon: Annotated[
-        float | None, _option("--centre-lon", "RADIANS", "Longitude of the centre.")
-    ] = None,
-    centre_lat: Annotated[
-        float | None, _option("--centre-lat", "RADIANS", "Latitude of the centre.")
-    ] = None,
-    device: Annotated[str | None, _option("--device", "cpu|cuda:0", "Where to run.")] = None,
-    launch: Annotated[
-        str | None, _option("--launch", "element|node", "Threads of the kernels.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        _option("--set", "EFFECT.PARAMETER=VALUE", "Change an effect or the scene; repeatable."),
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the runs; one that is there goes on."),
     ] = None,
     recipe: Annotated[
-        str | None, _option("--recipe", "NAME|FILE.toml", "Options from there; flags go first.")
+        str | None,
+        typer.Option(metavar="NAME|FILE.toml", help="Options from there; flags go first."),
     ] = None,
     report_only: Annotated[
         bool, typer.Option("--report-only", help="Make the report again, but no runs.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print errors only.")] = False,
+    **values: Any,
 ) -> int:
     """Run steppers over a range of steps, and show what accuracy costs in time."""
     if out is None:
@@ -127,7 +49,7 @@ def sweep(
     if report_only:
         return _report_again(out, loaded, quiet)
     datasets, completed = {}, False
-    plans = _plans(context, loaded)
+    plans = _plans(values, loaded)
     for plan in plans:
         folder = out / Path(plan.scene).stem if len(plans) > 1 else out
         dataset = datasets[plan.scene] = _carried_out(plan, folder, quiet)
@@ -144,11 +66,10 @@ def _any_completed(dataset: xr.Dataset) -> bool:
     return bool((dataset["status"] == "completed").where(compared, False).any())
 
 
-def _plans(context: typer.Context, recipe: Recipe | None) -> list[SweepPlan]:
+def _plans(values: dict[str, Any], recipe: Recipe | None) -> list[SweepPlan]:
     """What the flags say, and for the rest the recipe."""
-    flags = {name: value for name, value in context.params.items() if name not in OWN}
-    asked = {name: value for name, value in flags.items() if is_given(value)}
-    return [make_plan(asked)] if recipe is None else recipe.plans(asked)
+    flags = given(values, SweepPlan)
+    return [make_plan(flags)] if recipe is None else recipe.plans(flags)
 
 
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:

@@ -64,44 +64,67 @@ def supply(
     Raises:
         ConfigError: an object of another kind than is asked for, or what does not go together.
     """
-    from swe_sphere.steppers import Stepper
-
-    changes = dict(effects) if isinstance(effects, Mapping) else {}
-    added = () if isinstance(effects, Mapping) else tuple(effects)
-    for effect in added:
-        if not isinstance(effect, Effect):
-            raise ConfigError(f"effects: give parameters {{'viscosity.nu': 1e5}}, not {effect!r}")
     if isinstance(scene, Scene) and parameters:
         raise ConfigError("parameters are for a scene by name: this one is made already")
     if mesh is not None and not isinstance(mesh, Mesh):
         raise ConfigError(f"mesh: give a Mesh, not {mesh!r}")
-    instance = stepper if isinstance(stepper, Stepper) else None
-    kind = type(instance) if instance else stepper if isinstance(stepper, type) else None
-    if kind is not None and not issubclass(kind, Stepper):
-        raise ConfigError(f"stepper: {kind.__name__} is no Stepper")
+    changes, added = _effects(effects)
+    kind, instance = _method(stepper)
+    own = None if isinstance(preconditioner, str | Path | None) else preconditioner
+    objects = Supplied(
+        scene if isinstance(scene, Scene) else None,
+        instance.model.mesh if instance else mesh,
+        kind, instance, own, added,
+    )  # fmt: skip
     settings = [f"{name}={value}" for name, value in changes.items()]
     settings += [f"{SCENE}.{name}={value}" for name, value in (parameters or {}).items()]
     settings += [f"{STEPPER}.{name}={value}" for name, value in (options or {}).items()]
-    named = isinstance(preconditioner, str | Path | None)
-    values: dict[str, Any] = {
-        "scene": scene.name if isinstance(scene, Scene) else str(scene),
-        "stepper": None if stepper is None else kind.name if kind else str(stepper),
-        "preconditioner": None if preconditioner is None else _name(preconditioner),
+    names: dict[str, Any] = {
+        "scene": _name(scene),
+        "stepper": kind.name if kind else _name(stepper),
+        "preconditioner": _name(preconditioner),
         "settings": tuple(settings),
     }
-    mine = mesh if instance is None else instance.model.mesh
-    if mine is not None:
-        values |= {"ne": mine.ne, "np": mine.np, "stretch": mine.stretch, "spin": mine.spin,
-                   "centre_lon": mine.centre[0], "centre_lat": mine.centre[1]}  # fmt: skip
-    given = {name: value for name, value in values.items() if value is not None}
-    objects = Supplied(
-        scene if isinstance(scene, Scene) else None, mine, kind, instance,
-        None if named else preconditioner, added,
-    )  # fmt: skip
-    return given, objects
+    given = {name: value for name, value in names.items() if value is not None}
+    return given | _mesh_settings(objects.mesh), objects
 
 
-def _name(preconditioner: Any) -> str:
-    if isinstance(preconditioner, str | Path):
-        return str(preconditioner)
-    return str(getattr(preconditioner, "name", getattr(preconditioner, "__name__", "own")))
+def _effects(
+    effects: Mapping[str, object] | Iterable[Effect],
+) -> tuple[Mapping[str, object], tuple[Effect, ...]]:
+    """Changes of parameters by name, or effects to add."""
+    if isinstance(effects, Mapping):
+        return effects, ()
+    added = tuple(effects)
+    for effect in added:
+        if not isinstance(effect, Effect):
+            raise ConfigError(f"effects: give parameters {{'viscosity.nu': 1e5}}, not {effect!r}")
+    return {}, added
+
+
+def _method(stepper: Any) -> tuple[type[Stepper] | None, Stepper | None]:
+    """The class and the instance, as far as they are given."""
+    from swe_sphere.steppers import Stepper
+
+    if isinstance(stepper, Stepper):
+        return type(stepper), stepper
+    if not isinstance(stepper, type):
+        return None, None
+    if not issubclass(stepper, Stepper):
+        raise ConfigError(f"stepper: {stepper.__name__} is no Stepper")
+    return stepper, None
+
+
+def _name(thing: Any) -> str | None:
+    """What a configuration calls it."""
+    if thing is None or isinstance(thing, str | Path):
+        return None if thing is None else str(thing)
+    return str(getattr(thing, "name", getattr(thing, "__name__", "own")))
+
+
+def _mesh_settings(mesh: Mesh | None) -> dict[str, float]:
+    if mesh is None:
+        return {}
+    lon, lat = mesh.centre
+    return {"ne": mesh.ne, "np": mesh.np, "stretch": mesh.stretch, "spin": mesh.spin,
+            "centre_lon": lon, "centre_lat": lat}  # fmt: skip

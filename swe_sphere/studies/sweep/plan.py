@@ -92,22 +92,30 @@ class SweepPlan(BaseModel):
     `-` (`settings` is `--set`).
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     scene: str
+    """Name of a scene, or a .py or .toml file with one."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(_stepper_names), Field(min_length=1)]
+    """What to compare, by names or .py files."""
     dt: Steps = "auto"
-    """Time steps [s] of every stepper, or a sequence for each."""
+    """Time steps [s] of every stepper; auto (the default): some for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
-    """Steps of an automatic sequence."""
+    """How many steps auto takes."""
     ne: Counts = ()
+    """Elements along an edge of the cube."""
     np: Counts = ()
+    """Nodes along an edge of an element."""
     precision: Annotated[Precisions, Field(min_length=1)] = ("float64",)
+    """float64, float32 or both."""
     preconditioner: Names = ()
     """Of the implicit steppers."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Of the solves of the implicit steppers."""
     days: Days | None = None
+    """Length of the runs [days]."""
     report_days: Numbers = ()
     """Times at which errors are taken [days]; the end always is one."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
@@ -121,9 +129,11 @@ class SweepPlan(BaseModel):
     target_kind: Literal["auto", "time", "total", "slow"] = "auto"
     """Which error; auto: the total one where it is known, else that in time."""
     target_field: Literal["h", "v", "vorticity"] = "h"
+    """Of which field."""
     target_norm: Literal["l1", "l2", "linf"] = "l2"
+    """In which norm."""
     reference: Paths = ()
-    """Reference solutions on latitude-longitude grids, each for a report day."""
+    """Lat-lon reference solution of a report day; repeatable."""
     finer: Whole | None = None
     """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
     converged_stepper: str = "rk4"
@@ -133,13 +143,21 @@ class SweepPlan(BaseModel):
     slow: bool | None = None
     """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
     alpha: Number | None = None
+    """Scene parameter alpha: angle between the flow and the equator [rad]."""
     settings: Names = ()
+    """Change an effect or the scene; repeatable."""
     stretch: Number = 1.0
+    """Schmidt refinement: refine the mesh so many times at the centre."""
     centre_lon: Number = 0.0
+    """Longitude of the centre [rad]."""
     centre_lat: Number = 0.0
+    """Latitude of the centre [rad]."""
     spin: Number = 0.0
+    """Turn of the cube about the centre [rad]."""
     device: str = "cpu"
+    """Where to run."""
     launch: Literal["element", "node"] | None = None
+    """Shape of kernel launches: a thread for each element or for each node."""
 
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
