@@ -60,8 +60,13 @@ def with_flags(
 
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """The fields of the model that the user gave."""
-    names = model.model_fields
-    return {n: v for n, v in values.items() if n in names and v not in (None, False, [], ())}
+    absent = ([], ())
+    return {
+        name: value
+        for name, value in values.items()
+        if name in model.model_fields
+        and not (value is None or value is False or value in absent)
+    }
 
 
 def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Parameter:

@@ -45,6 +45,18 @@ class Scene(SceneFields):
     meant in the frame of the longitude given (the meshes here give 0), so east = (-sin lon,
     cos lon, 0) and north = (-sin lat cos lon, -sin lat sin lon, cos lat).
 
+    Examples:
+        >>> import numpy as np
+        >>> from swe_sphere import Scene, Simulation
+        >>> from swe_sphere.equations.effects import DYNAMICS
+        >>> drop = Scene(
+        ...     name="drop", title="a drop in still water", reference="none", effects=DYNAMICS,
+        ...     initial=lambda lon, lat: (0.0, 0.0, 1000.0 + 10.0 * np.exp(-9.0 * lat**2)),
+        ...     report="depth", ne=3, np=4, dt=None, days=0.25,
+        ... )
+        >>> abs(Simulation(drop).run()["mass_drift"]) < 1e-14
+        True
+
     Raises:
         ConfigError: the functions do not go with the effects, a value is of the wrong type, or a
             number is out of range.
