@@ -60,7 +60,7 @@ def with_flags(
 
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """The fields of the model that the user gave."""
-    absent = ([], ())
+    absent: tuple[object, ...] = ([], ())
     return {
         name: value
         for name, value in values.items()
