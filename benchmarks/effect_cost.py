@@ -128,13 +128,12 @@ def recorded(action: Callable[[], None]) -> list[tuple[Any, int, tuple[Any, ...]
 
 def arrays(arguments: tuple[Any, ...]) -> int:
     """Arrays among the arguments of a kernel, and in the structures among them."""
-    members = [
-        getattr(argument, name)
-        for argument in arguments
-        if hasattr(argument, "_cls")
-        for name in argument._cls.vars
-    ]
-    return sum(isinstance(value, wp.array) for value in (*arguments, *members))
+    found = 0
+    for argument in arguments:
+        found += isinstance(argument, wp.array)
+        if hasattr(argument, "_cls"):
+            found += arrays(tuple(getattr(argument, name) for name in argument._cls.vars))
+    return found
 
 
 @dataclass

@@ -99,7 +99,7 @@ class Function:
         return total
 
     def _line(self, line: str, functions: dict[str, Function]) -> Cost:
-        if call := re.search(r"\b(\w+__locals__\w+)\(", line):
+        if (call := re.search(r"\b(?<!wp::)(\w+)\(", line)) and call[1] in functions:
             is_sum = call[1].startswith("gather_sum")
             return self._gather if is_sum else functions[call[1]].cost(functions)
         if store := re.search(r"wp::array_store\((\w+), .*, (\w+)\);", line):

@@ -133,7 +133,7 @@ def _wind_rates(
 ) -> wp.Function:
     """Rate of change of the wind (x[i], x[j]) at node i, whose depth is x[k]."""
     pair, triple = wp.types.vector(2, real), wp.types.vector(3, real)
-    of_terms = terms and terms.wind
+    of_terms, acts = terms and terms.wind, any(term.wind for term in point.terms)
 
     @no_type_check
     @wp.func
@@ -141,15 +141,17 @@ def _wind_rates(
         r = pair()
         if wp.static(point.forcing):
             r += pair(c.forcing[i], c.forcing[j])
+        if wp.static(acts):
+            d = triple(x[i], x[j], x[k])
+        elif wp.static(point.rotation):
+            d = pair(x[i], x[j])
         if wp.static(point.rotation):
             f = c.coriolis[i]
-            r += pair(f * x[j], -f * x[i])
-        if wp.static(terms is not None):
-            d = triple(x[i], x[j], x[k])
-            if wp.static(point.tangent):
-                r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
-            else:
-                r += of_terms(c.terms, i, d, d)
+            r += pair(f * d[1], -f * d[0])
+        if wp.static(acts and point.tangent):
+            r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
+        elif wp.static(acts):
+            r += of_terms(c.terms, i, d, d)
         return r
 
     return of_wind
@@ -160,6 +162,7 @@ def _depth_rates(
 ) -> wp.Function:
     """Rate of change of the depth x[k] at node i, the wind (x[i], x[j]) or prescribed."""
     triple, of_terms = wp.types.vector(3, real), terms and terms.depth
+    acts = any(term.depth for term in point.terms)
 
     @no_type_check
     @wp.func
@@ -175,7 +178,7 @@ def _depth_rates(
         r = real(0.0)
         if wp.static(point.forcing):
             r += c.forcing[k]
-        if wp.static(terms is not None):
+        if wp.static(acts):
             if wp.static(not point.tangent):
                 d = state(c, i, j, k, x)
                 r += of_terms(c.terms, i, d, d)
