@@ -10,7 +10,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.diagnostics import diagnostic, forget
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.studies.sweep import sweep
+from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
 
@@ -126,3 +126,13 @@ def test_modelled_times_are_counted_work_at_its_price():
         assert 0.0 < long < short
     refused = sweep("lauter", "rk4", **TINY | {"dt": [1e6]})
     assert np.isnan(refused.modelled_seconds.values[refused.status.values == "refused"]).all()
+
+
+def test_steps_that_come_to_the_same_are_one_run():
+    """As they are shortened to meet the end."""
+    expected = []
+    watcher = SweepWatcher()
+    watcher.expect = expected.append
+    found = sweep("lauter", "rk4", watcher=watcher, **TINY | {"dt": [3700, 3600, 1800]})
+    grid = found.isel(run=found.role.values == "grid")
+    assert grid.dt.values.tolist() == [3600.0, 1800.0] and sum(expected) == 2

@@ -75,7 +75,7 @@ class RunSpec:
     space: Discretisation = field(compare=False, repr=False)
     config: RunConfig
     """Complete: mesh, precision, stepper and its options, the step dt [s] and the length."""
-    steps: TimePlan | None
+    steps: TimePlan | None = field(compare=False)
     """None where no step near the one wanted is possible."""
     role: Role = "grid"
     report_days: tuple[float, ...] = ()
