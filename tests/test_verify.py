@@ -16,7 +16,7 @@ from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
-from swe_sphere.studies.verify import Case, all_cases, choose, page, verify
+from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases
 from swe_sphere.studies.verify.families import read_cases
 from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
 from swe_sphere.testcases import SCENES
@@ -28,7 +28,7 @@ QUICK = [case for case in CASES if any(level.quick for level in case.levels)]
 
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
 def test_quick_verification_passes(case: Case) -> None:
-    for row in verify([case], quick=True):
+    for row in run_cases([case], quick=True):
         assert (row.measure.status, row.measure.reason) == ("completed", "")
         assert row.checks
         assert [str(check) for check in row.checks if not check.holds] == []
@@ -179,31 +179,31 @@ def changed(case: Case, **changes: Any) -> Case:
 
 
 def test_rows_judge_what_was_measured(easy) -> None:
-    first, second, third = verify([easy])
+    first, second, third = run_cases([easy])
     assert first.passed
     assert second.passed
     assert not third.passed  # what was not measured fails
     expected = math.log2(first.quantities["l2_h"] / second.quantities["l2_h"])
     assert second.quantities["order"] == pytest.approx(expected)
     tight = changed(easy, levels=[{"ne": 2, "h": (1e-12, 1.0, 1.0)}])
-    (row,) = verify([tight])
+    (row,) = run_cases([tight])
     assert [check.quantity for check in row.checks if not check.holds] == ["l1_h"]
     assert row.worst.used > 1e3
     assert row.as_dict()["passed"] is False
 
 
 def test_a_run_that_stops_fails_and_says_why(easy) -> None:
-    (row,) = verify([changed(easy, levels=[{"ne": 2, "dt": 8640.0, "h": (1.0, 1.0, 1.0)}])])
+    (row,) = run_cases([changed(easy, levels=[{"ne": 2, "dt": 8640.0, "h": (1.0, 1.0, 1.0)}])])
     assert row.passed
     run = easy.run | {"days": 60.0, "dt": 43200.0}
-    (row,) = verify([changed(easy, run=run, levels=[{"ne": 4, "h": (1.0, 1.0, 1.0)}])])
+    (row,) = run_cases([changed(easy, run=run, levels=[{"ne": 4, "h": (1.0, 1.0, 1.0)}])])
     assert not row.passed
     assert (row.as_dict()["status"], row.as_dict()["quantities"]) == ("unstable", {})
     assert "The run was unstable: " in page([replace(row, case=QUICK[0])], "again")
 
 
 def test_page_has_every_row_and_tells_failures() -> None:
-    rows = list(verify(choose(["lake-at-rest", "stepper-rk4"]), quick=True))
+    rows = list(run_cases(choose(["lake-at-rest", "stepper-rk4"]), quick=True))
     text = page(rows, "swe-sphere verify --test")
     assert "swe-sphere verify --test" in text
     assert "All bounds hold" in text
@@ -250,7 +250,7 @@ def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
 def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     """Neither on a narrow terminal nor in a pipe, which counts as one of 80 columns."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    (row, *_) = rows = list(verify(choose(["stepper-rk4"]), quick=True))
+    (row, *_) = rows = list(run_cases(choose(["stepper-rk4"]), quick=True))
     with pytest.raises(SystemExit):
         main(["verify", "--quick", "--scenes", "stepper-rk4"])
     lines = capsys.readouterr().out.splitlines()

@@ -58,8 +58,7 @@ def verify(
 
 def _run(chosen: set[str], quick: bool, quiet: bool) -> list[Row]:
     """All rows, family by family; each family's table as soon as it is there."""
-    from swe_sphere.studies.verify import families
-    from swe_sphere.studies.verify import verify as run_cases
+    from swe_sphere.studies.verify import families, run_cases
 
     found: list[Row] = []
     for title, cases in families().items():

@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from swe_sphere.studies.verify import choose
-from swe_sphere.studies.verify import verify as run_cases
+from swe_sphere.studies.verify import choose, run_cases
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ("swe_sphere", "kernels", "testcases", "tests")

@@ -3,8 +3,31 @@
 from swe_sphere.studies.verify.case import Case, Level, Published
 from swe_sphere.studies.verify.families import all_cases, choose, families
 from swe_sphere.studies.verify.page import page
-from swe_sphere.studies.verify.verdict import Row, verify
+from swe_sphere.studies.verify.verdict import Row, run_cases
 
 __all__ = [
-    "Case", "Level", "Published", "Row", "all_cases", "choose", "families", "page", "verify",
+    "Case", "Level", "Published", "Row", "all_cases", "choose", "families", "page",
+    "run_cases", "verify",
 ]  # fmt: skip
+
+
+def verify(*scenes: str, quick: bool = False) -> list[Row]:
+    """Measure errors, orders and invariants of scenes, each held against its bound.
+
+    Args:
+        scenes: names of scenes, or of cases; none: all there are.
+        quick: only the levels that take less than a second each.
+
+    Returns:
+        A row for each level: its `quantities`, its `checks`, and whether they all `passed`.
+
+    Examples:
+        >>> from swe_sphere import verify
+        >>> rows = verify("lake-at-rest", quick=True)
+        >>> all(row.passed for row in rows)
+        True
+
+    Raises:
+        ConfigError: there is no scene or case of that name.
+    """
+    return list(run_cases(choose(scenes), quick))

@@ -10,7 +10,7 @@ from swe_sphere.studies.bounds import Check
 from swe_sphere.studies.verify.case import ORDERS, Case, Level
 from swe_sphere.studies.verify.measure import Finer, Measure, measure
 
-__all__ = ["Row", "verify"]
+__all__ = ["Row", "run_cases"]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Row:
         }
 
 
-def verify(cases: Iterable[Case], quick: bool = False) -> Iterator[Row]:
+def run_cases(cases: Iterable[Case], quick: bool = False) -> Iterator[Row]:
     """Run the levels of the cases one by one; quick: only those marked so."""
     for case in cases:
         levels = [level for level in case.levels if level.quick or not quick]
