@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies import configuration
 from swe_sphere.studies.bounds import Bound, Check, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables
+from swe_sphere.studies.stress.groups import FILES as GROUPS
+from swe_sphere.studies.verify.families import FILES as CASES
 
 HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
 
@@ -90,3 +94,11 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file.write_text('[[case]]\nrun = {ne = "four"}\n')
     with pytest.raises(ConfigError, match=r"cases\.toml: run\.ne: .* integer"):
         read_tables(file, "case", Entry)
+
+
+@pytest.mark.parametrize(
+    ("folder", "names"), [("verify/cases", CASES), ("stress/groups", GROUPS)]
+)
+def test_every_file_of_a_study_is_read(folder, names) -> None:
+    there = Path(configuration.__file__).parent / folder
+    assert sorted(names) == sorted(path.stem for path in there.iterdir())

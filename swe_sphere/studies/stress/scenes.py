@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation
-from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.equations.scene import Array, Scalar, Scene
 from swe_sphere.planet import Planet
 from swe_sphere.studies.stress.random_state import noise, random_scene
 from swe_sphere.testcases import get_scene
@@ -35,20 +35,13 @@ def mesa(lon: Array, lat: Array) -> Array:
     return np.where(distance(lon, lat, *PLACE) < RADIUS, 2000.0, 0.0)
 
 
-def peak(lon: Array, lat: Array) -> Array:
-    """The cone of williamson5, 5000 m high: 960 m below the surface at rest."""
-    height: Array = 2.5 * cone(lon, lat)
-    return height
+def _cone_of(height: float) -> Scalar:
+    """The cone of williamson5, which is 2000 m high, with another height [m]."""
+    return lambda lon, lat: height / 2000.0 * cone(lon, lat)
 
 
-def island(lon: Array, lat: Array) -> Array:
-    """The cone of williamson5, 7000 m high: it looks out of the water."""
-    height: Array = 3.5 * cone(lon, lat)
-    return height
-
-
-BOTTOMS = {"mesa": mesa, "peak": peak, "island": island}
-"""Bottoms by name."""
+BOTTOMS: dict[str, Scalar] = {"mesa": mesa, "peak": _cone_of(5000.0), "island": _cone_of(7000.0)}
+"""Bottoms by name: the peak is 960 m below the surface at rest, the island looks out of it."""
 
 Bottom = Literal["mesa", "peak", "island"]
 
@@ -114,14 +107,7 @@ def zonal(name: PlanetName, speed: float = 40.0) -> Scene:
         h = depth + fall * (1.0 / 3.0 - np.sin(lat) ** 2)
         return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), h + 0.0 * lon
 
-    base: Scene = get_scene("williamson2")
-    return replace(
-        base,
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        planet=planet,
-        coriolis=lambda lon, lat: coriolis(lon, lat, planet),
-    )
+    return _on(planet, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact)
 
 
 def eddies(name: PlanetName, speed: float = 10.0) -> Scene:
@@ -129,15 +115,13 @@ def eddies(name: PlanetName, speed: float = 10.0) -> Scene:
     planet, depth = PLANETS[name]
     psi = random_streamfunction(_falling, 8, speed, planet.radius, seed=3)
     flow = BalancedFlow(psi, planet, depth)
+    return _on(planet, initial=flow.state, exact=None, effects=(*DYNAMICS, Rotation()))
+
+
+def _on(planet: Planet, **changes: Any) -> Scene:
+    """williamson2 on another planet, with further changes."""
     base: Scene = get_scene("williamson2")
-    return replace(
-        base,
-        initial=flow.state,
-        exact=None,
-        planet=planet,
-        effects=(*DYNAMICS, Rotation()),
-        coriolis=lambda lon, lat: coriolis(lon, lat, planet),
-    )
+    return replace(base, planet=planet, coriolis=lambda x, y: coriolis(x, y, planet), **changes)
 
 
 def _falling(n: Array) -> Array:
