@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import warp as wp
 from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations import Model
-from swe_sphere.io.integrals import integrals
+from swe_sphere.errors import RunFailed
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.steppers import get_stepper
+from swe_sphere.simulation.execution import step_through
+from swe_sphere.simulation.plan import TimePlan
+from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.simulation import Simulation
 
 DAYS = 15.0
 MOUNTAIN = (1.5 * np.pi, np.pi / 6.0)
@@ -36,43 +40,47 @@ class Section:
 class Run:
     """What one run cost and where it ended."""
 
-    model: Model
-    stepper: Any
-    seconds: float
-    """Wall time of the steps [s]."""
-    cpu_seconds: float
+    sim: Simulation
     rhs_seconds: float
     """CPU time of one right-hand side [s], from before and after the run."""
-    fields: dict[str, np.ndarray]
     energy_drift: list[float]
     """Relative change of energy since the start, each day."""
 
     @property
     def counts(self) -> str:
         """Newton and Krylov iterations a step."""
-        steps, counters = self.stepper.steps, self.stepper.counters
+        steps, counters = self.sim.steps, self.sim.stepper.counters
         newton = counters.get("newton_iterations", 0) / steps
         return f"{newton:.1f} / {counters.get('krylov_iterations', 0) / steps:.1f}"
 
 
-def run(model: Model, name: str, dt: float, days: float, **options: Any) -> Run:
+def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: Any) -> Run:
     """Run a stepper from the scene's initial state; the time for the energies does not count."""
-    stepper = get_stepper(name)(model, dt, **options)
-    start = model.initial_state()
-    stepper.start(start)
-    rhs = [_rhs_seconds(model)]
-    wall = cpu = 0.0
-    drift = []
-    for day in range(1, max(round(days), 1) + 1):
-        began, began_cpu = time.perf_counter(), time.process_time()
-        while stepper.time < min(day, days) * DAY - 0.5 * dt:
-            stepper.step()
-        wall += time.perf_counter() - began
-        cpu += time.process_time() - began_cpu
-        energies = [_energy(model, state) for state in (start, stepper.state)]
-        drift.append(energies[1] / energies[0] - 1.0)
-    rhs.append(_rhs_seconds(model))
-    return Run(model, stepper, wall, cpu, float(np.mean(rhs)), model.fields(stepper.state), drift)
+    steps = math.ceil(days * DAY / dt - 1e-9)
+    sim = Simulation(scene, mesh=mesh, stepper=name, options=options)
+    sim.begin(TimePlan(dt, steps, steps, dt))
+    rhs, daily = [_rhs_seconds(sim.model)], Energies(max(1, round(DAY / dt)))
+    outcome = step_through(sim, [daily])
+    if not outcome.completed:
+        raise RunFailed(outcome.reason)
+    rhs.append(_rhs_seconds(sim.model))
+    return Run(sim, float(np.mean(rhs)), daily.drifts)
+
+
+@dataclass
+class Energies:
+    """Keeps the relative change of energy about every day, and at the end."""
+
+    every: int
+    drifts: list[float] = field(default_factory=list)
+
+    def due(self, step: int) -> bool:
+        """Once a day."""
+        return step % self.every == 0
+
+    def observe(self, sim: Running) -> None:
+        """Keep it."""
+        self.drifts.append(sim.diagnostics["energy_drift"])
 
 
 def _rhs_seconds(model: Model) -> float:
@@ -102,10 +110,3 @@ def interleaved(
                 times.append((clock() - began) / batch)
     return [float(np.median(times)) for times in seconds]
 
-
-def _energy(model: Model, state: wp.array) -> float:
-    fields = model.fields(state)
-    found = integrals(
-        model.mesh, model.scene.planet, fields["u"], fields["v"], fields["h"], model.bottom
-    )
-    return found["energy"]

@@ -17,13 +17,11 @@ import typer
 import warp as wp
 from rich.console import Console
 
-from swe_sphere.equations import Model
 from swe_sphere.io.norms import errors
 from swe_sphere.machine import machine
 from swe_sphere.mesh import build_mesh
-from swe_sphere.planet import HOUR
-from swe_sphere.steppers import STEPPERS, get_stepper
-from swe_sphere.testcases import get_scene
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.steppers import STEPPERS
 
 DOCS = Path(__file__).parents[1] / "docs"
 STORE = DOCS / "step_sizes.json"
@@ -73,12 +71,9 @@ def main(
 
 def run(scene: str, stepper: str, dt: float, **options: Any) -> tuple[dict[str, np.ndarray], float]:
     """The fields at the end, and Krylov iterations a step."""
-    model = Model(build_mesh(NE, NP), get_scene(scene))
-    made = get_stepper(stepper)(model, dt, **options)
-    made.start(model.initial_state())
-    for _ in range(round(HOURS * HOUR / dt)):
-        made.step()
-    return model.fields(made.state), made.counters.get("krylov_iterations", 0) / made.steps
+    sim = Simulation(scene, ne=NE, np=NP, stepper=stepper, dt=dt, options=options)
+    summary = sim.run(days=HOURS / 24.0, progress=False)
+    return sim.snapshot.fields, summary["krylov_iterations"] / summary["steps"]
 
 
 def compare(
