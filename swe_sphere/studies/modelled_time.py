@@ -25,7 +25,11 @@ Counts = Mapping[str, tuple[int, int]]
 """(calls, rows) by kind of work, see `Tally`."""
 Prices = Mapping[str, tuple[float, float]]
 """Seconds (a call, a row) by kind of work."""
+Context = tuple[str, str, int]
+"""The kinds of the two calls before, and the rows of this one."""
 
+ENOUGH = 12
+"""From so many calls on one of them was hardly disturbed."""
 LOOKS, PERIOD = 64, 257
 """The stopwatch looks at so many calls in a row out of so many, a prime: no part of a step is
 missed for good.  Runs begin with a look, as what is done once is done then."""
@@ -48,20 +52,21 @@ class Stopwatch:
     """A timer of the work of any number of models, one after the other: see `Work.timer`.
 
     The time of a call runs from the end of the call before it, so that what Python does in between
-    is part of it.  Calls of a kind differ by what was called before, which leaves the caches in
-    some state, and by the number of rows: the shortest time of each is kept.
+    is part of it.  Calls of a kind differ by the two calls before, which tell where in a step they
+    are, and by the number of rows: the shortest time of each is kept.
 
-    Calls have to be done when they return, as on a CPU.  clock: seconds.
+    Calls have to be done when they return, as on a CPU.  clock: seconds; by default processor time,
+    in which a call does not wait for other programs.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, clock: Callable[[], float] = time.thread_time) -> None:
         self._clock = clock
-        self._found: dict[str, dict[tuple[str, int], _Shortest]] = {}
+        self._found: dict[str, dict[Context, _Shortest]] = {}
         self.begin()
 
     def begin(self) -> None:
         """A run begins now: what came before is no part of its first call."""
-        self._place, self._before, self._last = 0, "", self._clock()
+        self._place, self._before, self._last = 0, ("", ""), self._clock()
 
     def __call__(
         self, tally: Tally, rows: int, function: Callable[..., Any], arguments: tuple[Any, ...]
@@ -77,21 +82,27 @@ class Stopwatch:
         if self._place:  # else the call before was not looked at
             now = self._clock()
             by_context = self._found.setdefault(name, {})
-            by_context.setdefault((self._before, rows), _Shortest()).add(now - self._last)
-        self._before, self._last = name, self._clock()
+            by_context.setdefault((*self._before, rows), _Shortest()).add(now - self._last)
+        self._before, self._last = (self._before[1], name), self._clock()
 
     def prices(self) -> dict[str, tuple[float, float]]:
         """What is known so far."""
         return {name: _price(found) for name, found in self._found.items()}
 
 
-def _price(found: Mapping[tuple[str, int], _Shortest]) -> tuple[float, float]:
-    """(a call, a row): the mean over the calls, each taken for as short as its shortest like."""
-    if len({rows for _, rows in found}) == 1:
-        calls = sum(one.calls for one in found.values())
-        return sum(one.calls * one.seconds for one in found.values()) / calls, 0.0
+def _price(found: Mapping[Context, _Shortest]) -> tuple[float, float]:
+    """(a call, a row): the mean over the calls, each taken for as short as its shortest like.
+
+    Calls with few like them cost what the others cost; where there are no others, what the shortest
+    of them costs.
+    """
+    if len({rows for *_, rows in found}) == 1:
+        usual = [one for one in found.values() if one.calls >= ENOUGH]
+        usual = usual or [min(found.values(), key=lambda one: one.seconds)]
+        calls = sum(one.calls for one in usual)
+        return sum(one.calls * one.seconds for one in usual) / calls, 0.0
     by_rows: dict[int, _Shortest] = {}
-    for (_, rows), one in found.items():
+    for (*_, rows), one in found.items():
         known = by_rows.setdefault(rows, _Shortest())
         known.calls += one.calls
         known.seconds = min(known.seconds, one.seconds)

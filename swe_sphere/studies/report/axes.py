@@ -21,20 +21,13 @@ __all__ = ["SMALLEST", "finish", "mark_limits", "name_curves", "points"]
 
 SMALLEST = 1e-17
 """Zero is drawn here."""
-LEAST = 3.0
+LEAST, SHORT = 3.0, 300.0
+"""From the lowest to the highest value of axes: at least, and where they have many ticks."""
 LIMITS = (
     ("gravity_limit", "gravity limit", "right"),
     ("advective_limit", "advective limit", "left"),
 )
 """Of the step: attribute of a row, name, side of the line on which the text ends."""
-TICKS = (
-    (0.9, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)),
-    (1.9, (1.0, 2.0, 5.0)),
-    (2.9, (1.0, 3.0)),
-    (math.inf, (1.0,)),
-)
-"""Multiples of powers of ten that have a tick, on axes up to so many decades long."""
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def finish(axes: Axes, x: str, y: str, scale: Literal["log", "linear"] = "log") -> None:
@@ -59,27 +52,17 @@ def _widened(low: float, high: float) -> tuple[float, float]:
 
 
 def _ticks(axis: Axis) -> None:
-    """At powers of ten and on short axes between them; plain numbers where these are short."""
+    """At powers of ten, and on short axes between them."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     low, high = sorted(axis.get_view_interval())
-    decades = math.log10(high / low) if low > 0.0 else 0.0
-    subs = next(multiples for longest, multiples in TICKS if decades <= longest)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=8 if decades > 6 else 15))
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)))
     axis.set_minor_locator(NullLocator())
-    plain = low >= 1e-2 and high <= 1e6
-    axis.set_major_formatter(FuncFormatter(_plain if plain else _power))
+    axis.set_major_formatter(FuncFormatter(_number))
 
 
-def _plain(value: float, _: object = None) -> str:
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.3g}"
-
-
-def _power(value: float, _: object = None) -> str:
-    exponent = math.floor(math.log10(value) + 1e-9)
-    factor = round(value / 10.0**exponent, 1)
-    power = "10" + str(exponent).translate(RAISED)
-    return power if factor == 1.0 else f"{factor:g}·{power}"
+def _number(value: float, _: object = None) -> str:
+    return f"{value:g}" if 1e-2 <= value < 1e6 else words.level(value)
 
 
 def points(axes: Axes, curve: Curve, xy: Sequence[tuple[float, float]], anchor: str) -> None:

@@ -30,12 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["OneMesh", "Section", "read_sections", "sweep_rankings"]
 
-MADE = {
-    "command": "command", "created": "made", "machine": "machine", "cores": "cores",
-    "versions": "versions", "noise": "spread of right-hand sides timed between runs",
-    "converged_dt": "step of the converged run [s]",
-    "converged_check": "own time error of the converged run",
-}  # fmt: skip
 HIDDEN = ("title", "scene", "plan")
 
 
@@ -157,7 +151,8 @@ def _times(rows: Sequence[Row], attributes: Mapping[Any, Any]) -> str:
     spreads = [row.wall_spread for row in compared if math.isfinite(row.wall_spread)]
     repeats = max((len(row.walls) for row in compared), default=0)
     spread = f", which differ by up to {words.percent(max(spreads))}" if spreads else ""
-    wall = f"Wall times are medians of up to {repeats} repeats{spread}"
+    several = f"up to {repeats} repeats" if repeats else "repeats"
+    wall = f"Wall times are medians of {several}{spread}"
     noise = _float(attributes.get("noise"))
     if math.isfinite(noise):
         wall += f"; right-hand sides timed in between spread over {words.percent(noise)}"
@@ -181,14 +176,9 @@ def _converged(attributes: Mapping[Any, Any]) -> str:
 
 
 def _made(attributes: Mapping[Any, Any]) -> list[tuple[str, str]]:
-    """What is known of how a dataset was made: first what every sweep writes, then the rest."""
-    known = [(label, attributes[name]) for name, label in MADE.items() if name in attributes]
-    others = [
-        (str(name).replace("_", " "), value)
-        for name, value in attributes.items()
-        if name not in MADE and name not in HIDDEN
-    ]
-    return [(label, _text(value)) for label, value in (*known, *others)]
+    """What is known of how a dataset was made."""
+    shown = ((str(name), value) for name, value in attributes.items() if name not in HIDDEN)
+    return [(name.replace("_", " "), _text(value)) for name, value in shown]
 
 
 def _text(value: Any) -> str:
