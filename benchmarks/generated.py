@@ -68,7 +68,8 @@ def _entry(text: str) -> tuple[str, str]:
 
 def width(kind: str) -> int:
     """Numbers in a value of that C++ type: of vectors of vectors their product."""
-    return math.prod(int(n) for n in re.findall(r"vec_t<(\d+),", kind))
+    sizes = re.findall(r"(?:vec_t|mat_t)<(\d+), ?(?:(\d+),)?", kind)
+    return math.prod(int(n) for pair in sizes for n in pair if n)
 
 
 class Function:

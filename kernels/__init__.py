@@ -1,8 +1,7 @@
 """Warp kernels of the shallow-water model: the ground floor, which imports nothing else of ours."""
 
 from swe_sphere.kernels.assembly import assembly_kernel
-from swe_sphere.kernels.element import element_kernel
-from swe_sphere.kernels.node import node_kernel
+from swe_sphere.kernels.local import tendency_kernel
 from swe_sphere.kernels.terms import Terms, lanes_of
 from swe_sphere.kernels.vectors import combine_kernel
 
@@ -10,7 +9,6 @@ __all__ = [
     "Terms",
     "assembly_kernel",
     "combine_kernel",
-    "element_kernel",
     "lanes_of",
-    "node_kernel",
+    "tendency_kernel",
 ]

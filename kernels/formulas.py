@@ -1,7 +1,7 @@
-"""Pointwise formulas of the vector-invariant shallow-water equations, written once.
+"""What an operator on elements is made of at a point, for both launch shapes.
 
-Both launch shapes call them: with plain numbers (one thread a node) or with SIMD registers that
-hold one node of several elements (one thread a group of elements).
+They call the functions here with plain numbers (one thread a node) or with SIMD registers that hold
+one node of several elements (one thread a group of elements).
 
 With the 2x2 matrix a[i, k] = dx/dxi_i . e_k (frame e_k, reference coordinates xi_i) and J = det a,
 the covariant wind is u_i = a[i, k] V_k, and J times the contravariant wind as well as J times a
@@ -9,12 +9,37 @@ gradient need only the adjugate of a, so that no division is needed (formulas: T
 2010, doi:10.1016/j.jcp.2010.04.008, section 4).
 """
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.terms import Terms
+
+@dataclass(frozen=True)
+class Formula:
+    """An operator at node n of element e; `element.py` and `node.py` differentiate for it.
+
+    x is the vector of the unknowns, with the field in question at the offset `at`; a is that of a
+    prescribed wind or of the state that a tangent is taken at.
+    """
+
+    winds: type
+    wind: wp.Function
+    """(geometry, a, x, e, n): the `winds` there."""
+    rows: type
+    first: wp.Function
+    """(geometry, point, e, n): the `rows` to be differentiated along the first coordinate."""
+    second: wp.Function
+    """The same along the second; `first` itself where it makes no difference."""
+    read: wp.Function
+    """(geometry, winds, a, x, at, e, n): the point, what the derivatives are taken of."""
+    result: wp.Function | None = None
+    """(geometry, winds, d1, d2, e, n, k, out): writes fields of `out`, from the k-th on."""
+    turns: bool = False
+    """Whether the result needs the winds."""
+    stored: bool = False
+    """Whether it is cheaper to store the winds of an element than to load them again."""
 
 
 def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace:
@@ -45,53 +70,78 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
     return SimpleNamespace(mul=mul, load=load, dot=dot, wedge=wedge)
 
 
-def physics(
-    terms: Terms, geometry: type, value: type, index: type, real: type, ops: SimpleNamespace
-) -> SimpleNamespace:
-    """Warp functions for the surface height, the Bernoulli function and the diffused fields."""
-    load, dot = ops.load, ops.dot
+def winds_at(t: SimpleNamespace, own: bool, base: bool) -> tuple[type, wp.Function]:
+    """`winds` and `wind` of a formula: (u, v) of x if `own`, (bu, bv) of a if `base`."""
+    real, load, vector = t.real, t.ops.load, t.vector
+    winds = t.struct("Winds", own * ["u", "v"] + base * ["bu", "bv"]) if own or base else real
 
     @no_type_check
     @wp.func
-    def surface(geo: geometry, node: index, h: value):
-        if wp.static(terms.bottom and not terms.tangent):
-            return h + load(geo.bottom, 0, node)
+    def wind(geo: t.geometry, a: vector, x: vector, e: int, n: int):
+        if wp.static(not (own or base)):
+            return real(0.0)
         else:
-            return h
+            r = winds()
+            node = geo.nodes[e, n]
+            if wp.static(own):
+                r.u = load(x, 0, node)
+                r.v = load(x, geo.size, node)
+            if wp.static(base):
+                r.bu = load(a, 0, node)
+                r.bv = load(a, geo.size, node)
+            return r
+
+    return winds, wind
+
+
+def slopes(
+    t: SimpleNamespace, scalar: bool = False, flux: bool = False, curls: int = 0
+) -> tuple[type, type, wp.Function, wp.Function]:
+    """Type of the point, and `rows`, `first` and `second` of a formula.
+
+    Of a scalar s both derivatives are taken, of J times the contravariant components of the flux
+    (fu, fv) those of the divergence, of the covariant winds (u, v) and (bu, bv) those of the curl:
+    the first derivative less the second.  A row that is alone is no row but a value.
+    """
+    pairs = [["fu", "fv"]] * flux + [["u", "v"], ["bu", "bv"]][:curls]
+    point = t.struct("Point", ["s"] * scalar + [name for pair in pairs for name in pair])
+    count = scalar + len(pairs)
+    rows, at_curl, dot, wedge = t.rows(count), scalar + flux, t.ops.dot, t.ops.wedge
 
     @no_type_check
     @wp.func
-    def bernoulli(geo: geometry, u: value, v: value, height: value):
-        r = value(real(0.0))
-        if wp.static(terms.advection):
-            r += real(0.5) * dot(u, v, u, v)
-        if wp.static(terms.pressure):
-            r += geo.gravity * height
-        return r
+    def first(geo: t.geometry, p: point, e: int, n: int):
+        if wp.static(count == 1 and scalar):
+            return p.s
+        elif wp.static(count == 1):
+            return wedge(p.fu, p.fv, geo.basis[e, n, 2], geo.basis[e, n, 3])
+        else:
+            r = rows()
+            if wp.static(scalar):
+                r[0] = p.s
+            if wp.static(flux):
+                r[at_curl - 1] = wedge(p.fu, p.fv, geo.basis[e, n, 2], geo.basis[e, n, 3])
+            if wp.static(curls > 0):
+                r[at_curl] = dot(geo.basis[e, n, 2], geo.basis[e, n, 3], p.u, p.v)
+            if wp.static(curls > 1):
+                r[at_curl + 1] = dot(geo.basis[e, n, 2], geo.basis[e, n, 3], p.bu, p.bv)
+            return r
 
     @no_type_check
     @wp.func
-    def bernoulli_tangent(geo: geometry, u: value, v: value, du: value, dv: value, dh: value):
-        r = value(real(0.0))
-        if wp.static(terms.advection):
-            r += dot(u, v, du, dv)
-        if wp.static(terms.pressure):
-            r += geo.gravity * dh
-        return r
+    def second(geo: t.geometry, p: point, e: int, n: int):
+        if wp.static(count == 1):
+            return wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], p.fu, p.fv)
+        else:
+            r = rows()
+            if wp.static(scalar):
+                r[0] = p.s
+            if wp.static(flux):
+                r[at_curl - 1] = wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], p.fu, p.fv)
+            if wp.static(curls > 0):
+                r[at_curl] = dot(geo.basis[e, n, 0], geo.basis[e, n, 1], p.u, p.v)
+            if wp.static(curls > 1):
+                r[at_curl + 1] = dot(geo.basis[e, n, 0], geo.basis[e, n, 1], p.bu, p.bv)
+            return r
 
-    @no_type_check
-    @wp.func
-    def diffused(geo: geometry, offset: int, node: index, x: value):
-        r = value(real(0.0))
-        if wp.static(terms.diffusion):
-            r += geo.nu * x
-        if wp.static(terms.biharmonic):
-            r -= geo.nu4 * load(geo.laplacian, offset, node)
-        return r
-
-    return SimpleNamespace(
-        surface=surface,
-        bernoulli=bernoulli,
-        bernoulli_tangent=bernoulli_tangent,
-        diffused=diffused,
-    )
+    return point, rows, first, second if pairs else first

@@ -14,7 +14,6 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.formulas import algebra
 from swe_sphere.kernels.terms import kernel_types
 
 OPTIONS = {"max_unroll": 1}
@@ -32,8 +31,7 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
     """
     t = kernel_types(np_, real, shape)
     value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
-    ops = algebra(value, t.index, real, t.lanes)
-    mul, load, wedge = ops.mul, ops.load, ops.wedge
+    mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
     div = wp.cw_div if t.lanes > 1 else wp.div
 
     @no_type_check

@@ -3,10 +3,14 @@
 A term that is not named here leaves no array, no load and no branch in the generated code.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import cast
 
 import warp as wp
+
+from swe_sphere.kernels.formulas import algebra
 
 LANE_BYTES = 64
 
@@ -58,6 +62,9 @@ class Terms:
         return self.advection or self.pressure
 
 
+NO_TERMS = Terms()
+
+
 def lanes_of(real: type) -> int:
     """Elements handled side by side in one SIMD register for the number type `real`."""
     size: int = wp.types.type_size_in_bytes(real)
@@ -97,23 +104,39 @@ def geometry_struct(
     return geometry
 
 
-def kernel_types(np_: int, real: type, shape: str) -> SimpleNamespace:
-    """Types of kernels on element nodes that have no terms of their own.
+def kernel_types(np_: int, real: type, shape: str, terms: Terms = NO_TERMS) -> SimpleNamespace:
+    """Types of kernels on element nodes.
 
-    `shape` is "element" (a thread a group of elements) or "node".  The namespace has `np`, `real`,
-    `lanes`, `value`, `index`, the plain `geometry` and the arrays `vector` (of nodes) and `local`
-    (groups, np*np, fields).
+    `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
+    `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
+    (groups, np*np, fields), the products `ops`, and the types `rows(k)` of k values side by side,
+    a plain one for k = 1, and `struct(name, names)` of values with names.
     """
     lanes = lanes_of(real) if shape == "element" else 1
     value = wp.types.vector(lanes, real) if lanes > 1 else real
     index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
+
+    def rows(count: int) -> type:
+        if count == 1:
+            return value
+        kind = wp.types.matrix((count, lanes), real) if lanes > 1 else wp.types.vector(count, real)
+        return cast(type, kind)
+
+    def struct(name: str, names: Iterable[str]) -> type:
+        made: type = wp.struct(type(name, (), {"__annotations__": dict.fromkeys(names, value)}))
+        return made
+
     return SimpleNamespace(
+        terms=terms,
         np=np_,
         real=real,
         lanes=lanes,
         value=value,
         index=index,
-        geometry=geometry_struct(Terms(), value, index, real),
+        geometry=geometry_struct(terms, value, index, real, fluxes=shape == "node"),
         vector=wp.array(dtype=real),
         local=wp.array3d(dtype=value),
+        ops=algebra(value, index, real, lanes),
+        rows=rows,
+        struct=struct,
     )

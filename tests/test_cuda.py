@@ -15,13 +15,13 @@ from swe_sphere.equations.effects import (
     Tracers,
     Viscosity,
 )
-from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, node_kernel
-from swe_sphere.kernels.gradient import derivative_kernels
+from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_kernel
 from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
+from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
-from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
+from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.mesh import build_mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
@@ -35,9 +35,8 @@ TRANSPORT = Terms(wind=True, diffusion=True)
 
 def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
-    nodes = [node_kernel(terms, 4, real) for terms in (FULL, TANGENT, TRANSPORT)]
-    derivatives = derivative_kernels(4, wp.float32, "node")
-    carried = [transport_kernels(4, real, "node", prescribed) for prescribed in (True, False)]
+    nodes = [tendency_kernel(terms, 4, real, "node") for terms in (FULL, TANGENT, TRANSPORT)]
+    fields = field_kernels(4, real, "node")
     return [
         *(compiled.kernel for compiled in nodes),
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
@@ -49,10 +48,11 @@ def kernels(real: type) -> list[wp.Kernel]:
         pointwise_kernel(1, real, Pointwise(forcing=True, relaxation=True)).assembly,
         combine_kernel(real, 4),
         leapfrog_kernel(real),
-        derivatives.gradient,
-        derivatives.divergence,
         *vars(elimination_kernels(wp.float32, real)).values(),
-        *(kernel for pair in carried for kernel in (pair.transport, pair.tangent)),
+        fields.gradient,
+        fields.divergence,
+        fields.transport,
+        fields.tangent,
         blocks_kernel(real, adds=False),
         blocks_kernel(real, adds=True),
         *vars(pointwise_kernels(real)).values(),

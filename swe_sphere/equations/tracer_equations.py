@@ -43,9 +43,7 @@ class TracerEquations:
         self.depth = self.first - discrete.mesh.size
         """Where the depth begins."""
         self._wind: wp.array | None = discrete.parameters.get("wind")
-        self._transport = TracerTransport(
-            self._mesh, self._launch, self.count, self._wind is not None
-        )
+        self._transport = TracerTransport(self._mesh, self._launch, self.count)
         terms = element_terms(discrete.scene, "dissipative")
         self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
 

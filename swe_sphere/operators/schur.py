@@ -12,8 +12,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.gradient import derivative_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels
+from swe_sphere.kernels.local import field_kernels
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
 
@@ -31,7 +31,7 @@ class SchurOperator:
     ) -> None:
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
         self.size, self.tau = mesh.mesh.size, 0.0
-        self._derivatives = derivative_kernels(mesh.mesh.np, mesh.real, mesh.shape)
+        self._derivatives = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         self._steps = elimination_kernels(mesh.real, given)
         self._geometry = mesh.geometry(self._derivatives.geometry)
         self._places_1, self._places_2 = mesh.places(1), mesh.places(2)
@@ -116,12 +116,13 @@ class SchurOperator:
         self._diverge()
 
     def _differentiate(self, s: wp.array) -> None:
-        self.launch(self._derivatives.gradient, self.mesh.dim, self._geometry, s, self._local_2)
+        self._over_elements(self._derivatives.gradient, s, self._local_2)
 
     def _diverge(self) -> None:
-        self.launch(
-            self._derivatives.divergence, self.mesh.dim, self._geometry, self._flux, self._local_1
-        )
+        self._over_elements(self._derivatives.divergence, self._flux, self._local_1)
+
+    def _over_elements(self, kernel: Any, x: wp.array, local: wp.array) -> None:
+        self.launch(kernel, self.mesh.dim, self._geometry, x, x, 0, 1, local)
 
     def _nodal_1(self, kernel: Any, *arguments: Any) -> None:
         """A nodal step that gathers one field."""

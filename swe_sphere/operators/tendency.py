@@ -5,7 +5,7 @@ from typing import Any, Self
 
 import warp as wp
 
-from swe_sphere.kernels import Terms, assembly_kernel, element_kernel, node_kernel
+from swe_sphere.kernels import Terms, assembly_kernel, tendency_kernel
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
@@ -33,8 +33,7 @@ class TendencyOperator:
         point: Pointwise = NO_POINTWISE,
     ) -> None:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
-        build = element_kernel if mesh.shape == "element" else node_kernel
-        self.compiled = build(terms, mesh.mesh.np, mesh.real)
+        self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape)
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
         self._fill(parameters)
@@ -85,5 +84,4 @@ class TendencyOperator:
 
     @property
     def _flux_kernels(self) -> list[Any]:
-        flux = getattr(self.compiled, "flux_kernel", None)
-        return [] if flux is None else [flux]
+        return [] if self.compiled.flux_kernel is None else [self.compiled.flux_kernel]

@@ -4,20 +4,18 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels, transport_kernels
+from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
 
 
 class TracerTransport:
-    """-div(hq V) of `count` tracers, whose blocks (N,) follow each other in a vector.
+    """-div(hq V) of `count` tracers, whose blocks (N,) follow each other in a vector."""
 
-    `prescribed`: round as the depth does that a prescribed wind carries.
-    """
-
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int, prescribed: bool) -> None:
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
-        self._kernels = transport_kernels(mesh.mesh.np, mesh.real, mesh.shape, prescribed)
+        self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         self._assemble = blocks_kernel(mesh.real, adds=False)
         self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._flat = mesh.local(count, self._kernels.value)

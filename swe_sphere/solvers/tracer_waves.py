@@ -24,8 +24,8 @@ class TracerWaves:
         mesh, count, n = model.device_mesh, model.tracers.count, model.mesh.size
         self._height, self._first = depth, model.tracers.first
         self._ratio = model.tracers.mixing_ratio()
-        self._transport = TracerTransport(mesh, model.launch, count, prescribed=True)
-        self._air_transport = TracerTransport(mesh, model.launch, 1, prescribed=True)
+        self._transport = TracerTransport(mesh, model.launch, count)
+        self._air_transport = TracerTransport(mesh, model.launch, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
         self._ones = mesh.upload(np.ones(n))
         blocks = np.kron(np.eye(len(model.names))[3:], np.ones(n))

@@ -1,0 +1,107 @@
+"""Kernels over elements, in both launch shapes: mass-weighted results of each element, before DSS.
+
+The shape "element" launches (groups, 1) threads, one a group of elements, "node" (E, np*np)
+threads, one an element node.  Formulas, arguments and results (groups, np*np, fields) are the same.
+"""
+
+import functools
+from types import SimpleNamespace
+from typing import Any, no_type_check
+
+import warp as wp
+
+from swe_sphere.kernels.dynamics import gradient, shallow_water, transport
+from swe_sphere.kernels.element import (
+    element_diffusion,
+    element_divergence,
+    element_gradient,
+    element_sweep,
+)
+from swe_sphere.kernels.formulas import Formula
+from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
+from swe_sphere.kernels.terms import Terms, kernel_types
+
+OPTIONS = {"max_unroll": 1}
+
+
+def tendency_kernel(terms: Terms, np_: int, real: type, shape: str) -> SimpleNamespace:
+    """Kernel (geometry, x (unknowns*N,), out) for the tendencies of those terms.
+
+    With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
+    (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
+    """
+    t = kernel_types(np_, real, shape, terms)
+    sweep, diffuses = _drivers(shape)
+    dynamics = diffuse = None
+    if terms.dynamics:
+        dynamics = sweep(t, transport(t) if terms.wind else shallow_water(t))
+    if terms.diffuses:
+        diffuse = diffuses(t)
+
+    @no_type_check
+    @wp.func
+    def local_tendency(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
+        if wp.static(terms.dynamics and terms.wind):
+            dynamics(geo, geo.wind, x, 0, e, n, 0, out)
+        elif wp.static(terms.dynamics and (terms.tangent or terms.poisson)):
+            dynamics(geo, geo.base, x, 0, e, n, 0, out)
+        elif wp.static(terms.dynamics):
+            dynamics(geo, x, x, 0, e, n, 0, out)
+        if wp.static(terms.diffuses):
+            diffuse(geo, x, e, n, out)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def over_elements(geo: t.geometry, x: t.vector, out: t.local):
+        e = wp.tid()
+        local_tendency(geo, x, e, 0, out)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def over_nodes(geo: t.geometry, x: t.vector, out: t.local):
+        e, n = wp.tid()
+        local_tendency(geo, x, e, n, out)
+
+    kernel = over_elements if shape == "element" else over_nodes
+    flux = flux_kernel(t) if terms.diffuses and shape == "node" else None
+    return SimpleNamespace(kernel=kernel, flux_kernel=flux, geometry=t.geometry, value=t.value)
+
+
+@functools.cache
+def field_kernels(np_: int, real: type, shape: str) -> SimpleNamespace:
+    """Kernels (geometry, a, x, first, count, out) for fields of x from the offset `first` on.
+
+    `gradient` of one field, to two, and `divergence` of the wind in front of x, with any a, and
+    -div(m V) of `count` masses: `transport` by the wind V in front of a, and `tangent`, its
+    derivative at the state a along x, both with winds in front.  With the types `geometry` and
+    `value`.
+    """
+    t = kernel_types(np_, real, shape)
+    kinds = {"divergence": "wind", "transport": "mass", "tangent": "tangent"}
+    if shape == "element":
+        made = {name: element_divergence(t, kind) for name, kind in kinds.items()}
+        made["gradient"] = element_gradient(t)
+    else:
+        made = {name: _field_kernel(t, transport(t, kind)) for name, kind in kinds.items()}
+        made["gradient"] = _field_kernel(t, gradient(t))
+    return SimpleNamespace(**made, geometry=t.geometry, value=t.value)
+
+
+def _field_kernel(t: SimpleNamespace, formula: Formula) -> wp.Kernel:
+    geometry, vector, local, sweep = t.geometry, t.vector, t.local, node_sweep(t, formula)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def over_nodes(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
+        e, n = wp.tid()
+        for k in range(count):
+            sweep(geo, a, x, first + k * geo.size, e, n, k, out)
+
+    return over_nodes
+
+
+def _drivers(shape: str) -> tuple[Any, Any]:
+    """What applies a formula, and a diffusion, in that launch shape."""
+    if shape == "element":
+        return element_sweep, element_diffusion
+    return node_sweep, node_diffusion
