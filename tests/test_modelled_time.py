@@ -36,7 +36,7 @@ def calls(done, part):
 def test_every_launch_of_rk4_is_counted():
     _, done, right_hand_sides = work_of("rk4", 5)
     assert right_hand_sides == 20
-    assert calls(done, "element_kernel") == calls(done, "assembly_kernel") == 20
+    assert calls(done, "tendency_kernel") == calls(done, "assembly_kernel") == 20
     assert calls(done, "add_1") == 15  # stages
     assert calls(done, "add_4") == 5  # sums
     assert sum(number for number, _ in done.values()) == 60
@@ -54,7 +54,7 @@ def test_products_solves_and_vector_operations_of_an_implicit_step_are_counted()
     assert calls(done, "coarse solve") >= costs["preconditioner_applications"] > 0
     assert calls(done, "preconditioner set-up") == costs["setups"] == 1
     products = stepper.model.counters["tangent_evaluations"]
-    assert calls(done, "element_kernel") == right_hand_sides + products
+    assert calls(done, "tendency_kernel") == right_hand_sides + products
     assert calls(done, "project") >= costs["krylov_iterations"]
     (rows,) = {rows for name, (_, rows) in done.items() if name.startswith("project")}
     assert rows > calls(done, "project")
