@@ -156,6 +156,7 @@ def test_modelled_times_rank_where_all_that_are_compared_have_one():
     assert rows[0].cost_kind == MODELLED
     assert told_apart(*rows[:2])
     assert cheapest(rows, TOTAL, 1e-3).number == 1
+    assert not told_apart(*rows_of(fast | {"modelled_spread": 0.2}, slow))
     rows = rows_of(fast, slow, run("kg5", 1.0, 2.0, 1e-4), noise=0.5)
     assert [row.cost for row in rows] == [9.0, 8.0, 2.0]
     assert not told_apart(*rows[:2])

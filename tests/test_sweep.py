@@ -100,6 +100,7 @@ def test_the_modelled_time_is_that_of_the_counted_work(lauter):
         assert record.work == work[record.key]  # the same in every repeat
         assert set(record.prices) >= set(record.work)
     explicit = rows(dataset, stepper="rk4", status="completed")
+    assert np.all(explicit["modelled_spread"] >= 0.0)
     cost = explicit["modelled_seconds"] / explicit["steps"]
     assert np.all(cost > 0.0)
     np.testing.assert_allclose(cost, cost[0])  # all steps of rk4 do the same

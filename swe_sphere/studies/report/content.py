@@ -159,7 +159,8 @@ def _times(rows: Sequence[Row], attributes: Mapping[Any, Any]) -> str:
     if any(row.cost_kind == MODELLED for row in compared):
         return (
             "Steppers are ranked by modelled times: counted work at the lowest prices found during "
-            f"the sweep. These repeat to {words.percent(REPEATABLE)}. {wall}."
+            f"the sweep, taken to be known to {words.percent(REPEATABLE)} or to what they still "
+            f"fell by over the later half of the runs. {wall}."
         )
     return f"{wall}. Steppers are ranked by them, only where they differ by more."
 

@@ -29,9 +29,9 @@ WORDS = (
     "reason",
 )  # fmt: skip
 NUMBERS = (
-    "dt", "wall_seconds", "modelled_seconds", "ne", "np", "stretch", "days", "steps",
-    "wall_spread", "cpu_seconds", "compile_seconds", "setup_seconds", "total_seconds",
-    "peak_memory", "rhs_seconds", "rhs_evaluations", "tangent_evaluations",
+    "dt", "wall_seconds", "wall_spread", "modelled_seconds", "modelled_spread", "ne", "np",
+    "stretch", "days", "steps", "cpu_seconds", "compile_seconds", "setup_seconds",
+    "total_seconds", "peak_memory", "rhs_seconds", "rhs_evaluations", "tangent_evaluations",
     "preconditioner_applications", "newton_iterations", "krylov_iterations", "rejected_steps",
     "gravity_limit", "advective_limit", "mass_drift", "energy_drift", "enstrophy_drift",
 )  # fmt: skip
@@ -43,7 +43,7 @@ QUANTITIES = {"h": "depth", "v": "wind", "vorticity": "vorticity"}
 MODELLED, WALL = "modelled time", "wall time"
 """What runs may be ranked by."""
 REPEATABLE = 0.03
-"""Modelled times of the same run differ by no more, relative to either."""
+"""Modelled times are no better known than that, relative to either."""
 UNKNOWN_NOISE = 0.1
 """Taken for the spread of wall times where none was recorded."""
 
@@ -184,7 +184,8 @@ def _priced(row: Row, modelled: bool, noise: float) -> Row:
     """The row with its cost."""
     if modelled:
         cost = row.modelled_seconds
-        kind, interval = MODELLED, (cost * (1.0 - REPEATABLE), cost * (1.0 + REPEATABLE))
+        spread = max(REPEATABLE, row.modelled_spread if row.modelled_spread > 0.0 else 0.0)
+        kind, interval = MODELLED, (cost / (1.0 + spread), cost * (1.0 + spread))
     else:
         kind, cost, interval = WALL, row.wall_seconds, _wall_interval(row, noise)
     return Row(row.number, row.values, row.errors, row.walls, kind, cost, interval)

@@ -83,7 +83,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
         attributes = {"units": UNITS[name]} if name in UNITS else {}
         data[name] = ("run", runs[name].to_numpy(float), attributes)
     data |= _times(table, order)
-    data["modelled_seconds"] = ("run", _modelled(records, runs["record"]), {"units": "s"})
+    data |= _modelled(records, list(runs["record"]))
     data["error"] = _errors(runs["record"])
     return xr.Dataset(data, attrs=_attributes(header, records, noise))
 
@@ -136,13 +136,24 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _modelled(records: list[RunRecord], runs: Iterable[RunRecord]) -> NDArray[np.float64]:
-    """What the work of each run costs at the lowest prices that any like it has found."""
+def _modelled(records: list[RunRecord], runs: list[RunRecord]) -> dict[str, Any]:
+    """What the work of each run costs at the lowest prices that any of them has found.
+
+    And the part of it by which prices fell over the later half of the runs: so much they may yet.
+    """
     found: dict[tuple[object, ...], list[Prices]] = {}
     for record in records:
         found.setdefault(record.integrator, []).append(record.prices)
-    prices = {integrator: lowest(several) for integrator, several in found.items()}
-    return np.array([modelled_seconds(run.work, prices[run.integrator]) for run in runs])
+
+    def seconds(part: float) -> NDArray[np.float64]:
+        prices = {i: lowest(of[: math.ceil(part * len(of))]) for i, of in found.items()}
+        return np.array([modelled_seconds(run.work, prices[run.integrator]) for run in runs])
+
+    least, halfway = seconds(1.0), seconds(0.5)
+    return {
+        "modelled_seconds": ("run", least, {"units": "s"}),
+        "modelled_spread": ("run", np.abs(halfway - least) / least, {"units": "1"}),
+    }
 
 
 def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:
