@@ -37,7 +37,7 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.machine import machine
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.testcases import get_scene
 
@@ -87,7 +87,7 @@ class Measured:
     """A scene's right-hand side: what its kernels hold, and how long it takes."""
 
     def __init__(self, scene: Scene) -> None:
-        self._model = Model(build_mesh(NE, NP), scene)
+        self._model = Model(Mesh.build(NE, NP), scene)
         self._state, self._out = self._model.initial_state(), self._model.zeros()
         launches = recorded(lambda: self._model.tendency(self._state, 0.0, self._out))
         self.kernels = len(launches)

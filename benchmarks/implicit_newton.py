@@ -7,7 +7,7 @@ from unittest.mock import patch
 from implicit_common import Section
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.forcing_term import EisenstatWalker
 from swe_sphere.steppers import dirk, get_stepper, implicit
@@ -29,7 +29,7 @@ def newton() -> Section:
     """Newton and Krylov iterations a step by first forcing term and guess."""
     rows = []
     for scene, runs in RUNS.items():
-        model = Model(build_mesh(12, 4), get_scene(scene))
+        model = Model(Mesh.build(12, 4), get_scene(scene))
         for name, dt in runs:
             counts = [_counts(model, name, dt, *choice) for choice in CHOICES]
             rows.append([scene, name, f"{dt:.0f}", *counts])

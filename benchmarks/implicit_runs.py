@@ -11,7 +11,7 @@ from swe_sphere.equations import Model
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import l2
 from swe_sphere.io.reference_solution import SHIPPED, Reference, reference_errors
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
@@ -31,8 +31,8 @@ def race() -> Section:
     uniform += [("tr-bdf2", 7200.0), ("tr-bdf2", 14400.0), ("tr-bdf2", 21600.0)]
     refined = [("semi-implicit", 300.0), ("bdf2", 1800.0), ("bdf2", 2700.0), ("bdf2", 3600.0)]
     refined += [("tr-bdf2", 3600.0), ("tr-bdf2", 7200.0)]
-    rows = _race_on("ne16 np4", build_mesh(16, 4), uniform)
-    stretched = build_mesh(16, 4, stretch=4.0, centre=MOUNTAIN)
+    rows = _race_on("ne16 np4", Mesh.build(16, 4), uniform)
+    stretched = Mesh.build(16, 4, stretch=4.0, centre=MOUNTAIN)
     rows += _race_on("ne16 np4, stretched 4", stretched, refined)
     return Section(
         "williamson5, 15 days: what accuracy costs in time",
@@ -82,7 +82,7 @@ def _outcome(result: Run, rk4: float) -> list[str]:
 
 def drift() -> Section:
     """What each scheme does to the energy, by step."""
-    mesh = build_mesh(8, 4)
+    mesh = Mesh.build(8, 4)
     runs = {
         name: [run("williamson5", mesh, name, dt, DAYS, tolerance=1e-6) for dt in DRIFT_STEPS]
         for name in SCHEMES

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.io.norms import errors
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
@@ -22,7 +22,7 @@ from swe_sphere.testcases import get_scene
 
 def steady() -> Section:
     """An exact steady state at ever larger steps."""
-    scene, mesh = get_scene("williamson2"), build_mesh(8, 8)
+    scene, mesh = get_scene("williamson2"), Mesh.build(8, 8)
     rows = []
     for name, dt in (("rk4", 400.0), *((RECOMMENDED, h * HOUR) for h in (1, 6, 24, 120))):
         result = run("williamson2", mesh, name, dt, 5.0)
@@ -53,7 +53,7 @@ def counts() -> Section:
         ("ne32 np4", 32, (), ("helmholtz",)),
         ("ne16 np4, default hyperviscosity", 16, ("hyperviscosity.nu=default",), ("helmholtz",)),
     ):
-        model, state = _spun_up(build_mesh(ne, 4), *settings)
+        model, state = _spun_up(Mesh.build(ne, 4), *settings)
         for name in names:
             solves = [_newton_system(model, state, name, 0.5 * dt) for dt in steps]
             rows.append([label, name, *(str(count) for count, _ in solves)])
@@ -70,7 +70,7 @@ def price() -> Section:
     """Time of one preconditioner application in right-hand sides."""
     rows = []
     for ne, np_ in ((16, 4), (32, 4), (8, 8)):
-        model, state = _spun_up(build_mesh(ne, np_))
+        model, state = _spun_up(Mesh.build(ne, np_))
         for name in ("jacobi", "helmholtz-schwarz", "helmholtz", "helmholtz-direct"):
             if (ne, np_) != (16, 4) and name in ("helmholtz-direct", "helmholtz-schwarz"):
                 continue
@@ -96,7 +96,7 @@ def price() -> Section:
 
 def long_steps() -> Section:
     """How the Krylov count behaves as the step grows to five days."""
-    model, state = _spun_up(build_mesh(8, 4))
+    model, state = _spun_up(Mesh.build(8, 4))
     rows = []
     for hours in (1, 2, 4, 8, 12, 24, 48, 120):
         row = [f"{hours}"]

@@ -23,7 +23,7 @@ from rich.table import Table
 
 from swe_sphere.equations import Model
 from swe_sphere.machine import machine
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.testcases import get_scene
 
 ELEMENTS = {4: 16, 6: 11, 8: 8, 12: 5}
@@ -65,7 +65,7 @@ class Timer:
     """A model ready to evaluate its right-hand side again and again."""
 
     def __init__(self, case: Case) -> None:
-        mesh = build_mesh(ELEMENTS[case.np], case.np)
+        mesh = Mesh.build(ELEMENTS[case.np], case.np)
         self.case = case
         self.model = Model(mesh, get_scene(SCENE), precision=case.precision, shape=case.shape)
         self.state, self.out = self.model.initial_state(), self.model.zeros()

@@ -19,7 +19,7 @@ from rich.console import Console
 
 from swe_sphere.io.norms import errors
 from swe_sphere.machine import machine
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import STEPPERS
 
@@ -80,7 +80,7 @@ def compare(
     scene: str, stepper: str, dt: float, reference: dict[str, np.ndarray]
 ) -> dict[str, float]:
     """Errors with the default tolerance and with exact solves, and iterations with the former."""
-    mesh, measure = build_mesh(NE, NP), SCENES[scene]
+    mesh, measure = Mesh.build(NE, NP), SCENES[scene]
     usual, krylov = run(scene, stepper, dt)
     exact, _ = run(scene, stepper, dt, tolerance=EXACT)
     return {

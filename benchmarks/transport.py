@@ -23,7 +23,7 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.io.mixing import filaments, mixing
 from swe_sphere.io.norms import norms
 from swe_sphere.machine import machine
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -76,7 +76,7 @@ class Run:
 
 def carried(scene: Scene, ne: int, np_: int) -> Run:
     """The scene after 12 days with rk4."""
-    mesh = build_mesh(ne, np_)
+    mesh = Mesh.build(ne, np_)
     model = Model(mesh, scene)
     state = model.initial_state()
     spectra = (model.spectrum(state, t) for t in (0.0, 0.25 * PERIOD))
@@ -105,7 +105,7 @@ def main() -> None:
 def prices() -> str:
     """Table of the time that tracers and the limiter take."""
     scene, bells = get_scene("williamson5"), get_scene("deformational").tracers or {}
-    mesh, rows = build_mesh(16, 4), []
+    mesh, rows = Mesh.build(16, 4), []
     for count in (0, 1, 4):
         carried_along = dict(list(bells.items())[:count])
         effects = (*scene.effects, *([Tracers(limiter=True)] if count else []))

@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 
 from swe_sphere import compiling
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 
 wp.config.log_level = wp.LOG_WARNING
 compiling.PATIENCE = 1e6  # what a test finds on stderr must not depend on Warp's cache
@@ -15,4 +15,4 @@ compiling.PATIENCE = 1e6  # what a test finds on stderr must not depend on Warp'
 @pytest.fixture(scope="session")
 def small_mesh() -> Mesh:
     """Stretched and turned, so that no symmetry hides a mistake: 24 elements of np 4."""
-    return build_mesh(2, 4, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build(2, 4, stretch=1.5, centre=(0.7, 0.4), spin=0.3)

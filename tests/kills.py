@@ -24,9 +24,9 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 
-MESH = build_mesh(2, 3)
+MESH = Mesh.build(2, 3)
 NAMES = ("h", "u", "v", "vorticity", "divergence")
 FRAMES = 3
 COUNTED = (

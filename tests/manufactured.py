@@ -9,9 +9,9 @@ from cartesian import Cartesian
 from support import EXPLICIT, make_scene
 
 from swe_sphere.equations.effects import Forcing
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 
-MESH = build_mesh(2, 4, spin=0.3)
+MESH = Mesh.build(2, 4, spin=0.3)
 OMEGA = 2.0 * np.pi / 14400.0
 DURATION = 5400.0
 STEPS = {"bdf2": 225.0, "average-vector-field": 900.0, "esdirk4": 900.0, "gauss-legendre": 900.0}

@@ -11,7 +11,7 @@ from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
 from swe_sphere.steppers import STEPPERS
@@ -25,7 +25,7 @@ OUTER = 7200.0
 @pytest.fixture(scope="module")
 def moving():
     """The unsteady flow of Läuter: its model, start, and the state after two outer steps."""
-    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    model = Model(Mesh.build(3, 4), get_scene("lauter"))
     state, exact = model.initial_state(), STEPPERS["rk4"](model, 30.0)
     exact.start(state)
     for _ in range(480):
@@ -145,7 +145,7 @@ def test_the_solver_is_as_exact_as_the_tolerance_needs(moving) -> None:
 
 
 def test_steps_grow_to_the_outer_step_on_a_steady_flow() -> None:
-    model = Model(build_mesh(2, 8), get_scene("williamson2"))
+    model = Model(Mesh.build(2, 8), get_scene("williamson2"))
     flow = SimpleNamespace(model=model, state=model.initial_state())
     stepper = make(flow, "tr-bdf2", 1e-4, outer=21600.0, first=100.0)
     taken = [stepper.step() or stepper.counters["accepted_steps"] for _ in range(6)]
@@ -269,7 +269,7 @@ def test_what_has_no_estimate_is_refused_in_one_line(moving, name, by, line) -> 
 def test_energy_is_no_measure_where_it_is_not_kept() -> None:
     lossy = get_scene("lauter").with_effect(Viscosity(1e5))
     for scene in (lossy, get_scene("williamson1")):
-        scheme = STEPPERS["tr-bdf2"](Model(build_mesh(2, 4), scene), OUTER)
+        scheme = STEPPERS["tr-bdf2"](Model(Mesh.build(2, 4), scene), OUTER)
         with pytest.raises(ConfigError, match="does not conserve energy; take adaptive-by"):
             AdaptiveStepper(scheme, 1e-5, by="energy")
 

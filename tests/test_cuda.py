@@ -22,7 +22,7 @@ from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -90,7 +90,7 @@ def test_gpu_agrees_with_cpu(stepper: str) -> None:
     scene = replace(scene, effects=(*scene.effects, Tracers(limiter=True)), tracers=bells)
     ends = []
     for device in ("cpu", "cuda:0"):
-        model = Model(build_mesh(4, 4), scene, device=device)
+        model = Model(Mesh.build(4, 4), scene, device=device)
         made = get_stepper(stepper)(model, 300.0)
         made.start(model.initial_state())
         for _ in range(10):

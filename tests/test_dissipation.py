@@ -8,7 +8,7 @@ from support import SMOOTH, harmonic, make_scene, tendency
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity, Viscosity, hyperviscosity_default
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 
 NU = 1e6
 
@@ -34,7 +34,7 @@ def error(scene, mesh, factor, power: int, name: str, turned: bool) -> float:
 def test_viscosity_has_the_eigenvalues_of_the_laplacian(name: str, turned: bool) -> None:
     """∇²Y = -l(l+1)/a² Y, and the same for the vectors ∇Y and k×∇Y under the Hodge Laplacian."""
     scene = make_scene("viscosity").with_effect(Viscosity(NU))
-    errors = [error(scene, build_mesh(2, np_), -NU, 1, name, turned) for np_ in (5, 8, 12)]
+    errors = [error(scene, Mesh.build(2, np_), -NU, 1, name, turned) for np_ in (5, 8, 12)]
     assert errors[-1] < 3e-6
     assert errors[1] < errors[0] / 20 and errors[2] < errors[1] / 20
 
@@ -43,13 +43,13 @@ def test_viscosity_has_the_eigenvalues_of_the_laplacian(name: str, turned: bool)
 def test_hyperviscosity_squares_the_eigenvalues(turned: bool) -> None:
     nu = 1e17
     scene = make_scene("hyperviscosity").with_effect(Hyperviscosity(nu))
-    errors = [error(scene, build_mesh(2, np_), -nu, 2, "xyz", turned) for np_ in (6, 9, 13)]
+    errors = [error(scene, Mesh.build(2, np_), -nu, 2, "xyz", turned) for np_ in (6, 9, 13)]
     assert errors[-1] < 3e-4
     assert errors[1] < errors[0] / 10 and errors[2] < errors[1] / 10
 
 
 def test_hyperviscosity_by_default_goes_with_the_mesh() -> None:
-    mesh = build_mesh(2, 5)
+    mesh = Mesh.build(2, 5)
     given = make_scene("hyperviscosity").with_effect(Hyperviscosity(None))
     spelled = given.with_effect(Hyperviscosity(hyperviscosity_default(2, 5)))
     ours, state, _ = rates(given, mesh, "xyz", False)
@@ -71,7 +71,7 @@ def test_hyperviscosity_by_default_is_ten_times_less_for_half_the_spacing(np_: i
 @pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
 def test_diffusion_is_of_the_surface_and_not_of_depth(effect: str) -> None:
     """A flat surface over orography is left alone; a flat depth is not."""
-    mesh = build_mesh(2, 6)
+    mesh = Mesh.build(2, 6)
     model = Model(mesh, make_scene("orography", effect))
     still, flat = np.zeros(2 * mesh.size), np.full(mesh.size, 1000.0)
     surface = tendency(model, np.concatenate([still, flat - model.bottom]))

@@ -24,7 +24,7 @@ from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.testcases import get_scene
@@ -205,7 +205,7 @@ def test_user_switches_drag_and_relaxation_on_and_off() -> None:
     scene = get_scene("williamson5")
     slow = apply_settings(scene, ["drag.linear=1e-6", "relaxation.time=1e6"])
     assert slow.effects == (*scene.effects, Drag(1e-6), Relaxation(1e6))
-    mesh = build_mesh(2, 4)
+    mesh = Mesh.build(2, 4)
     initial = scene.initial(mesh.lon, mesh.lat)[2]
     np.testing.assert_array_equal(slow.equilibrium(mesh.lon, mesh.lat), initial)
     both = apply_settings(slow, ["drag.quadratic=1e-8"])

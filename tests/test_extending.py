@@ -15,7 +15,7 @@ from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.io.runfile import open_run
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
@@ -64,7 +64,7 @@ def test_the_scene_of_the_page_keeps_its_balance(here) -> None:
 
 def advanced(kind, dt: float, **options):
     """The state of lauter after 3 hours."""
-    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    model = Model(Mesh.build(3, 4), get_scene("lauter"))
     stepper = kind(model, dt, **options)
     stepper.start(model.initial_state())
     for _ in range(round(3.0 * HOUR / dt)):
@@ -153,7 +153,7 @@ def test_a_bad_file_is_one_clear_line(here, text: str | None, message: str) -> N
 
 
 def test_a_bad_file_of_a_preconditioner_is_one_clear_line(here) -> None:
-    model = Model(build_mesh(2, 4), get_scene("williamson5"))
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
     known = dict(PRECONDITIONERS)
     for text, message in (
         ("x = 1", "mine.py must define one preconditioner, a class with a name; it has none"),
@@ -218,7 +218,7 @@ def test_a_restart_with_an_edited_file_is_refused(here, what: str, file: str, st
 def test_the_effect_of_the_page_is_what_it_says(here) -> None:
     """-k |v| v / h, with its exact derivative and what conserves its mass."""
     scene = get_scene("friction.py")
-    mesh = build_mesh(3, 4)
+    mesh = Mesh.build(3, 4)
     model, plain = (Model(mesh, each) for each in (scene, get_scene("williamson5")))
     state, direction = (random_state(model, seed) for seed in (1, 2))
     u, v, h = state.reshape(3, -1)

@@ -14,10 +14,10 @@ from support import make_scene
 import swe_sphere.kernels
 from swe_sphere.equations import Model
 from swe_sphere.kernels import assembly_kernel
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.testcases import get_scene
 
-MESH = build_mesh(1, 4)
+MESH = Mesh.build(1, 4)
 SHAPES = ("element", "node")
 OPTIONAL = {
     "gravity": ("pressure",),

@@ -8,17 +8,17 @@ from support import make_scene, random_state, tendency
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity, Viscosity
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.testcases import get_scene
 
 FULL = ("advection", "pressure", "rotation", "orography")
 MESHES = {
-    "ne2np4": build_mesh(2, 4),
-    "ne3np3": build_mesh(3, 3, spin=1.0),
-    "ne1np7": build_mesh(1, 7),
-    "stretched": build_mesh(2, 4, stretch=3.0, centre=(2.0, -0.8), spin=0.5),
+    "ne2np4": Mesh.build(2, 4),
+    "ne3np3": Mesh.build(3, 3, spin=1.0),
+    "ne1np7": Mesh.build(1, 7),
+    "stretched": Mesh.build(2, 4, stretch=3.0, centre=(2.0, -0.8), spin=0.5),
 }
 
 
@@ -107,7 +107,7 @@ def test_diffusion_leaves_a_lake_at_rest(cone: bool) -> None:
 
 def still_after_a_day(scene, precision: str) -> float:
     """Largest wind [m s-1] after a day of rk4."""
-    model = Model(build_mesh(6, 4), scene, precision=precision)
+    model = Model(Mesh.build(6, 4), scene, precision=precision)
     stepper = RK4(model, 900.0)
     stepper.start(model.initial_state())
     for _ in range(round(DAY / stepper.dt)):

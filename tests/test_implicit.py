@@ -15,7 +15,7 @@ from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -54,12 +54,12 @@ def invariants(model: Model, state) -> dict[str, float]:
 @pytest.fixture(scope="module")
 def mountain() -> Model:
     """Flow over a mountain on a turning planet: 96 elements of np 4."""
-    return Model(build_mesh(4, 4), get_scene("williamson5"))
+    return Model(Mesh.build(4, 4), get_scene("williamson5"))
 
 
 @pytest.fixture(scope="module")
 def small_mountain() -> Model:
-    return Model(build_mesh(2, 4), get_scene("williamson5"))
+    return Model(Mesh.build(2, 4), get_scene("williamson5"))
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_energy_is_kept_or_lost_as_the_scheme_promises(after_a_day) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_average_vector_field_keeps_energy(shape: str) -> None:
     """With mountain and rotation, at a step 5 times what waves allow an explicit scheme."""
-    model = Model(build_mesh(4, 4), get_scene("williamson5"), shape=shape)
+    model = Model(Mesh.build(4, 4), get_scene("williamson5"), shape=shape)
     start = invariants(model, model.initial_state())
     last = invariants(
         model, advance("average-vector-field", model, HOUR, 24, tolerance=1e-10).state
@@ -159,7 +159,7 @@ def test_methods_of_one_mean_agree_where_the_equations_are_linear(small_mesh, na
 
 def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
     scene = get_scene("williamson2").with_effect(Viscosity(1e7))
-    model = Model(build_mesh(2, 4), scene)
+    model = Model(Mesh.build(2, 4), scene)
     pair = [
         advance(name, model, HOUR, 4, tolerance=1e-9).state.numpy()
         for name in ("average-vector-field", "implicit-midpoint")
@@ -173,14 +173,14 @@ def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
 def test_restart_is_exact_to_the_last_bit(name: str) -> None:
     """Interrupted at any step, with dissipation, at an odd start time and a depth that changes."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
-    whole = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
+    whole = STEPPERS[name](Model(Mesh.build(2, 4), scene), 7200.0)
     whole.start(whole.model.initial_state(), 123.0)
     memories = [whole.state_dict()]
     for _ in range(6):
         whole.step()
         memories.append(whole.state_dict())
     for steps in (0, 1, 4):
-        resumed = STEPPERS[name](Model(build_mesh(2, 4), scene), 7200.0)
+        resumed = STEPPERS[name](Model(Mesh.build(2, 4), scene), 7200.0)
         resumed.load_state_dict(memories[steps], steps)
         assert resumed.time == 123.0 + 7200.0 * steps
         for _ in range(6 - steps):
@@ -229,7 +229,7 @@ def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
         u, v, _ = base.initial(lon, lat)
         return u, v, 100.0 - 150.0 * np.cos(2.0 * lon) * np.cos(lat) ** 2
 
-    mesh = build_mesh(2, 4)
+    mesh = Mesh.build(2, 4)
     stepper = STEPPERS[name](Model(mesh, base), HOUR)
     stepper.start(stepper.model.state_from(*dry(mesh.lon, mesh.lat)))
     with pytest.raises(RunFailed, match=r"64 parts: the depth falls to -\d+.* smaller --dt") as end:
@@ -295,7 +295,7 @@ def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) ->
         bottom=lambda lon, lat: length * scene.bottom(lon, lat),
         coriolis=lambda lon, lat: scene.coriolis(lon, lat) / time,
     )
-    model = Model(build_mesh(2, 4, radius=planet.radius), other)
+    model = Model(Mesh.build(2, 4, radius=planet.radius), other)
     ours, theirs = advance(name, model, time * HOUR, 6), advance(name, small_mountain, HOUR, 6)
     assert ours.counters == pytest.approx(theirs.counters, rel=0.1)
     scaled = ours.state.numpy().reshape(3, -1) / [[speed], [speed], [length]]
@@ -341,7 +341,7 @@ def test_tolerances_out_of_range_are_refused(small_mountain) -> None:
 
 @pytest.mark.parametrize("name", SOLVES)
 def test_prescribed_wind_takes_one_newton_iteration_a_solve(name: str) -> None:
-    model = Model(build_mesh(2, 4), get_scene("williamson1"))
+    model = Model(Mesh.build(2, 4), get_scene("williamson1"))
     stepper = advance(name, model, HOUR, 5, tolerance=1e-6)
     start_up = SOLVES["tr-bdf2"] - 1 if name == "bdf2" else 0
     assert stepper.counters["newton_iterations"] == 5 * SOLVES[name] + start_up
@@ -386,7 +386,7 @@ def test_threads_of_other_work_are_left_alone(small_mountain, name: str) -> None
 
 def test_masses_that_an_effect_does_not_declare_conserved_are_left_alone(monkeypatch) -> None:
     """Restoring them would cancel without a word what a new effect does to them."""
-    model = Model(build_mesh(2, 4), make_scene("advection", "pressure", "rotation", "viscosity"))
+    model = Model(Mesh.build(2, 4), make_scene("advection", "pressure", "rotation", "viscosity"))
     stepper = STEPPERS["bdf2"](model, 600.0)
     rhs, x = (model.device_mesh.upload(random_state(model, seed)) for seed in (1, 2))
     before = x.numpy().copy()

@@ -10,7 +10,7 @@ import pytest
 from support import IMPLICIT, advance, make_scene
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, gauss
 from swe_sphere.steppers.dirk import DiagonallyImplicit
 from swe_sphere.steppers.rosenbrock import RosenbrockW
@@ -128,7 +128,7 @@ def test_rosenbrock_w_damps_the_fastest_waves() -> None:
 @pytest.fixture(scope="module")
 def moving():
     """The unsteady flow of Läuter, its state, and the state after four hours in tiny steps."""
-    model = Model(build_mesh(2, 4), get_scene("lauter"))
+    model = Model(Mesh.build(2, 4), get_scene("lauter"))
     state = model.initial_state()
     return model, state, advance("rk4", model, state, 30.0, HOURS * 3600.0).state.numpy()
 
@@ -173,7 +173,7 @@ def test_error_estimate_is_near_the_error(moving) -> None:
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_time_dependent_wind_keeps_the_order(name: str) -> None:
     """With a prescribed wind that changes in time, and for Rosenbrock the derivative in time."""
-    model = Model(build_mesh(2, 4), make_scene("wind"))
+    model = Model(Mesh.build(2, 4), make_scene("wind"))
     rng = np.random.default_rng(0)
     state = model.device_mesh.upload(1000.0 + 100.0 * rng.standard_normal(model.size))
     reference = advance("rk4", model, state, 0.03125, 4.0).state.numpy()
@@ -194,7 +194,7 @@ def test_rosenbrock_w_profits_from_the_derivative_in_time() -> None:
     def bell(lon, lat):
         return 0.0 * lat, 0.0 * lat, 1000.0 + 100.0 * np.cos(lat) * np.cos(lon)
 
-    model = Model(build_mesh(4, 4), replace(make_scene("wind"), wind=wind, initial=bell))
+    model = Model(Mesh.build(4, 4), replace(make_scene("wind"), wind=wind, initial=bell))
     state, dt, steps = model.initial_state(), 1800.0, 24
     reference = advance("rk4", model, state, 100.0, steps * dt).state.numpy()
     errors = []

@@ -9,7 +9,7 @@ import pytest
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
 from swe_sphere.simulation.stepping import accurate_step
@@ -77,7 +77,7 @@ def test_explicit_runs_tell_that_they_solve_nothing():
 
 
 def test_an_automatic_step_follows_the_wind():
-    mesh = build_mesh(8, 4)
+    mesh = Mesh.build(8, 4)
     u = np.full(mesh.size, 3.0)
     wind = {"u": 100.0 * u, "v": -400.0 / 3.0 * u}
     assert accurate_step(mesh, wind) == pytest.approx(2.0 * mesh.spacing()[0] / 500.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import Interpolator, build_mesh
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.sphere import frame, longitude_latitude, position
 
 PLACEMENTS = [
@@ -42,7 +42,7 @@ def targets() -> tuple[np.ndarray, np.ndarray]:
 
 
 def error(ne: int, np_: int, placement: dict) -> float:
-    mesh = build_mesh(ne, np_, **placement)
+    mesh = Mesh.build(ne, np_, **placement)
     lon, lat = targets()
     return np.abs(Interpolator(mesh, lon, lat)(smooth(mesh.xyz)) - smooth(position(lon, lat))).max()
 
@@ -50,7 +50,7 @@ def error(ne: int, np_: int, placement: dict) -> float:
 @pytest.mark.parametrize("placement", PLACEMENTS)
 @pytest.mark.parametrize(("ne", "np_"), [(1, 5), (4, 4), (3, 16)])
 def test_a_node_gives_its_own_value(ne: int, np_: int, placement: dict) -> None:
-    mesh = build_mesh(ne, np_, **placement)
+    mesh = Mesh.build(ne, np_, **placement)
     noise = np.random.default_rng(1).standard_normal(mesh.size)
     found = Interpolator(mesh, mesh.lon, mesh.lat)(noise)
     assert np.abs(found - noise).max() < 1e-11
@@ -74,7 +74,7 @@ def test_error_falls_with_order_np_in_ne(np_: int, placement: dict) -> None:
     points /= np.linalg.norm(points, axis=-1, keepdims=True)
     errors = []
     for ne in (10, 20):
-        mesh = build_mesh(ne, np_, **placement)
+        mesh = Mesh.build(ne, np_, **placement)
         found = Interpolator(mesh, *longitude_latitude(points))(smooth(mesh.xyz))
         errors.append(np.sqrt(np.mean((found - smooth(points)) ** 2)))
     assert math.log2(errors[0] / errors[1]) == pytest.approx(np_, abs=0.1)
@@ -82,7 +82,7 @@ def test_error_falls_with_order_np_in_ne(np_: int, placement: dict) -> None:
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_wind_is_smooth_across_the_poles(placement: dict) -> None:
-    mesh = build_mesh(6, 14, **placement)
+    mesh = Mesh.build(6, 14, **placement)
     lon, lat = targets()
     nodal = flow(mesh.xyz)
     u, v = (np.sum(nodal * unit, axis=-1) for unit in (mesh.east, mesh.north))
@@ -92,7 +92,7 @@ def test_wind_is_smooth_across_the_poles(placement: dict) -> None:
 
 
 def test_matrix_has_one_element_a_row_and_keeps_constants() -> None:
-    mesh = build_mesh(3, 5, stretch=2.0)
+    mesh = Mesh.build(3, 5, stretch=2.0)
     matrix = Interpolator(mesh, *targets()).matrix
     assert np.all(np.diff(matrix.indptr) == 25)
     assert matrix.shape == (targets()[0].size, mesh.size)
@@ -100,7 +100,7 @@ def test_matrix_has_one_element_a_row_and_keeps_constants() -> None:
 
 
 def test_shape_of_the_points_is_kept() -> None:
-    mesh = build_mesh(2, 4)
+    mesh = Mesh.build(2, 4)
     lon, lat = np.meshgrid([0.0, 1.0, 2.0], [0.0, 0.5])
     interpolator = Interpolator(mesh, lon, lat)
     assert interpolator(mesh.lat).shape == (2, 3)
@@ -115,7 +115,7 @@ def test_shape_of_the_points_is_kept() -> None:
     placement=st.sampled_from(PLACEMENTS),
 )
 def test_any_point_of_the_sphere(lon: float, lat: float, placement: dict) -> None:
-    mesh = build_mesh(2, 12, **placement)
+    mesh = Mesh.build(2, 12, **placement)
     found = Interpolator(mesh, lon, lat)(smooth(mesh.xyz))
     assert found == pytest.approx(smooth(position(np.asarray(lon), np.asarray(lat))), abs=1e-5)
 
@@ -123,4 +123,4 @@ def test_any_point_of_the_sphere(lon: float, lat: float, placement: dict) -> Non
 @pytest.mark.parametrize(("lon", "lat"), [(math.nan, 0.0), (0.0, math.inf), (0.0, 90.0)])
 def test_bad_points_are_refused(lon: float, lat: float) -> None:
     with pytest.raises(ConfigError, match="latitude"):
-        Interpolator(build_mesh(1, 3), [0.0, lon], [0.0, lat])
+        Interpolator(Mesh.build(1, 3), [0.0, lon], [0.0, lat])

@@ -6,11 +6,11 @@ from support import make_scene, random_state, relative, tangent
 
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
-MESH = build_mesh(3, 4)
+MESH = Mesh.build(3, 4)
 
 
 def products(precision: str) -> tuple[np.ndarray, np.ndarray]:

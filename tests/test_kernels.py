@@ -10,7 +10,7 @@ from cartesian import Cartesian
 from support import make_scene, random_state, relative, tangent, tendency
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 
 SHAPES = ("element", "node")
 DYNAMICS = ("advection", "pressure", "rotation", "orography")
@@ -35,24 +35,24 @@ def check(mesh, names, shape, precision, bound) -> None:
 
 @pytest.mark.parametrize("np_", range(3, 17))
 def test_node_shape_for_every_np(np_: int) -> None:
-    check(build_mesh(1, np_, spin=0.2), DYNAMICS, "node", "float64", ROUND_OFF)
+    check(Mesh.build(1, np_, spin=0.2), DYNAMICS, "node", "float64", ROUND_OFF)
 
 
 @pytest.mark.parametrize("np_", [3, 5, 8, 11, 16])
 def test_element_shape_for_many_np(np_: int) -> None:
-    check(build_mesh(1, np_, spin=0.2), DYNAMICS, "element", "float64", ROUND_OFF)
+    check(Mesh.build(1, np_, spin=0.2), DYNAMICS, "element", "float64", ROUND_OFF)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("np_", [4, 7])
 def test_single_precision(np_: int, shape: str) -> None:
-    check(build_mesh(2, np_), FULL, shape, "float32", 1e-5)
+    check(Mesh.build(2, np_), FULL, shape, "float32", 1e-5)
 
 
 @pytest.mark.parametrize("ne", [1, 3])
 def test_element_groups_that_are_not_full(ne: int) -> None:
     """6 ne² elements do not fill groups of eight lanes for odd ne."""
-    check(build_mesh(ne, 4, stretch=2.0, centre=(1.0, -0.5)), FULL, "element", "float64", ROUND_OFF)
+    check(Mesh.build(ne, 4, stretch=2.0, centre=(1.0, -0.5)), FULL, "element", "float64", ROUND_OFF)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

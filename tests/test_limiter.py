@@ -10,7 +10,7 @@ import pytest
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.io.norms import l2
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 from swe_sphere.steppers.dirk import TRBDF2
@@ -52,7 +52,7 @@ def check(model, fields, names):
 
 @pytest.fixture(scope="module")
 def mesh():
-    return build_mesh(4, 4)
+    return Mesh.build(4, 4)
 
 
 def noisy(model, strength):
@@ -170,7 +170,7 @@ def solid_body_errors(limiter, ne):
         effects=(*flow.effects, Tracers(limiter)),
         tracers={"hill": lambda lon, lat: exact(lon, lat, 0.0)},
     )
-    mesh = build_mesh(ne, 4)
+    mesh = Mesh.build(ne, 4)
     model = Model(mesh, scene)
     steps = 12 * ne
     q = after(model, STEPPERS["rk4"](model, 86400.0 / steps), steps)["q_hill"]

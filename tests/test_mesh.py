@@ -7,7 +7,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import lattice_tangents
 from swe_sphere.mesh.gll import derivative_matrix, gll_points, gll_weights
 from swe_sphere.mesh.numbering import FACES
@@ -75,7 +75,7 @@ def test_gll_rule_and_derivative_are_exact_for_polynomials(np_: int) -> None:
 @pytest.mark.parametrize("ne", [1, 2, 3, 5, 8])
 @pytest.mark.parametrize("np_", [3, 4, 5, 8])
 def test_node_counts(ne: int, np_: int) -> None:
-    mesh = build_mesh(ne, np_)
+    mesh = Mesh.build(ne, np_)
     assert mesh.nodes.shape == (mesh.elements, np_, np_)
     assert mesh.size == len(mesh.xyz) == 6 * (ne * (np_ - 1)) ** 2 + 2
     counts = np.bincount(multiplicity(mesh), minlength=5)
@@ -90,7 +90,7 @@ def test_node_counts(ne: int, np_: int) -> None:
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_contributors_of_a_node_agree_on_where_it_is(placement: dict) -> None:
-    mesh = build_mesh(3, 5, **placement)
+    mesh = Mesh.build(3, 5, **placement)
     alpha = np.arctan(lattice_tangents(3, mesh.gll_points))
     line = np.arange(3)[:, None] * 4 + np.arange(5)
     face, a, b = np.indices((6, 3, 3)).reshape(3, -1)
@@ -107,7 +107,7 @@ def test_contributors_of_a_node_agree_on_where_it_is(placement: dict) -> None:
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_gather_lists_every_contributor_once(placement: dict) -> None:
-    mesh = build_mesh(2, 4, **placement)
+    mesh = Mesh.build(2, 4, **placement)
     owner = np.repeat(np.arange(mesh.size), np.diff(mesh.gather_offsets))
     assert np.array_equal(mesh.nodes.ravel()[mesh.gather_entries], owner)
     assert np.array_equal(np.sort(mesh.gather_entries), np.arange(mesh.nodes.size))
@@ -116,7 +116,7 @@ def test_gather_lists_every_contributor_once(placement: dict) -> None:
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_area_is_that_of_the_sphere(placement: dict) -> None:
-    mesh = build_mesh(4, 16, radius=2.5e6, **placement)
+    mesh = Mesh.build(4, 16, radius=2.5e6, **placement)
     assert mesh.jacobian.min() > 0.0
     assert mesh.area.sum() == pytest.approx(4.0 * math.pi * 2.5e6**2, rel=1e-12)
     # and is placed right: x^2 integrates to a third of it along any direction
@@ -127,13 +127,13 @@ def test_area_is_that_of_the_sphere(placement: dict) -> None:
 
 @pytest.mark.parametrize("np_", [3, 4])
 def test_area_converges_with_the_order_of_the_quadrature(np_: int) -> None:
-    errors = [abs(build_mesh(ne, np_, radius=1.0).area.sum() / (4 * math.pi) - 1) for ne in (8, 16)]
+    errors = [abs(Mesh.build(ne, np_, radius=1.0).area.sum() / (4 * math.pi) - 1) for ne in (8, 16)]
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2 * np_ - 2, abs=0.1)
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_basis_gives_exact_gradients_everywhere_at_high_order(placement: dict) -> None:
-    mesh = build_mesh(8, 16, **placement)
+    mesh = Mesh.build(8, 16, **placement)
     assert gradient_errors(mesh).max() < 1e-11
 
 
@@ -141,7 +141,7 @@ def test_basis_gives_exact_gradients_everywhere_at_high_order(placement: dict) -
     ("placement", "last"), [({}, 2e-7), (TILTED, 4e-7), (STRETCHED, 7e-4)], ids=str
 )
 def test_gradient_converges_exponentially_in_np(placement: dict, last: float) -> None:
-    errors = [gradient_errors(build_mesh(4, np_, **placement)).max() for np_ in (4, 6, 8, 10)]
+    errors = [gradient_errors(Mesh.build(4, np_, **placement)).max() for np_ in (4, 6, 8, 10)]
     ratios = np.divide(errors[:-1], errors[1:])
     assert ratios.min() > 5.0
     assert np.all(np.diff(ratios) > 0.0)  # faster than any power of np
@@ -151,14 +151,14 @@ def test_gradient_converges_exponentially_in_np(placement: dict, last: float) ->
 @pytest.mark.parametrize("placement", [{}, TILTED, STRETCHED])
 @pytest.mark.parametrize("np_", [3, 4, 5])
 def test_gradient_converges_in_ne_with_order_np_minus_1(np_: int, placement: dict) -> None:
-    errors = [gradient_errors(build_mesh(ne, np_, **placement)).max() for ne in (16, 32)]
+    errors = [gradient_errors(Mesh.build(ne, np_, **placement)).max() for ne in (16, 32)]
     assert math.log2(errors[0] / errors[1]) == pytest.approx(np_ - 1, abs=0.12)
 
 
 @pytest.mark.parametrize("ne", [5, 8])
 @pytest.mark.parametrize("placement", [{}, TILTED])
 def test_corners_and_poles_are_no_worse_than_the_rest(ne: int, placement: dict) -> None:
-    mesh = build_mesh(ne, 5, **placement)
+    mesh = Mesh.build(ne, 5, **placement)
     corner = touching(mesh, np.flatnonzero(multiplicity(mesh) == 3))
     pole = touching(mesh, np.flatnonzero(np.abs(mesh.lat) > 1.2))
     # summed over orders: no single harmonic is equally rough everywhere
@@ -170,7 +170,7 @@ def test_corners_and_poles_are_no_worse_than_the_rest(ne: int, placement: dict) 
 @pytest.mark.parametrize("stretch", [1.5, 4.0, 30.0])
 def test_stretching_refines_by_the_factor(stretch: float) -> None:
     centre = (1.0, 0.3)
-    plain, mesh = build_mesh(4, 5, centre=centre), build_mesh(4, 5, centre=centre, stretch=stretch)
+    plain, mesh = Mesh.build(4, 5, centre=centre), Mesh.build(4, 5, centre=centre, stretch=stretch)
     near = np.argmax(plain.xyz @ position(*map(np.asarray, centre)))
     far = np.argmin(plain.xyz @ position(*map(np.asarray, centre)))
     assert plain.area[near] / mesh.area[near] == pytest.approx(stretch**2, rel=1e-12)
@@ -179,7 +179,7 @@ def test_stretching_refines_by_the_factor(stretch: float) -> None:
 
 
 def test_stretching_is_conformal() -> None:
-    plain, mesh = build_mesh(3, 6, **TILTED), build_mesh(3, 6, stretch=3.0, **TILTED)
+    plain, mesh = Mesh.build(3, 6, **TILTED), Mesh.build(3, 6, stretch=3.0, **TILTED)
 
     def cosine(m: Mesh) -> np.ndarray:
         first, second = m.basis[..., 0, :], m.basis[..., 1, :]
@@ -191,7 +191,7 @@ def test_stretching_is_conformal() -> None:
 
 @pytest.mark.parametrize("placement", [*PLACEMENTS, {"centre": (0.0, -math.pi / 2)}])
 def test_frames_follow_longitude_and_latitude(placement: dict) -> None:
-    mesh = build_mesh(4, 3, **placement)
+    mesh = Mesh.build(4, 3, **placement)
     east, north = frame(mesh.lon, mesh.lat)
     assert np.array_equal(mesh.east, east) and np.array_equal(mesh.north, north)
     assert np.abs(position(mesh.lon, mesh.lat) - mesh.xyz).max() < 2e-15
@@ -201,7 +201,7 @@ def test_frames_follow_longitude_and_latitude(placement: dict) -> None:
 
 @pytest.mark.parametrize("placement", [{}, {"centre": (2.0, math.pi / 2), "stretch": 3.0}])
 def test_a_node_meant_for_the_pole_is_there(placement: dict) -> None:
-    mesh = build_mesh(2, 4, **placement)
+    mesh = Mesh.build(2, 4, **placement)
     poles = np.flatnonzero(np.abs(mesh.lat) == math.pi / 2)
     assert poles.size == 2
     assert np.array_equal(np.sort(mesh.xyz[poles], axis=0), [[0, 0, -1], [0, 0, 1]])
@@ -214,14 +214,14 @@ def test_longitude_stays_below_a_whole_turn() -> None:
 
 
 def test_the_unplaced_cube_is_mirrored_to_the_bit() -> None:
-    points = {tuple(p) for p in build_mesh(3, 4).xyz}
+    points = {tuple(p) for p in Mesh.build(3, 4).xyz}
     for mirror in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]):
         assert {tuple(np.multiply(p, mirror)) for p in points} == points
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_quads_are_anticlockwise_and_cover_the_sphere(placement: dict) -> None:
-    mesh = build_mesh(8, 5, **placement)
+    mesh = Mesh.build(8, 5, **placement)
     a, b, c, d = np.moveaxis(mesh.xyz[mesh.quads()], 1, 0)
     flat = 0.5 * np.sum(np.cross(c - a, d - b) * (a + b + c + d) / 4.0, axis=-1)
     assert flat.min() > 0.0
@@ -230,17 +230,17 @@ def test_quads_are_anticlockwise_and_cover_the_sphere(placement: dict) -> None:
 
 
 def test_spacing_is_a_length_between_nodes() -> None:
-    mesh = build_mesh(8, 4)
+    mesh = Mesh.build(8, 4)
     smallest, largest = mesh.spacing()
     equator = 0.5 * math.pi * mesh.radius / (8 * 3)
     assert 0.6 * equator < smallest < largest < 1.05 * equator
-    fine, coarse = build_mesh(8, 4, stretch=2.0).spacing()
+    fine, coarse = Mesh.build(8, 4, stretch=2.0).spacing()
     assert fine < 0.6 * largest and coarse > 1.5 * smallest
 
 
 def test_arrays_are_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
-        build_mesh(1, 3).area[0] = 1.0
+        Mesh.build(1, 3).area[0] = 1.0
 
 
 @pytest.mark.parametrize(
@@ -263,5 +263,5 @@ def test_arrays_are_read_only() -> None:
 )
 def test_bad_numbers_are_refused_in_one_line(wrong: dict, word: str) -> None:
     with pytest.raises(ConfigError, match=word) as caught:
-        build_mesh(**{"ne": 4, "np": 4, **wrong})
+        Mesh.build(**{"ne": 4, "np": 4, **wrong})
     assert "\n" not in str(caught.value)

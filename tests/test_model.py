@@ -11,7 +11,7 @@ from support import make_scene, random_state, tendency
 
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import get_scene
@@ -24,7 +24,7 @@ def residuals(scene, ne: int, np_: int, t: float = 0.0) -> np.ndarray:
 
     The exact tendency is a fourth-order difference in time of the exact solution.
     """
-    mesh = build_mesh(ne, np_)
+    mesh = Mesh.build(ne, np_)
     model = Model(mesh, scene)
 
     def exact(time):
@@ -146,7 +146,7 @@ def test_prescribed_wind_is_in_the_fields_and_leaves_depth_alone(small_mesh) -> 
 
 def test_vorticity_of_solid_body_rotation() -> None:
     """ζ = 2 ω sin θ for u = ω a cos θ."""
-    mesh = build_mesh(3, 8)
+    mesh = Mesh.build(3, 8)
     zeta = vorticity(mesh, EARTH.radius * np.cos(mesh.lat), np.zeros(mesh.size))
     np.testing.assert_allclose(zeta, 2.0 * np.sin(mesh.lat), atol=1e-5)
 

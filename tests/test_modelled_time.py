@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.equations.model import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators.work import Work
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
@@ -18,7 +18,7 @@ from swe_sphere.testcases import get_scene
 
 def work_of(name, steps, dt=600.0):
     """The stepper after so many steps, and what these steps have done."""
-    model = Model(build_mesh(2, 4), get_scene("williamson5"))
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
     stepper = get_stepper(name)(model, dt)
     stepper.start(model.initial_state())
     before = model.launch.work.counts()
@@ -181,7 +181,7 @@ def test_rare_work_without_a_price_costs_what_a_call_costs_on_average():
 
 
 def test_a_stopwatch_changes_no_result():
-    model = Model(build_mesh(2, 4), get_scene("williamson5"))
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
     ends = []
     for timer in (None, Stopwatch()):
         model.launch.work.timer = timer

@@ -9,7 +9,7 @@ import pytest
 from support import IMPLICIT, advance, make_scene
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
@@ -92,7 +92,7 @@ def turned(model: Model, angle: float) -> np.ndarray:
 def turning() -> Model:
     """A fluid without pressure, of which every part turns with the same angular velocity."""
     scene = replace(make_scene("rotation"), coriolis=lambda lon, lat: TURN + 0.0 * lat)
-    return Model(build_mesh(2, 4), scene)
+    return Model(Mesh.build(2, 4), scene)
 
 
 @pytest.mark.parametrize("name", IMPLICIT)
@@ -134,7 +134,7 @@ def test_steps_that_do_not_resolve_the_motion_have_no_larger_tolerance() -> None
 @pytest.fixture(scope="module")
 def mountain():
     """Waves that an hour does not resolve: the model, its start, and the state after six hours."""
-    model = Model(build_mesh(4, 4), get_scene("williamson5"))
+    model = Model(Mesh.build(4, 4), get_scene("williamson5"))
     state = model.initial_state()
     return model, state, advance("rk4", model, state, 300.0, 6.0 * HOUR).state.numpy()
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse.linalg as sla
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.testcases import get_scene
 
@@ -13,7 +13,7 @@ from swe_sphere.testcases import get_scene
 @pytest.mark.parametrize(("ne", "np_"), [(16, 3), (11, 4), (8, 5), (5, 8)])
 def test_cycle_reduces_every_error(ne: int, np_: int) -> None:
     """An error that it left alone would be one that no Krylov method removes."""
-    model = Model(build_mesh(ne, np_), get_scene("williamson5"))
+    model = Model(Mesh.build(ne, np_), get_scene("williamson5"))
     made = make_preconditioner("helmholtz", model)
     made.setup(model.initial_state(), 3000.0)
     d, b, x = (made.operator.vector() for _ in range(3))

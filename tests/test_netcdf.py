@@ -14,14 +14,14 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 
 NAMES = ("h", "u", "v", "vorticity", "divergence")
 
 
 @pytest.fixture(scope="module")
 def mesh():
-    return build_mesh(3, 4, stretch=1.5, centre=(0.1, 0.2), spin=0.3)
+    return Mesh.build(3, 4, stretch=1.5, centre=(0.1, 0.2), spin=0.3)
 
 
 def frame(mesh, seed):

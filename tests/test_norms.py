@@ -5,13 +5,13 @@ import pytest
 
 from swe_sphere.io.integrals import courant_numbers, drifts, integrals
 from swe_sphere.io.norms import area_mean, errors, l1, l2, linf
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
 
 
 @pytest.fixture(scope="module")
 def mesh():
-    return build_mesh(4, 8)
+    return Mesh.build(4, 8)
 
 
 def test_constant_offset_has_equal_norms(mesh):

@@ -16,11 +16,11 @@ from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.scene_files import scene_sources
 from swe_sphere.testcases import get_scene
 
-MESH = build_mesh(2, 4)
+MESH = Mesh.build(2, 4)
 FILE = '''
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.schmidt import Placement
 from swe_sphere.sphere import frame, position
 
@@ -21,7 +21,7 @@ from swe_sphere.sphere import frame, position
 )
 def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretch: float) -> None:
     placement = Placement((lon, lat), spin, stretch)
-    points = build_mesh(2, 3).xyz
+    points = Mesh.build(2, 3).xyz
     placed = placement.place(points)
     assert np.abs(np.linalg.norm(placed, axis=-1) - 1.0).max() < 1e-15
     # a round trip loses at most the s^2 between refined and coarsened side
@@ -42,7 +42,7 @@ def test_spin_turns_the_cube_anticlockwise_about_its_centre(centre: tuple[float,
     [Placement(), Placement((0.7, 0.4), 0.3), Placement((-1.9, 0.8), -0.2, 3.0)],
 )
 def test_tangents_are_the_derivative_of_the_placed_points(placement: Placement) -> None:
-    points = build_mesh(2, 4).xyz
+    points = Mesh.build(2, 4).xyz
     tangents = np.cross([0.3, -0.8, 0.5], points)
     step = 1e-5
 
@@ -55,6 +55,6 @@ def test_tangents_are_the_derivative_of_the_placed_points(placement: Placement) 
 
 
 def test_no_placement_keeps_every_bit() -> None:
-    points = build_mesh(2, 4).xyz
+    points = Mesh.build(2, 4).xyz
     assert np.array_equal(Placement().place(points), points)
     assert np.array_equal(Placement().lift(points), points)

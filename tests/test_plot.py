@@ -12,7 +12,7 @@ from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.panels import panels
 from swe_sphere.io.plot import plot_file
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 
 
@@ -26,7 +26,7 @@ def coarse(monkeypatch):
 def run(tmp_path_factory):
     """Two frames of a wave over a hill with series of norms and integrals."""
     path = tmp_path_factory.mktemp("plot") / "run.nc"
-    mesh = build_mesh(3, 6)
+    mesh = Mesh.build(3, 6)
     wave = np.sin(3.0 * mesh.lon) * np.cos(mesh.lat) ** 3
     hill = 500.0 * np.exp(-10.0 * ((mesh.lat - 0.5) ** 2 + (mesh.lon - 3.0) ** 2))
     with FrameWriter(path, mesh, {"scene": "hilly", "dt": 60.0}, hill) as writer:
@@ -80,7 +80,7 @@ def test_panels_hold_errors_and_drifts(run):
 
 
 def test_no_series_no_panels(tmp_path):
-    mesh = build_mesh(1, 4)
+    mesh = Mesh.build(1, 4)
     one = np.ones(mesh.size)
     with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
         writer.write(0.0, dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), one))
@@ -103,7 +103,7 @@ def test_what_cannot_be_drawn(run, tmp_path):
 
 
 def test_a_file_without_frames(tmp_path):
-    mesh = build_mesh(1, 4)
+    mesh = Mesh.build(1, 4)
     frame = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
     with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
         writer.write(0.0, frame)

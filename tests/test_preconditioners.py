@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations import Model, Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.planet import HOUR, Planet
 from swe_sphere.solvers.gmres import FlexibleGMRES
@@ -51,7 +51,7 @@ class Newton:
     """The first Newton system of the midpoint rule, six hours into williamson5."""
 
     def __init__(self, ne: int, stretch: float = 1.0) -> None:
-        mesh = build_mesh(ne, 4, stretch=stretch, centre=(1.5 * np.pi, np.pi / 6.0))
+        mesh = Mesh.build(ne, 4, stretch=stretch, centre=(1.5 * np.pi, np.pi / 6.0))
         self.model = Model(mesh, get_scene("williamson5"))
         dt = HOUR / np.ceil(0.5 * ne * stretch)
         stepper = RK4(self.model, dt)
@@ -140,7 +140,7 @@ def test_all_find_the_same_solution(name: str) -> None:
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("name", ELIMINATING)
 def test_number_types_and_launch_shapes_agree(name: str, precision: str, shape: str) -> None:
-    mesh = build_mesh(2, 4, stretch=1.5, spin=0.3)
+    mesh = Mesh.build(2, 4, stretch=1.5, spin=0.3)
     scene = make_scene("advection", "pressure", "rotation")
     results = []
     for model in (Model(mesh, scene), Model(mesh, scene, precision=precision, shape=shape)):
@@ -175,7 +175,7 @@ def deeper(state: wp.array, factor: float) -> wp.array:
 
 @pytest.fixture(scope="module")
 def small():
-    model = Model(build_mesh(2, 4), make_scene("advection", "pressure", "rotation"))
+    model = Model(Mesh.build(2, 4), make_scene("advection", "pressure", "rotation"))
     return model, model.initial_state()
 
 
@@ -249,7 +249,7 @@ def costs_and_state(name: str, scales: tuple[float, float, float]):
     """Counters after three large steps of williamson5, and the state in the first units."""
     length, time, depth = scales
     scene = rescaled(get_scene("williamson5"), *scales)
-    model = Model(build_mesh(4, 4, radius=scene.planet.radius), scene)
+    model = Model(Mesh.build(4, 4, radius=scene.planet.radius), scene)
     stepper = get_stepper("implicit-midpoint")(model, 7200.0 * time, preconditioner=name)
     stepper.start(model.initial_state())
     for _ in range(3):
@@ -319,7 +319,7 @@ def coarse_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
 @pytest.mark.parametrize("np_", [3, 4, 5, 8])
 def test_coarse_spaces(np_: int) -> None:
     """Sizes; the smooth one adds up to 1; each function is 1 at its own vertex and local."""
-    mesh = build_mesh(4, np_)
+    mesh = Mesh.build(4, np_)
     spaces = [interpolation(mesh, space) for space in coarse_spaces(mesh)]
     vertices = 6 * mesh.ne**2 + 2
     shapes = [space.shape for space in spaces]
@@ -339,7 +339,7 @@ def test_coarse_spaces(np_: int) -> None:
 @pytest.mark.parametrize("np_", [3, 4, 5, 8])
 def test_spurious_patterns_have_no_discrete_gradient(np_: int, stretch: float) -> None:
     """Like constants, and on curved and stretched elements too; yet they are anything but flat."""
-    mesh = build_mesh(7, np_, stretch=stretch, centre=(0.7, 0.4))
+    mesh = Mesh.build(7, np_, stretch=stretch, centre=(0.7, 0.4))
     gradient, inner = sparse.gradient(mesh), inner_nodes(mesh)
     for function in coarse_functions(mesh, np.ones((6, 6)))[1:]:
         slope = (gradient @ function).reshape(2, -1)
@@ -354,7 +354,7 @@ def inner_nodes(mesh: Mesh) -> np.ndarray:
 
 def quotients(ne: int, np_: int) -> np.ndarray:
     """Rayleigh quotients of -D G [m-2] for a bump over face 0 in each space, and the largest."""
-    mesh = build_mesh(ne, np_)
+    mesh = Mesh.build(ne, np_)
     gradient, weights = sparse.gradient(mesh), np.tile(mesh.area, 2)
     wave = np.sin(np.pi * np.arange(1, ne) / ne) ** 2
     square = (gradient.T @ (sp.diags_array(weights) @ gradient)).tocsr()
@@ -401,12 +401,12 @@ def test_too_large_is_refused_before_anything_is_built(inner, np_: int) -> None:
 
 
 def test_unknown_name_gets_the_nearest() -> None:
-    model = Model(build_mesh(1, 3), make_scene("pressure"))
+    model = Model(Mesh.build(1, 3), make_scene("pressure"))
     with pytest.raises(ConfigError, match="helmholtz-schwarz"):
         make_preconditioner("helmholtz-schwartz", model)
 
 
 @pytest.mark.parametrize("name", PRECONDITIONERS)
 def test_prescribed_wind_gets_none(name: str) -> None:
-    model = Model(build_mesh(1, 3), make_scene("wind"))
+    model = Model(Mesh.build(1, 3), make_scene("wind"))
     assert make_preconditioner(name, model) is None

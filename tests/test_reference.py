@@ -15,7 +15,7 @@ from swe_sphere.io.reference_solution import (
     reference_errors,
     shipped_reference,
 )
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 
 REFERENCES = sorted(SHIPPED.glob("*_day*.nc"))
@@ -90,7 +90,7 @@ def test_a_grid_is_evaluated_anywhere(tmp_path):
 
 def test_errors_of_a_spectral_element_solution(tmp_path):
     path = write_grid(tmp_path / "grid.nc")
-    mesh = build_mesh(6, 8, stretch=1.3, centre=(0.4, 0.5))
+    mesh = Mesh.build(6, 8, stretch=1.3, centre=(0.4, 0.5))
     fields = nodal(mesh)
     for name in ("h", "vorticity", "wind", "u", "speed"):
         assert reference_errors(path, mesh, fields, name)["linf"] < 1e-8, name
@@ -101,7 +101,7 @@ def test_errors_of_a_spectral_element_solution(tmp_path):
 
 def test_surface_is_compared_over_orography(tmp_path):
     path = write_grid(tmp_path / "grid.nc", extra=700.0)
-    mesh = build_mesh(4, 8)
+    mesh = Mesh.build(4, 8)
     fields = nodal(mesh) | {"b": np.full(mesh.size, 700.0)}
     assert reference_errors(path, mesh, fields, "surface")["l2"] < 1e-6
     with pytest.raises(ConfigError, match="'surface'"):
@@ -128,7 +128,7 @@ def test_there_are_all_references():
 def runs(tmp_path_factory):
     """The same state on two meshes, and on the second also with a height 1 % larger."""
     folder = tmp_path_factory.mktemp("runs")
-    first, second = build_mesh(6, 6), build_mesh(5, 8, stretch=1.4, centre=(1.0, 0.3), spin=0.2)
+    first, second = Mesh.build(6, 6), Mesh.build(5, 8, stretch=1.4, centre=(1.0, 0.3), spin=0.2)
     larger = nodal(second) | {"h": 1.01 * nodal(second)["h"]}
     return {
         "first": write_run(folder / "first.nc", first, nodal(first)),
@@ -171,7 +171,7 @@ def test_time_is_that_asked_for(runs):
 
 
 def test_runs_of_different_scenes_are_compared_only_when_asked(runs, tmp_path):
-    mesh = build_mesh(6, 6)
+    mesh = Mesh.build(6, 6)
     other = write_run(tmp_path / "other.nc", mesh, nodal(mesh), scene="rough")
     with pytest.raises(ConfigError, match=r"first.nc is a run of smooth, .* one of rough: .*"):
         compare(runs["first"], other)
@@ -179,7 +179,7 @@ def test_runs_of_different_scenes_are_compared_only_when_asked(runs, tmp_path):
 
 
 def test_the_time_is_the_last_that_both_runs_have(runs, tmp_path):
-    mesh = build_mesh(6, 6)
+    mesh = Mesh.build(6, 6)
     later = write_run(tmp_path / "later.nc", mesh, nodal(mesh), time=6.0 * DAY)
     for pair in ((runs["first"], later), (later, runs["first"])):
         found = compare(*pair)

@@ -21,7 +21,7 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import SCENES, get_scene
 
@@ -135,14 +135,14 @@ def test_hyperviscosity_default_scaling() -> None:
     assert hyperviscosity_default(60, 4) == pytest.approx(1e14)
     assert hyperviscosity_default(15, 7) == pytest.approx(1e15)
     assert hyperviscosity_default(30, 4, EARTH.radius / 10.0) == pytest.approx(1e14)
-    mesh = build_mesh(15, 4)
+    mesh = Mesh.build(15, 4)
     assert Hyperviscosity().coefficients(mesh)["nu4"] == hyperviscosity_default(15, 4)
     assert Hyperviscosity(2.0).coefficients(mesh)["nu4"] == 2.0
 
 
 def test_hyperviscosity_default_follows_the_finest_part_of_a_stretched_mesh() -> None:
     """Refined four times it is that of a mesh of about four times as many elements."""
-    plain, fine = build_mesh(8, 4), build_mesh(8, 4, stretch=4.0)
+    plain, fine = Mesh.build(8, 4), Mesh.build(8, 4, stretch=4.0)
     times_finer = plain.spacing()[0] / fine.spacing()[0]
     assert 3.0 < times_finer <= 4.0
     expected = hyperviscosity_default(8, 4) / times_finer ** (1.0 / math.log10(2.0))

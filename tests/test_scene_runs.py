@@ -10,7 +10,7 @@ from support import advance
 from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.scene import Array
 from swe_sphere.io.norms import errors
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.testcases import get_scene
 
@@ -34,7 +34,7 @@ def test_error_of_a_coarse_run(
     name: str, given: dict[str, float], days: float, height: float, wind: float
 ) -> None:
     """l2 on ne4 np8; an independent prototype of the method has 6.4e-6 and 5.7e-6 for case 3."""
-    scene, mesh = get_scene(name, **given), build_mesh(4, 8)
+    scene, mesh = get_scene(name, **given), Mesh.build(4, 8)
     _, fields = run(scene, mesh, 432.0 if scene.forcing else 900.0, days)
     exact = dict(zip("uvh", scene.exact(mesh.lon, mesh.lat, days * DAY), strict=True))
     error = errors(mesh, fields, exact)
@@ -43,7 +43,7 @@ def test_error_of_a_coarse_run(
 
 def test_williamson4_keeps_its_low_and_needs_its_forcing() -> None:
     """Half a day on, the low is where and as deep as it should be; unforced it is not."""
-    scene, mesh = get_scene("williamson4", u0=40.0), build_mesh(4, 8)
+    scene, mesh = get_scene("williamson4", u0=40.0), Mesh.build(4, 8)
     exact = scene.exact(mesh.lon, mesh.lat, 0.5 * DAY)[2]
     _, fields = run(scene, mesh, 432.0, 0.5)
     assert np.abs(fields["h"] - exact).max() < 4.0
@@ -75,7 +75,7 @@ MIRRORS = {
 @pytest.mark.parametrize("case", MIRRORS, ids="-".join)
 def test_symmetry_is_kept(case: tuple[str, str]) -> None:
     """To round-off, which grows a little: the mesh has the symmetries of these flows."""
-    mesh = build_mesh(5, 4)
+    mesh = Mesh.build(5, 4)
     model, fields = run(get_scene(case[0]), mesh, 600.0, 1.0)
     start = model.fields(model.initial_state())
     assert np.abs(fields["u"] - start["u"]).max() > 0.5
@@ -88,7 +88,7 @@ def test_symmetry_is_kept(case: tuple[str, str]) -> None:
 
 def test_modons_form_and_do_not_burst() -> None:
     """After two days the bursts of wind have turned into four vortices; nothing is faster."""
-    mesh = build_mesh(10, 4)
+    mesh = Mesh.build(10, 4)
     model = Model(mesh, get_scene("modons"))
     stepper = advance("rk4", model, model.initial_state(), 720.0, 2.0 * DAY)
     fields, vorticity = model.fields(stepper.state), model.vorticity(stepper.state)
@@ -102,7 +102,7 @@ def test_modons_form_and_do_not_burst() -> None:
 @pytest.mark.parametrize("cone", [True, False], ids=["cone", "smooth"])
 def test_lake_without_rotation_stays_at_rest(cone: bool) -> None:
     scene = get_scene("lake-at-rest", cone=cone, rotating=False)
-    _, fields = run(scene, build_mesh(6, 4), 900.0, 1.0)
+    _, fields = run(scene, Mesh.build(6, 4), 900.0, 1.0)
     assert np.hypot(fields["u"], fields["v"]).max() < 1e-10
 
 
@@ -114,7 +114,7 @@ def fourfold(mesh: Mesh, h: Array) -> float:
 
 def test_disturbance_of_the_rossby_haurwitz_wave() -> None:
     """A metre of wavenumbers 1 to 3: it breaks the symmetry that the mesh would keep for long."""
-    mesh = build_mesh(5, 4)
+    mesh = Mesh.build(5, 4)
     plain, other = (get_scene("williamson6", perturbation=p) for p in (0.0, 1.0))
     added = other.initial(mesh.lon, mesh.lat)[2] - plain.initial(mesh.lon, mesh.lat)[2]
     waves = [
@@ -129,7 +129,7 @@ def test_disturbance_of_the_rossby_haurwitz_wave() -> None:
 @pytest.mark.parametrize("rotating", [True, False])
 def test_turbulence_decays(rotating: bool) -> None:
     """Hyperviscosity takes enstrophy and hardly any energy; balance keeps gravity waves away."""
-    mesh = build_mesh(8, 4)
+    mesh = Mesh.build(8, 4)
     model = Model(mesh, get_scene("turbulence", rotating=rotating, wavenumber=5))
     start = model.initial_state()
     stepper = advance("rk4", model, start, 450.0, 2.0 * DAY)

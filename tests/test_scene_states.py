@@ -16,7 +16,7 @@ from swe_sphere.cli.main import main
 from swe_sphere.equations import Model
 from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.harmonics import GaussGrid, synthesis
@@ -102,7 +102,7 @@ def test_balanced_depth_keeps_the_flow_free_of_divergence(planet: Planet) -> Non
 
 def divergence_growth(scene, ne: int) -> float:
     """Root mean square of d(divergence)/dt [s-2] without dissipation."""
-    model = Model(build_mesh(ne, 8), scene.without_effect("hyperviscosity"))
+    model = Model(Mesh.build(ne, 8), scene.without_effect("hyperviscosity"))
     rate = model.zeros()
     model.tendency(model.initial_state(), 0.0, rate)
     return float(np.sqrt(np.average(model.divergence(rate) ** 2, weights=model.mesh.area)))
@@ -210,7 +210,7 @@ GRIDS = {
 @pytest.mark.parametrize("grid", GRIDS)
 def test_analysis_is_read_and_interpolated(tmp_path: Path, grid: str) -> None:
     scene = get_scene("williamson7", file=str(analysis(tmp_path / "a.nc", **GRIDS[grid])))
-    mesh = build_mesh(4, 5, spin=0.3)
+    mesh = Mesh.build(4, 5, spin=0.3)
     expected = get_scene("williamson6").initial(mesh.lon, mesh.lat)
     for ours, theirs in zip(scene.initial(mesh.lon, mesh.lat)[:2], expected[:2], strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.02)

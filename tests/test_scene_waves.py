@@ -12,14 +12,14 @@ from support import advance
 from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import Interpolator, build_mesh
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH, HOUR
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.formulas import distance
 from swe_sphere.testcases.harmonics import legendre
 from swe_sphere.testcases.matsuno import DEPTH, PLANET, Mode
 
-MESH = build_mesh(6, 8)
+MESH = Mesh.build(6, 8)
 
 
 def after(scene: Scene, hours: float, dt: float = 300.0, mesh=MESH) -> dict[str, Array]:
@@ -111,7 +111,7 @@ def test_depth_is_that_of_one_dimension(
 def test_dam_break_stays_positive_and_keeps_its_mass() -> None:
     """For a day, though the bore rings."""
     scene = get_scene("dam-break")
-    mesh = build_mesh(8, 4)
+    mesh = Mesh.build(8, 4)
     start = scene.initial(mesh.lon, mesh.lat)[2]
     h = after(scene, 24.0, 600.0, mesh)["h"]
     assert 300.0 < h.min() < h.max() < 2500.0
@@ -146,7 +146,7 @@ def test_air_at_rest_among_the_stars_stays_at_rest() -> None:
 
 def test_splash_comes_together_at_the_antipode() -> None:
     """At the hour that one dimension tells: the crest arrives at day 1.44."""
-    mesh = build_mesh(6, 6)
+    mesh = Mesh.build(6, 6)
     model = Model(mesh, get_scene("splash"))
     far = angles(mesh).argmax()
     stepper, height = advance("rk4", model, model.initial_state(), 450.0, 1.2 * DAY), {}
@@ -201,12 +201,12 @@ def test_matsuno_waves_move_as_on_the_sphere(wave: str) -> None:
     known = spherical_frequencies(5)
     exact = known[np.abs(known - mode.frequency).argmin()]
     assert 2e-3 < abs(exact / mode.frequency - 1.0) < 5e-3
-    found = frequency(get_scene("matsuno", wave=wave), mode, build_mesh(8, 6), 150)
+    found = frequency(get_scene("matsuno", wave=wave), mode, Mesh.build(8, 6), 150)
     assert found == pytest.approx(exact, rel=6e-4)
 
 
 def test_matsuno_rossby_wave_keeps_its_shape_for_a_period() -> None:
-    scene, mesh = get_scene("matsuno"), build_mesh(5, 6)
+    scene, mesh = get_scene("matsuno"), Mesh.build(5, 6)
     fields = after(scene, 24.0 * scene.days, scene.days * DAY / 800, mesh)
     u, v, h = scene.exact(mesh.lon, mesh.lat, scene.days * DAY)
     assert mean_square(mesh, fields["v"] - v) < 0.055 * mean_square(mesh, v)
@@ -249,7 +249,7 @@ def test_matsuno_solves_the_equations_of_the_beta_plane(wave: str) -> None:
 def test_full_equations_give_the_same_wave_at_a_tiny_amplitude() -> None:
     linear, full = (get_scene("matsuno", wave="eig", linear=x) for x in (True, False))
     assert full.effect("linearised") is None and linear.effect("linearised") is not None
-    one, two = (after(scene, 12.0, 1800.0, build_mesh(3, 6)) for scene in (linear, full))
+    one, two = (after(scene, 12.0, 1800.0, Mesh.build(3, 6)) for scene in (linear, full))
     np.testing.assert_allclose(one["v"], two["v"], rtol=0.0, atol=1e-4 * np.abs(one["v"]).max())
     with pytest.raises(ConfigError, match="matsuno: k and n must be at least 1, not 5 and 0"):
         get_scene("matsuno", n=0)

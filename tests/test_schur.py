@@ -11,7 +11,7 @@ import warp as wp
 from support import make_scene, relative, tangent
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.schur import SchurOperator
@@ -29,7 +29,7 @@ SHAPES = ("element", "node")
 @functools.cache
 def mesh_of(np_: int):
     """Few elements of that many nodes, stretched and turned."""
-    return build_mesh({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
 
 
 def matrix_of(mesh) -> SchurMatrix:

@@ -14,7 +14,7 @@ from support import IMEX, advance, make_scene, random_state, relative
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.planet import Planet
 from swe_sphere.solvers.gravity_waves import CORIOLIS, GravityWaves, GravityWaveSolver
@@ -129,7 +129,7 @@ def test_explicit_part_alone_is_exponential_as_far_as_the_authors_say(
 @pytest.fixture(scope="module")
 def moving():
     """The unsteady flow of Läuter, its state, and the state after four hours in tiny steps."""
-    model = Model(build_mesh(2, 4), get_scene("lauter"))
+    model = Model(Mesh.build(2, 4), get_scene("lauter"))
     state = model.initial_state()
     return model, state, advance("rk4", model, state, 40.0, 14400.0).state.numpy()
 
@@ -204,7 +204,7 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
 
 @pytest.mark.parametrize("name", IMEX)
 def test_mass_is_kept_to_round_off_whatever_the_tolerance(name: str) -> None:
-    model = Model(build_mesh(3, 5), get_scene("williamson5"))
+    model = Model(Mesh.build(3, 5), get_scene("williamson5"))
     state = model.initial_state()
     after = advance(name, model, state, 1800.0, 108000.0, tolerance=0.03).state
     before, now = (np.sum(model.mesh.area * model.fields(x)["h"]) for x in (state, after))
@@ -216,14 +216,14 @@ def test_mass_is_kept_to_round_off_whatever_the_tolerance(name: str) -> None:
 def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
     """Interrupted at any step, with dissipation and an odd start time."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
-    whole = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
+    whole = STEPPERS[name](Model(Mesh.build(2, 4), scene, precision=precision), 1200.0)
     whole.start(whole.model.initial_state(), 123.0)
     memories = [whole.state_dict()]
     for _ in range(5):
         whole.step()
         memories.append(whole.state_dict())
     for steps in (0, 1, 3):
-        resumed = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 1200.0)
+        resumed = STEPPERS[name](Model(Mesh.build(2, 4), scene, precision=precision), 1200.0)
         resumed.load_state_dict(memories[steps], steps)
         for _ in range(5 - steps):
             resumed.step()
@@ -235,7 +235,7 @@ def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
 @pytest.fixture(scope="module")
 def mountain():
     """Williamson 5 on a coarse mesh, its state, the leapfrog limit and the spectrum left."""
-    model = Model(build_mesh(8, 4), get_scene("williamson5"))
+    model = Model(Mesh.build(8, 4), get_scene("williamson5"))
     state = model.initial_state()
     limit = STEPPERS["leapfrog"].stable_dt(model.spectrum(state).wave)
     return model, state, limit, STEPPERS["semi-implicit"].spectrum(model, state)
@@ -261,7 +261,7 @@ def test_unstable_above_the_limit_that_it_names(mountain) -> None:
 @pytest.mark.parametrize("name", IMEX)
 def test_steady_flow_stays_at_large_steps(name: str) -> None:
     """Williamson 2 after a day in steps of half an hour: the error is that of the mesh."""
-    model = Model(build_mesh(4, 6), get_scene("williamson2"))
+    model = Model(Mesh.build(4, 6), get_scene("williamson2"))
     state = model.initial_state()
     exact = state.numpy()
 
@@ -290,7 +290,7 @@ def iterations(model: Model, dt: float, name: str = "semi-implicit", **options) 
 def test_counts_do_not_grow_with_the_mesh(coriolis: str) -> None:
     found = [
         iterations(
-            Model(build_mesh(ne, 4), get_scene("williamson5")), 1200.0, tolerance=1e-6,
+            Model(Mesh.build(ne, 4), get_scene("williamson5")), 1200.0, tolerance=1e-6,
             coriolis=coriolis,
         )
         for ne in (4, 8, 16)
@@ -323,7 +323,7 @@ def test_same_counts_on_another_planet_of_the_same_physics() -> None:
     )
     for name in ("semi-implicit", "ars343"):
         counts = [
-            iterations(Model(build_mesh(4, 4, radius=s.planet.radius), s), dt, name)
+            iterations(Model(Mesh.build(4, 4, radius=s.planet.radius), s), dt, name)
             for s, dt in ((scene, 1800.0), (small, 1800.0 * time))
         ]
         assert counts[0] == counts[1] > 0

@@ -9,7 +9,7 @@ import pytest
 from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile, open_run
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.callbacks import every
 from swe_sphere.simulation.config import make_config
@@ -48,7 +48,7 @@ def test_it_is_the_run_of_the_command_line():
 
 def test_objects_are_as_good_as_their_names():
     named = small(parameters={"alpha": 0.5}, scene="williamson2").run(days=0.25)
-    mesh = build_mesh(2, 4)
+    mesh = Mesh.build(2, 4)
     scene = get_scene("williamson2", alpha=0.5)
     made = Simulation(scene, mesh=mesh, stepper=STEPPERS["rk4"], dt=1800.0)
     assert made.run(days=0.25)["l2_h"] == named["l2_h"]

@@ -8,7 +8,7 @@ from support import EXPLICIT, make_scene, random_state
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -39,7 +39,7 @@ def states(model: Model) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(("ne", "np_"), [(1, 3), (1, 4), (2, 3), (2, 4)])
 @pytest.mark.parametrize("kind", ["rest", "flow"])
 def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -> None:
-    model = Model(build_mesh(ne, np_), make_scene(*WAVES))
+    model = Model(Mesh.build(ne, np_), make_scene(*WAVES))
     state = model.device_mesh.upload(states(model)[kind])
     matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
     exact = np.abs(np.linalg.eigvals(matrix)).max()
@@ -48,14 +48,14 @@ def test_wave_spectrum_against_dense_eigenvalues(ne: int, np_: int, kind: str) -
 
 @pytest.mark.parametrize("effect", ["viscosity", "hyperviscosity"])
 def test_dissipation_spectrum_against_dense_eigenvalues(effect: str) -> None:
-    model = Model(build_mesh(2, 3), make_scene(*WAVES, effect))
+    model = Model(Mesh.build(2, 3), make_scene(*WAVES, effect))
     state = model.device_mesh.upload(states(model)["flow"])
     exact = np.abs(np.linalg.eigvals(jacobian(model, state, model.dissipative_tendency))).max()
     assert model.spectrum(state).dissipation == pytest.approx(exact, rel=0.02)
 
 
 def test_advection_spectrum_against_dense_eigenvalues() -> None:
-    model = Model(build_mesh(2, 4), get_scene("williamson1", alpha=0.7))
+    model = Model(Mesh.build(2, 4), get_scene("williamson1", alpha=0.7))
     state = model.initial_state()
     matrix = jacobian(model, state, lambda x, out: model.tendency(x, 0.0, out))
     exact = np.abs(np.linalg.eigvals(matrix)).max()
@@ -79,7 +79,7 @@ def growth(name: str, model: Model, dt: float, steps: int) -> float:
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     """Three per cent below the limit nothing grows, ten per cent above everything does."""
-    model = Model(build_mesh(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
+    model = Model(Mesh.build(2, 4), make_scene(*WAVES).with_effect(Viscosity(nu)))
     spectrum = model.spectrum(model.device_mesh.upload(states(model)["rest"]))
     limit = STEPPERS[name].stable_dt(spectrum.wave, spectrum.dissipation)
     assert growth(name, model, 0.97 * limit, 600) < 3.0
@@ -90,7 +90,7 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_viscous_limit_alone(name: str) -> None:
     """Without waves the limit is that of the real axis: again sharp."""
-    model = Model(build_mesh(2, 4), make_scene("viscosity").with_effect(Viscosity(1e8)))
+    model = Model(Mesh.build(2, 4), make_scene("viscosity").with_effect(Viscosity(1e8)))
     spectrum = model.spectrum(model.device_mesh.upload(states(model)["rest"]))
     assert spectrum.wave == 0.0
     limit = STEPPERS[name].stable_dt(0.0, spectrum.dissipation)

@@ -10,7 +10,7 @@ import warp as wp
 
 from swe_sphere.equations import Model
 from swe_sphere.io.norms import errors
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS, Stepper
@@ -31,7 +31,7 @@ def advance(
     **options: float,
 ) -> Stepper:  # fmt: skip
     """A stepper after some hours of a scene on a small mesh."""
-    model = Model(build_mesh(3, 4), get_scene(scene), precision=precision)
+    model = Model(Mesh.build(3, 4), get_scene(scene), precision=precision)
     stepper = STEPPERS[name](model, dt, **options)
     stepper.start(model.initial_state())
     for _ in range(round(hours * HOUR / dt)):
@@ -104,7 +104,7 @@ def test_frequencies_of_an_oscillation_are_its_own(steps: list[float]) -> None:
 
 def test_a_start_knows_its_frequency() -> None:
     """From the right-hand side at the start and a moment later: x'' = J F, by the tangent."""
-    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    model = Model(Mesh.build(3, 4), get_scene("lauter"))
     stepper = STEPPERS["tr-bdf2"](model, 600.0)
     stepper.start(model.initial_state())
     slope, bend = model.zeros(), model.zeros()

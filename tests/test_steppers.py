@@ -12,7 +12,7 @@ from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -29,7 +29,7 @@ def advance(name: str, model: Model, state, dt: float, duration: float, **option
 @pytest.fixture(scope="module")
 def moving():
     """The unsteady flow of Läuter, its state, and the state after four hours in tiny steps."""
-    model = Model(build_mesh(3, 4), get_scene("lauter"))
+    model = Model(Mesh.build(3, 4), get_scene("lauter"))
     state = model.initial_state()
     return model, state, advance("rk4", model, state, 30.0, 14400.0).state.numpy()
 
@@ -88,7 +88,7 @@ def test_leapfrog_filters_as_williams_does(small_mesh, strength, share, options)
 
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_mass_is_kept_to_round_off(name: str) -> None:
-    model = Model(build_mesh(3, 5), get_scene("williamson5"))
+    model = Model(Mesh.build(3, 5), get_scene("williamson5"))
     state = model.initial_state()
     after = advance(name, model, state, 200.0, 40000.0).state
     before, now = (np.sum(model.mesh.area * model.fields(x)["h"]) for x in (state, after))
@@ -97,7 +97,7 @@ def test_mass_is_kept_to_round_off(name: str) -> None:
 
 def test_energy_drift_of_rk4_falls_with_the_fifth_power() -> None:
     """|R(iz)| = 1 - z⁶/144: the loss over a given time is of order 5 in Δt."""
-    model = Model(build_mesh(8, 4), get_scene("williamson6"))
+    model = Model(Mesh.build(8, 4), get_scene("williamson6"))
     state = model.initial_state()
     start = energy(model, state)
     steps = (400.0, 200.0, 100.0)
@@ -121,7 +121,7 @@ def energy(model: Model, state) -> float:
 def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
     """Interrupted at any step, with dissipation and an odd start time."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
-    model = Model(build_mesh(2, 4), scene, precision=precision)
+    model = Model(Mesh.build(2, 4), scene, precision=precision)
     whole = STEPPERS[name](model, 300.0)
     whole.start(model.initial_state(), 123.0)
     memories = [whole.state_dict()]
@@ -129,7 +129,7 @@ def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
         whole.step()
         memories.append(whole.state_dict())
     for steps in (0, 1, 4):
-        resumed = STEPPERS[name](Model(build_mesh(2, 4), scene, precision=precision), 300.0)
+        resumed = STEPPERS[name](Model(Mesh.build(2, 4), scene, precision=precision), 300.0)
         resumed.load_state_dict(memories[steps], steps)
         assert resumed.time == 123.0 + 300.0 * steps
         for _ in range(6 - steps):
@@ -153,7 +153,7 @@ def test_starting_again_forgets_the_past(small_mesh) -> None:
 
 def test_time_dependent_wind_is_taken_at_the_stages() -> None:
     """With a wind that changes in time rk4 keeps its order only if stages know their time."""
-    model = Model(build_mesh(2, 4), make_scene("wind"))
+    model = Model(Mesh.build(2, 4), make_scene("wind"))
     rng = np.random.default_rng(0)
     state = model.device_mesh.upload(1000.0 + 100.0 * rng.standard_normal(model.size))
     reference = advance("rk4", model, state, 0.0625, 4.0).state.numpy()
@@ -167,7 +167,7 @@ def test_time_dependent_wind_is_taken_at_the_stages() -> None:
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_viscosity_decays_a_harmonic(name: str) -> None:
     """exp(-ν l(l+1)/a² t), in leapfrog too, where it is taken at the past level."""
-    mesh = build_mesh(2, 8)
+    mesh = Mesh.build(2, 8)
     degree, value, _, rotated = harmonic(mesh, "xyz")
     model = Model(mesh, make_scene("viscosity").with_effect(Viscosity(1e7)))
     state = np.concatenate([*(mesh.radius * rotated), value])

@@ -12,7 +12,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
@@ -112,7 +112,7 @@ def test_growth_of_errors(power: float, growth: float) -> None:
 
 
 def test_fourfold_sees_what_is_off_the_wave() -> None:
-    mesh = build_mesh(3, 4)
+    mesh = Mesh.build(3, 4)
     _, v, h = get_scene("williamson6").initial(mesh.lon, mesh.lat)
     symmetry = SYMMETRIES["fourfold"](mesh)
     one = np.cos(mesh.lat) * np.sin(mesh.lon)
@@ -125,7 +125,7 @@ def test_fourfold_sees_what_is_off_the_wave() -> None:
 
 def test_a_mesh_without_the_symmetry_is_refused() -> None:
     with pytest.raises(ValueError, match="does not have this symmetry"):
-        SYMMETRIES["fourfold"](build_mesh(2, 4, spin=0.3))
+        SYMMETRIES["fourfold"](Mesh.build(2, 4, spin=0.3))
 
 
 # --- random states
@@ -134,7 +134,7 @@ def test_a_mesh_without_the_symmetry_is_refused() -> None:
 @pytest.mark.parametrize("seed", range(0, 200, 13))
 def test_random_states_are_admissible(seed: int) -> None:
     scene, (mesh, length) = random_scene(seed), random_setting(seed)
-    lon, lat = build_mesh(3, mesh["np"]).lon, build_mesh(3, mesh["np"]).lat
+    lon, lat = Mesh.build(3, mesh["np"]).lon, Mesh.build(3, mesh["np"]).lat
     u, v, h = scene.initial(lon, lat)
     again = random_scene(seed).initial(lon, lat)
     assert np.array_equal((u, v, h), again)

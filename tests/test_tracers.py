@@ -11,7 +11,7 @@ from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Tracers, Viscosity
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.steppers import STEPPERS
@@ -36,7 +36,7 @@ def wave(lon, lat):
 
 @pytest.fixture(scope="module")
 def mesh():
-    return build_mesh(3, 4, centre=(0.3, 0.2), spin=0.1)
+    return Mesh.build(3, 4, centre=(0.3, 0.2), spin=0.1)
 
 
 def rough(model, seed=0):

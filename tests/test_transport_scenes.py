@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.norms import norms
-from swe_sphere.mesh import Interpolator, build_mesh
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
@@ -154,7 +154,7 @@ def stepped(scene, mesh, dt, days, stepper="rk4"):
 
 @pytest.mark.parametrize("case", CASES)
 def test_filaments_are_where_trajectories_put_them(case):
-    scene, mesh, days = get_scene("deformational", case=case), build_mesh(5, 8), 3.0
+    scene, mesh, days = get_scene("deformational", case=case), Mesh.build(5, 8), 3.0
     fields = stepped(scene, mesh, 1200.0, days)
     lon, lat = somewhere(80)
     exact = scene.tracers["gaussian_hills"](*departure(scene, lon, lat, days * DAY))
@@ -164,7 +164,7 @@ def test_filaments_are_where_trajectories_put_them(case):
 
 
 def error_of_vortices(ne, np_, dt, days):
-    scene, mesh = get_scene("moving-vortices"), build_mesh(ne, np_)
+    scene, mesh = get_scene("moving-vortices"), Mesh.build(ne, np_)
     fields = stepped(scene, mesh, dt, days)
     return norms(mesh.area, fields["h"], scene.exact(mesh.lon, mesh.lat, days * DAY)[2])
 
@@ -176,7 +176,7 @@ def test_moving_vortices_converge():
 
 
 def test_an_implicit_stepper_carries_the_vortices_as_well():
-    scene, mesh = get_scene("moving-vortices"), build_mesh(5, 4)
+    scene, mesh = get_scene("moving-vortices"), Mesh.build(5, 4)
     exact = scene.exact(mesh.lon, mesh.lat, 2.0 * DAY)[2]
     results = {name: stepped(scene, mesh, 1800.0, 2.0, name)["h"] for name in ("rk4", "sdirk3")}
     error = norms(mesh.area, results["rk4"], exact)["l2"]

@@ -9,7 +9,7 @@ import pytest
 from support import IMPLICIT, make_scene
 
 from swe_sphere.equations import Model
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.implicit import ImplicitStepper
 
@@ -29,7 +29,7 @@ def forced(curved: bool) -> Model:
             a + (c * t if curved else 0.0) + 0.0 * lat for a, c in zip(SLOPE, CURVE, strict=True)
         )
 
-    return Model(build_mesh(2, 4), replace(make_scene("forcing"), forcing=forcing))
+    return Model(Mesh.build(2, 4), replace(make_scene("forcing"), forcing=forcing))
 
 
 def exact(model: Model, t: float, curved: bool) -> np.ndarray:

@@ -19,7 +19,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.mesh import Interpolator, Mesh, build_mesh
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class RunFile(Nodal):
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
         """The mesh, made again from the attributes of the file."""
-        mesh = build_mesh(**self._mesh_arguments)
+        mesh = Mesh.build(**self._mesh_arguments)
         if mesh.size != self.bottom.size:
             raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
         return mesh

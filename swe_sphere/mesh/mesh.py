@@ -3,6 +3,7 @@
 import math
 import operator
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,17 @@ LARGEST_STRETCH = 100.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """Spectral elements on the equiangular cubed sphere; build it with `build_mesh`.
+    """Spectral elements on the equiangular cubed sphere; make one with `Mesh.build`.
 
     E = 6 ne^2 elements of np x np Gauss-Lobatto-Legendre nodes, N = 6 (ne (np-1))^2 + 2 nodes
     counted once.  Element node (e, i, j): i along xi1, j along xi2, both on [-1, 1];
     (xi1, xi2, outward) is right-handed.  The arrays are read-only.
+
+    Examples:
+        >>> from swe_sphere import Mesh
+        >>> mesh = Mesh.build(ne=4, np=6, stretch=2.0, centre=(1.5, 0.5))
+        >>> mesh.elements, mesh.size
+        (96, 2402)
     """
 
     ne: int
@@ -70,6 +77,26 @@ class Mesh:
     gather_entries: Int32
     """(E np^2,) flat element-node indices (e np^2 + i np + j), node by node, ascending."""
 
+    @classmethod
+    def build(
+        cls,
+        ne: int,
+        np: int,
+        radius: float = EARTH.radius,
+        stretch: float = 1.0,
+        centre: tuple[float, float] = (0.0, 0.0),
+        spin: float = 0.0,
+    ) -> Self:
+        """The cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
+
+        radius [m]; centre = (lon, lat) [rad] is where the centre of cube face 0 goes; spin [rad]
+        turns the cube anticlockwise about that point; stretch refines the mesh there (and coarsens
+        it at the antipode) by that factor.  Raises ConfigError for a number out of range.
+        """
+        ne, np = _check_counts(ne, np)
+        placement = _check_placement(radius, stretch, centre, spin)
+        return cls(**_assembled(ne, np, float(radius), placement))
+
     def __post_init__(self) -> None:
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
@@ -112,25 +139,6 @@ class Mesh:
         )
 
 
-def build_mesh(
-    ne: int,
-    np: int,
-    radius: float = EARTH.radius,
-    stretch: float = 1.0,
-    centre: tuple[float, float] = (0.0, 0.0),
-    spin: float = 0.0,
-) -> Mesh:
-    """Build the cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
-
-    radius [m]; centre = (lon, lat) [rad] is where the centre of cube face 0 goes; spin [rad]
-    turns the cube anticlockwise about that point; stretch refines the mesh there (and coarsens
-    it at the antipode) by that factor.  Raises ConfigError for a number out of range.
-    """
-    ne, np = _check_counts(ne, np)
-    placement = _check_placement(radius, stretch, centre, spin)
-    return _assemble(ne, np, float(radius), placement)
-
-
 def _check_counts(ne: int, np_: int) -> tuple[int, int]:
     try:
         ne, np_ = operator.index(ne), operator.index(np_)
@@ -162,7 +170,8 @@ def _check_placement(
     return Placement((lon, lat), float(spin), float(stretch))
 
 
-def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
+def _assembled(ne: int, np_: int, radius: float, placement: Placement) -> dict[str, Any]:
+    """The fields of a mesh."""
     points = gll.gll_points(np_)
     weights = gll.gll_weights(points)
     nodes, xyz, tangents = _geometry(ne, points, placement)
@@ -173,11 +182,13 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     local = jacobian * weights[:, None] * weights
     area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
     offsets, entries = numbering.contributors(nodes, len(xyz))
-    return Mesh(
-        ne, np_, radius, placement.stretch, placement.centre, placement.spin,
-        points, weights, gll.derivative_matrix(points), xyz, lon, lat, east, north,
-        nodes, basis, jacobian, area, offsets, entries,
-    )  # fmt: skip
+    return {
+        "ne": ne, "np": np_, "radius": radius, "stretch": placement.stretch,
+        "centre": placement.centre, "spin": placement.spin, "gll_points": points,
+        "gll_weights": weights, "derivative": gll.derivative_matrix(points), "xyz": xyz, "lon": lon,
+        "lat": lat, "east": east, "north": north, "nodes": nodes, "basis": basis,
+        "jacobian": jacobian, "area": area, "gather_offsets": offsets, "gather_entries": entries,
+    }  # fmt: skip
 
 
 def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Array, Array]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import Mesh, build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
@@ -42,7 +42,7 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
     ne = scene.ne if config.ne is None else config.ne
     np = scene.np if config.np is None else config.np
     check_memory(config, scene, ne, np)
-    return build_mesh(
+    return Mesh.build(
         ne,
         np,
         radius=scene.planet.radius,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
-from swe_sphere.mesh import build_mesh
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH
 
 if TYPE_CHECKING:
@@ -98,5 +98,5 @@ def _refinement(mesh: Mesh) -> float:
     """Smallest node spacing of the mesh without stretching, over that of the mesh; at least 1."""
     if mesh.stretch == 1.0:
         return 1.0
-    plain = build_mesh(mesh.ne, mesh.np, mesh.radius)
+    plain = Mesh.build(mesh.ne, mesh.np, mesh.radius)
     return plain.spacing()[0] / mesh.spacing()[0]
