@@ -16,9 +16,9 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.execution import step_through
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.time_plan import TimePlan
 
 DAYS = 15.0
 MOUNTAIN = (1.5 * np.pi, np.pi / 6.0)

@@ -10,7 +10,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.formulas import coriolis, wrapped
+from swe_sphere.testcases.flows import coriolis, wrapped
 from swe_sphere.testcases.zonal import ZonalJet
 
 __all__ = ["galewsky"]

@@ -7,8 +7,8 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.sphere import position
-from swe_sphere.testcases.formulas import cone as conical_mountain
-from swe_sphere.testcases.formulas import coriolis
+from swe_sphere.testcases.flows import cone as conical_mountain
+from swe_sphere.testcases.flows import coriolis
 
 __all__ = ["lake_at_rest"]
 

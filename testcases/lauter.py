@@ -10,7 +10,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.formulas import coriolis, solid_body, tilted_latitude
+from swe_sphere.testcases.flows import coriolis, solid_body, tilted_latitude
 
 __all__ = ["lauter"]
 

@@ -12,7 +12,7 @@ from swe_sphere.equations.effects import DYNAMICS, Linearised, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, Planet
-from swe_sphere.testcases.formulas import coriolis
+from swe_sphere.testcases.flows import coriolis
 
 __all__ = ["matsuno"]
 

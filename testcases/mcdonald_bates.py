@@ -7,7 +7,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.formulas import coriolis
+from swe_sphere.testcases.flows import coriolis
 
 __all__ = ["mcdonald_bates"]
 

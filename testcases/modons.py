@@ -7,7 +7,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.formulas import distance
+from swe_sphere.testcases.flows import distance
 
 __all__ = ["modons"]
 

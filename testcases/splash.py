@@ -8,7 +8,7 @@ from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.formulas import coriolis, distance
+from swe_sphere.testcases.flows import coriolis, distance
 
 __all__ = ["dam_break", "gravity_bumps", "splash"]
 

@@ -11,7 +11,7 @@ from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.sphere import frame, position
-from swe_sphere.testcases.formulas import distance, solid_body, turned
+from swe_sphere.testcases.flows import distance, solid_body, turned
 
 __all__ = ["deformational", "moving_vortices"]
 

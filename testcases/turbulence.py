@@ -8,7 +8,7 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.formulas import coriolis
+from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 

@@ -11,7 +11,7 @@ from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Ro
 from swe_sphere.equations.scene import Array, Scene, Wind
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.sphere import angle, position
-from swe_sphere.testcases.formulas import cone, coriolis, solid_body, tilted_latitude, turned
+from swe_sphere.testcases.flows import cone, coriolis, solid_body, tilted_latitude, turned
 from swe_sphere.testcases.zonal import ZonalJet
 
 __all__ = ["williamson1", "williamson2", "williamson3", "williamson5", "williamson6"]

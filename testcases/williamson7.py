@@ -14,7 +14,7 @@ from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.formulas import coriolis
+from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.williamson import PAPER

@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH, HOUR
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.formulas import distance
+from swe_sphere.testcases.flows import distance
 from swe_sphere.testcases.harmonics import legendre
 from swe_sphere.testcases.matsuno import DEPTH, PLANET, Mode
 

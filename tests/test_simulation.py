@@ -16,11 +16,11 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.health import HealthCheck
-from swe_sphere.simulation.plan import continued_plan, time_plan
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.stepping import choose_step
+from swe_sphere.simulation.time_plan import continued_plan, time_plan
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import typer
 
-from swe_sphere.cli.errors import explain, show_traceback
+from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all, plot
 from swe_sphere.cli.run import run
 from swe_sphere.cli.stress import stress

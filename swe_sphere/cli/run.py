@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swe_sphere.cli.errors import Stopped, explain
+from swe_sphere.cli.explain import Stopped, explain
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import Terminal, show_summary
 from swe_sphere.compiling import on_compile

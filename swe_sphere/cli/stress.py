@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.errors import Stopped
+from swe_sphere.cli.explain import Stopped
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.errors import Stopped
+from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.errors import ConfigError, RunFailed

@@ -14,13 +14,13 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
 from swe_sphere.simulation.evaluator import Evaluator
 from swe_sphere.simulation.execution import numbers_of
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.prepared import Prepared
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.restart import attributes_of, check_step
 from swe_sphere.simulation.snapshot import Fields, Snapshot
 from swe_sphere.simulation.summary import Outcome, Summary, html_table
 from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.simulation.time_plan import TimePlan
 
 if TYPE_CHECKING:
     import xarray as xr

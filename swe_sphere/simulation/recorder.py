@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.restart import restart_arrays
+from swe_sphere.simulation.time_plan import TimePlan
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter

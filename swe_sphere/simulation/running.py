@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from swe_sphere.equations.scene import Scene
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.snapshot import Fields, Snapshot
+from swe_sphere.simulation.time_plan import TimePlan
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model

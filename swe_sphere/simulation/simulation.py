@@ -15,7 +15,6 @@ from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.execution import execute
 from swe_sphere.simulation.observed import Observed
 from swe_sphere.simulation.output import check_out
-from swe_sphere.simulation.plan import TimePlan, continued_plan, time_plan
 from swe_sphere.simulation.progress import Notebook, Watcher
 from swe_sphere.simulation.restart import (
     carried_counts,
@@ -26,6 +25,7 @@ from swe_sphere.simulation.restart import (
 from swe_sphere.simulation.setup import check_paths
 from swe_sphere.simulation.summary import Summary
 from swe_sphere.simulation.supplied import Supplied, supply
+from swe_sphere.simulation.time_plan import TimePlan, continued_plan, time_plan
 from swe_sphere.user_file import users_code
 
 if TYPE_CHECKING:

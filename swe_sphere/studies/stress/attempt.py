@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.stress.series import Series
 from swe_sphere.studies.stress.symmetries import SYMMETRIES

@@ -10,7 +10,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.formulas import coriolis, distance
+from swe_sphere.testcases.flows import coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
 __all__ = ["Length", "noise", "random_scene", "random_setting"]

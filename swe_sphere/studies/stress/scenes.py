@@ -12,7 +12,7 @@ from swe_sphere.equations.scene import Array, Scalar, Scene
 from swe_sphere.planet import Planet
 from swe_sphere.studies.stress.random_state import noise, random_scene
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.formulas import cone, coriolis, distance
+from swe_sphere.testcases.flows import cone, coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
 __all__ = ["BOTTOMS", "PLANETS", "SCENES"]

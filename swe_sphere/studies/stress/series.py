@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.stress.symmetries import Symmetry
 
 __all__ = ["Series"]

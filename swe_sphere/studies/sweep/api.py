@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.store import locked
-from swe_sphere.studies.sweep.plan import SweepPlan, make_plan
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 if TYPE_CHECKING:
     import os

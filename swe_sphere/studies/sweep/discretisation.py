@@ -17,7 +17,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.simulation.stepping import stepper_options
 from swe_sphere.simulation.supplied import Supplied
-from swe_sphere.studies.sweep.plan import SweepPlan
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     import warp as wp

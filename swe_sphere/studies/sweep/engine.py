@@ -12,8 +12,6 @@ from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.studies.peak_memory import settled_objects
 from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.discretisation import Discretisations
-from swe_sphere.studies.sweep.evaluator import Evaluator
-from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.record import (
     HEADER,
     Header,
@@ -28,6 +26,8 @@ from swe_sphere.studies.sweep.references import ReferenceRuns, choose_reference,
 from swe_sphere.studies.sweep.runner import Runner
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, integrators
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
+from swe_sphere.studies.sweep.sweep_errors import Evaluator
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_methods
 
 __all__ = ["Sweep"]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.studies.sweep.plan import SweepPlan, make_plan
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["Recipe", "load_recipe", "recipe_names"]

@@ -17,8 +17,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.store import Record, Store, read_record
-from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.runspec import Role
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 __all__ = [
     "FIELDS", "HEADER", "KINDS", "MESH", "NORMS", "RUNS", "Errors", "Header", "RunRecord",

@@ -15,16 +15,16 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.plan import TimePlan
 from swe_sphere.simulation.scene_files import scene_sources
 from swe_sphere.simulation.setup import make_scene
+from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
-from swe_sphere.studies.sweep.evaluator import Norms, field_errors, listed
-from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
 from swe_sphere.studies.sweep.runspec import RunSpec, Schedule
+from swe_sphere.studies.sweep.sweep_errors import Norms, field_errors, listed
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_fingerprint
 
 if TYPE_CHECKING:

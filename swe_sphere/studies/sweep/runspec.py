@@ -14,10 +14,10 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.plan import TimePlan, common_measure, time_plan
+from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
 from swe_sphere.studies.sweep.discretisation import Discretisation
-from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.steps import dt_sequence
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_methods
 from swe_sphere.user_file import is_user_file
 

@@ -18,7 +18,7 @@ from swe_sphere.equations.effects import (
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.formulas import solid_body, tilted_latitude
+from swe_sphere.testcases.flows import solid_body, tilted_latitude
 
 __all__ = ["decay", "driven", "friction", "homme_mountain", "homme_wave"]
 

@@ -15,8 +15,8 @@ from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
-from swe_sphere.studies.sweep.plan import SweepPlan
 from swe_sphere.studies.sweep.record import Errors
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     from swe_sphere.studies.sweep.references import ReferenceRuns, TotalReference
