@@ -93,12 +93,14 @@ class Stopwatch:
 def _price(found: Mapping[Context, _Shortest]) -> tuple[float, float]:
     """(a call, a row): the mean over the calls, each taken for as short as its shortest like.
 
-    Calls with few like them cost what the others cost; where there are no others, what the shortest
-    of them costs.
+    Calls with few like them are taken to be alike.
     """
     if len({rows for *_, rows in found}) == 1:
         usual = [one for one in found.values() if one.calls >= ENOUGH]
-        usual = usual or [min(found.values(), key=lambda one: one.seconds)]
+        rare = [one for one in found.values() if one.calls < ENOUGH]
+        if rare:
+            together = sum(one.calls for one in rare)
+            usual.append(_Shortest(together, min(one.seconds for one in rare)))
         calls = sum(one.calls for one in usual)
         return sum(one.calls * one.seconds for one in usual) / calls, 0.0
     by_rows: dict[int, _Shortest] = {}
