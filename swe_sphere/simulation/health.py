@@ -29,7 +29,7 @@ class HealthCheck:
         self._area = sim.mesh.area / sim.mesh.area.sum()
         self._gravity = sim.scene.planet.gravity
         self._linear = sim.scene.linear
-        self._energy = self._energy_of(sim.start)
+        self._energy = self._energy_of(sim.initial.fields)
 
     def due(self, step: int) -> bool:
         """Every few steps."""

@@ -66,6 +66,7 @@ class Loop:
 
     def _advance(self, stop: int, interruption: Interruption) -> None:
         """Take steps up to that number, with the clock running."""
+        self._sim.forget()
         compiled, start = self._model.compile_seconds, time.perf_counter()
         worked = time.process_time()
         deadline = start - compiled + self._limit - self._sim.wall_seconds

@@ -112,6 +112,10 @@ class Observed(Prepared):
         """The present step [s], which follows its error in an adaptive run."""
         return float(getattr(self.stepper, "next_dt", self.plan.dt))
 
+    def forget(self) -> None:
+        """Let go of the fields of the state, which take room while steps are taken."""
+        self._seen = None
+
     @property
     def diagnostics(self) -> dict[str, float]:
         """All numbers of the state: integrals, drifts, Courant numbers, errors, the user's own.

@@ -75,10 +75,15 @@ class Prepared:
         """Length of the whole run [days], as configured or as the scene recommends."""
         return self.scene.days if self.config.days is None else self.config.days
 
-    @cached_property
+    @property
+    def initial(self) -> Snapshot:
+        """The scene's own start, also where the run begins later; made anew each time."""
+        return Snapshot(self.model, self.model.initial_state(), 0.0)
+
+    @property
     def start(self) -> Fields:
-        """All fields at the scene's own start, also where the run begins later; each (N,)."""
-        return Snapshot(self.model, self.model.initial_state(), 0.0).with_constants
+        """All fields at the scene's own start, each (N,); made anew each time."""
+        return self.initial.with_constants
 
     @cached_property
     def stable_dt(self) -> float:
@@ -94,7 +99,7 @@ class Prepared:
         asked = None if config.dt == "auto" else config.dt
         if config.adaptive is not None and asked is None:
             return longest_step(config, days)
-        accurate = accurate_step(self.mesh, self.start)
+        accurate = accurate_step(self.mesh, self.initial.fields)
         return choose_step(asked, days, self.stable_dt, self._kind.safety, accurate)
 
     def _new_stepper(self, dt: float) -> Stepper:

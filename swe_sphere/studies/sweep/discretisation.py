@@ -75,7 +75,7 @@ class Discretisation:
     def _sim(self) -> Simulation:
         return self.simulation(self.config)
 
-    @property
+    @cached_property
     def start(self) -> Fields:
         """All fields at the start, bottom and Coriolis parameter included; each (N,)."""
         return self._sim.start
