@@ -85,7 +85,7 @@ CONSTANTS = tuple(
         ("testcases", "williamson", "williamson5", "5960.0", "5961.0"),
         ("testcases", "williamson", "williamson6", "= 4, 7.848e-6", "= 4, 7.849e-6"),
         ("testcases", "williamson", "williamson6", "8000.0", "8001.0"),
-        ("testcases", "formulas", "williamson5", "2000.0 * (1.0", "2001.0 * (1.0"),
+        ("testcases", "flows", "williamson5", "2000.0 * (1.0", "2001.0 * (1.0"),
         ("testcases", "lauter", "lauter", "133681.0", "133781.0"),
         ("testcases", "lauter", "lauter", "BOTTOM = 10.0", "BOTTOM = 10.01"),
         ("testcases", "galewsky", "galewsky", "speed=80.0", "speed=80.01"),
