@@ -20,7 +20,7 @@ from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
-from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
+from swe_sphere.kernels.pointwise import PointTerm, Pointwise, pointwise_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
@@ -33,6 +33,18 @@ TANGENT = Terms(advection=True, pressure=True, tangent=True)
 TRANSPORT = Terms(wind=True, diffusion=True)
 
 
+def terms(tangent: bool = False) -> tuple[PointTerm, ...]:
+    """The formulas of drag and relaxation, or their derivatives."""
+    found = []
+    for effect in (Drag(1e-6, 1e-6), Relaxation(1e5)):
+        wind, depth = effect.derivatives if tangent else effect.tendencies
+        read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
+        numbers = tuple(name for name in effect.coefficients(None) if name in read)
+        fields = tuple({"equilibrium"} & read)
+        found.append(PointTerm(effect.name, wind, depth, numbers, fields))
+    return tuple(found)
+
+
 def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
     nodes = [tendency_kernel(terms, 4, real, "node") for terms in (FULL, TANGENT, TRANSPORT)]
@@ -42,10 +54,10 @@ def kernels(real: type) -> list[wp.Kernel]:
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
         assembly_kernel(3, real, True),
         assembly_kernel(1, real, False),
-        pointwise_kernel(3, real, Pointwise(True, True, True, True, True)).assembly,
-        pointwise_kernel(3, real, Pointwise(True, False, True, True, True, True)).assembly,
-        pointwise_kernel(3, real, Pointwise(linear_drag=True, relaxation=True)).alone,
-        pointwise_kernel(1, real, Pointwise(forcing=True, relaxation=True)).assembly,
+        pointwise_kernel(3, real, Pointwise(True, True, terms())).assembly,
+        pointwise_kernel(3, real, Pointwise(True, False, terms(True), True)).assembly,
+        pointwise_kernel(3, real, Pointwise(terms=terms())).alone,
+        pointwise_kernel(1, real, Pointwise(forcing=True, terms=terms()[1:])).assembly,
         combine_kernel(real, 4),
         leapfrog_kernel(real),
         *vars(elimination_kernels(wp.float32, real)).values(),

@@ -38,7 +38,7 @@ def run_scene(commands, tmp_path, monkeypatch, capfd):
     def call(text, *flags):
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")
         with pytest.raises(SystemExit) as end:
-            program.main(["run", "mine.py", "--out", "a.nc", *flags])
+            program.main(["run", "mine.py", "--out", "a.nc", "--overwrite", *flags])
         out, err = capfd.readouterr()
         return SimpleNamespace(status=end.value.code, out=out, err=err)
 

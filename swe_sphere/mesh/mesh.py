@@ -1,9 +1,10 @@
 """The mesh: spectral elements on the cubed sphere, their nodes, metric terms and connections."""
 
+from __future__ import annotations
+
 import math
 import operator
 from dataclasses import dataclass
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,16 +78,15 @@ class Mesh:
     gather_entries: Int32
     """(E np^2,) flat element-node indices (e np^2 + i np + j), node by node, ascending."""
 
-    @classmethod
+    @staticmethod
     def build(
-        cls,
         ne: int,
         np: int,
         radius: float = EARTH.radius,
         stretch: float = 1.0,
         centre: tuple[float, float] = (0.0, 0.0),
         spin: float = 0.0,
-    ) -> Self:
+    ) -> Mesh:
         """The cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
 
         radius [m]; centre = (lon, lat) [rad] is where the centre of cube face 0 goes; spin [rad]
@@ -95,7 +95,7 @@ class Mesh:
         """
         ne, np = _check_counts(ne, np)
         placement = _check_placement(radius, stretch, centre, spin)
-        return cls(**_assembled(ne, np, float(radius), placement))
+        return _assemble(ne, np, float(radius), placement)
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
@@ -170,8 +170,7 @@ def _check_placement(
     return Placement((lon, lat), float(spin), float(stretch))
 
 
-def _assembled(ne: int, np_: int, radius: float, placement: Placement) -> dict[str, Any]:
-    """The fields of a mesh."""
+def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     points = gll.gll_points(np_)
     weights = gll.gll_weights(points)
     nodes, xyz, tangents = _geometry(ne, points, placement)
@@ -182,13 +181,11 @@ def _assembled(ne: int, np_: int, radius: float, placement: Placement) -> dict[s
     local = jacobian * weights[:, None] * weights
     area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
     offsets, entries = numbering.contributors(nodes, len(xyz))
-    return {
-        "ne": ne, "np": np_, "radius": radius, "stretch": placement.stretch,
-        "centre": placement.centre, "spin": placement.spin, "gll_points": points,
-        "gll_weights": weights, "derivative": gll.derivative_matrix(points), "xyz": xyz, "lon": lon,
-        "lat": lat, "east": east, "north": north, "nodes": nodes, "basis": basis,
-        "jacobian": jacobian, "area": area, "gather_offsets": offsets, "gather_entries": entries,
-    }  # fmt: skip
+    return Mesh(
+        ne, np_, radius, placement.stretch, placement.centre, placement.spin,
+        points, weights, gll.derivative_matrix(points), xyz, lon, lat, east, north,
+        nodes, basis, jacobian, area, offsets, entries,
+    )  # fmt: skip
 
 
 def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Array, Array]:
