@@ -49,7 +49,7 @@ class Observed(Prepared):
         """Time spent stepping [s], without compiling, observing and writing; that of processors,
         all threads and compiling included."""
         self.outcome = Outcome("not begun")
-        self.dt_rule = ""
+        self.dt_rule = "as given"
         """How the step was chosen, in words."""
         self._stepper: Stepper | None = None
         self._plan: TimePlan | None = None

@@ -51,7 +51,7 @@ class Prepared:
         check_paths(config)
         check_out(config)
         if checkpoint is not None:
-            check_identity(config, checkpoint, identity(config, self.scene, self.mesh))
+            check_identity(config, checkpoint, self.identity)
         self._reference = self._read_reference()
         for path in config.diagnostics:
             load_diagnostics(path)
@@ -64,6 +64,11 @@ class Prepared:
             self.model = supplied.instance.model
         self.warnings = code_warnings(config, checkpoint)
         """What the user should know before the run."""
+
+    @cached_property
+    def identity(self) -> dict[str, object]:
+        """All that a run must share with this one to go on where it stopped."""
+        return identity(self.config, self.scene, self.mesh)
 
     def _read_reference(self) -> ReferenceErrors | None:
         if self.config.reference is None:

@@ -15,7 +15,6 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.output import appends
-from swe_sphere.simulation.setup import identity
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
@@ -134,12 +133,11 @@ def _stored(path: Path | None, checkpoint: Checkpoint, name: str) -> dict[str, o
 
 def attributes_of(sim: Running) -> dict[str, object]:
     """The resolved configuration of a simulation, for its files."""
-    same = identity(sim.config, sim.scene, sim.mesh)
     return {
         "title": sim.scene.title,
         "references": sim.scene.reference,
-        **same,
-        "identity": same,
+        **sim.identity,
+        "identity": sim.identity,
         "code": code_fingerprint(),
         "stepper": sim.config.stepper,
         "configuration": sim.config.model_dump(mode="json"),
