@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -97,6 +98,12 @@ class Prepared:
         spectrum = self._kind.spectrum(self.model, self.model.initial_state())
         self.model.counters.update(counted)  # whenever it is asked for, it is no part of the run
         return self._kind.stable_dt(spectrum.wave, spectrum.dissipation)
+
+    @cached_property
+    def gravity_limit(self) -> float:
+        """1 over the spectral radius at the start [s]: the longest step of leapfrog, about."""
+        radius = self.model.spectrum(self.model.initial_state()).wave
+        return 1.0 / radius if radius > 0.0 else math.inf
 
     def _choice(self) -> StepChoice:
         """The step that the configuration asks for, or else leaves to be chosen."""

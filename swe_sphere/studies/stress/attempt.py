@@ -60,24 +60,18 @@ def _plan(trial: Trial, sim: Simulation) -> TimePlan | None:
 
 def _implicit_step(trial: Trial, sim: Simulation) -> float:
     """The step in gravity-wave limits [s], within the advective Courant number it may have."""
-    dt = (trial.courant or 1.0) * _gravity_limit(sim)
+    dt = (trial.courant or 1.0) * sim.gravity_limit
     if trial.advective is None:
         return dt
     wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
     return min(dt, trial.advective * sim.mesh.spacing()[0] / wind) if wind > 0.0 else dt
 
 
-def _gravity_limit(sim: Simulation) -> float:
-    """1 over the spectral radius at the start [s]."""
-    radius = sim.model.spectrum(sim.model.initial_state()).wave
-    return 1.0 / radius if radius > 0.0 else math.inf
-
-
 def _costs(sim: Simulation) -> dict[str, float]:
     costs = sim.stepper.costs()
     return {
         "dt": sim.plan.dt,
-        "dt_over_gravity": sim.plan.dt / _gravity_limit(sim),
+        "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
         "steps": float(sim.steps),
         "step_seconds": sim.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},

@@ -87,10 +87,8 @@ class Discretisation:
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
         same, were there no gravity waves.
         """
-        model = self._sim.model
-        radius = model.spectrum(model.initial_state()).wave
-        gravity = 1.0 / radius if radius > 0.0 else np.inf
-        at_start = state_integrals(model, self.start)
+        gravity = self._sim.gravity_limit
+        at_start = state_integrals(self._sim.model, self.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
             wave = 0.0
