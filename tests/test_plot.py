@@ -5,14 +5,14 @@ import pytest
 from matplotlib.image import imread
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.io import plot
 from swe_sphere.io.classic import RECORDS_AT
-from swe_sphere.io.globe import equal_earth, globe_grid
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.panels import panels
-from swe_sphere.io.plot import plot_file
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
+from swe_sphere.pictures import plot
+from swe_sphere.pictures.globe import equal_earth, globe_grid
+from swe_sphere.pictures.panels import panels
+from swe_sphere.pictures.plot import plot_file
 from swe_sphere.planet import DAY
 
 

@@ -16,8 +16,8 @@ from hypothesis.extra import numpy as hnp
 
 import swe_sphere.cli.main as program
 from swe_sphere.errors import ConfigError
-from swe_sphere.io import plot
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.pictures import plot
 from swe_sphere.testcases import get_scene
 
 FAULTS = faulty_scenes()

@@ -225,7 +225,7 @@ def test_a_restart_goes_on_bit_by_bit(tmp_path):
 
 def test_a_tracer_can_be_drawn_and_compared(tmp_path):
     from swe_sphere.io.compare import compare
-    from swe_sphere.io.plot import plot_file
+    from swe_sphere.pictures.plot import plot_file
 
     path = tmp_path / "run.nc"
     run(make_config({**SETTINGS, "days": 0.5, "out": path}))

@@ -39,7 +39,7 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a field of a file on the globe."""
-    from swe_sphere.io.plot import plot_file
+    from swe_sphere.pictures.plot import plot_file
 
     typer.echo(plot_file(file, field, _seconds(time), out))
 

@@ -175,7 +175,7 @@ class Observed(Prepared):
         field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
         Raises ConfigError for a field that is not there.
         """
-        from swe_sphere.io.plot import draw_state
+        from swe_sphere.pictures.plot import draw_state
 
         fields = self.snapshot.with_constants | self.own_fields
         return draw_state(self.mesh, fields, self.time, attributes_of(self), field, ax)

@@ -41,7 +41,7 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
 
 def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
     """Draw the last frame; a picture that cannot be drawn does not undo the run."""
-    from swe_sphere.io.plot import plot_file  # matplotlib takes its time to import
+    from swe_sphere.pictures.plot import plot_file  # matplotlib takes its time to import
 
     try:
         plot_file(file, out=picture)

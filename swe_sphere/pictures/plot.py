@@ -14,11 +14,11 @@ from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source, open_source
 from swe_sphere.io.frame import Frame
-from swe_sphere.io.globe import draw_graticule, equal_earth, globe_grid
-from swe_sphere.io.panels import draw_panel, panels
 from swe_sphere.io.runfile import Nodal, RunFile
 from swe_sphere.io.scalar_fields import Field, check_field, describe
 from swe_sphere.mesh import Mesh
+from swe_sphere.pictures.globe import draw_graticule, equal_earth, globe_grid
+from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
