@@ -281,6 +281,13 @@ def test_a_checkpoint_goes_on_bit_for_bit(tmp_path, stepper):
         assert rest[name] == whole[name], name
 
 
+def test_a_checkpoint_is_read_once(tmp_path, monkeypatch):
+    path, load, read = small().checkpoint(tmp_path / "start.npz"), np.load, []
+    monkeypatch.setattr(np, "load", lambda *given, **more: read.append(1) or load(*given, **more))
+    assert Simulation.from_checkpoint(path).steps == 0
+    assert len(read) == 1
+
+
 def test_a_scene_given_as_an_object_is_given_again(tmp_path):
     scene = replace(get_scene("williamson6"), name="mine")
     sim = small(scene)

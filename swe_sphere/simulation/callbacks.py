@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY, HOUR
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.running import Running
 
 __all__ = ["Callback", "Observer", "every", "scheduled"]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -14,9 +15,6 @@ from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Array, Fields
 from swe_sphere.user_file import load_file
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.running import Running
 
 __all__ = [
     "DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget", "load_diagnostics",
@@ -90,14 +88,7 @@ def diagnostic(
         ConfigError: a name that files have already, or that is none; what cannot be called.
     """
     if function is None:
-        return lambda f: diagnostic_of(f, name, units, long_name).function
-    return diagnostic_of(function, name, units, long_name).function
-
-
-def diagnostic_of(
-    function: Function, name: str | None, units: str, long_name: str | None
-) -> Diagnostic:
-    """The function, registered."""
+        return partial(diagnostic, name=name, units=units, long_name=long_name)
     if not callable(function):
         raise ConfigError(f"a diagnostic is a function of the simulation, not {function!r}")
     called = name or function.__name__
@@ -107,7 +98,7 @@ def diagnostic_of(
         raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
     words = (function.__doc__ or called).strip().splitlines()[0]
     DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)
-    return DIAGNOSTICS[called]
+    return function
 
 
 def load_diagnostics(path: Path) -> None:
@@ -134,7 +125,7 @@ class OwnDiagnostics:
     warn: Callable[[str], None]
     _told: set[str] = field(default_factory=set)
 
-    def __call__(self, sim: Running) -> tuple[dict[str, float], Fields]:
+    def __call__(self, sim: Any) -> tuple[dict[str, float], Fields]:
         """Numbers and fields (N,) of the state.
 
         Raises:
@@ -150,7 +141,7 @@ class OwnDiagnostics:
                 fields[name] = value
         return numbers, fields
 
-    def _value(self, own: Diagnostic, sim: Running) -> Array:
+    def _value(self, own: Diagnostic, sim: Any) -> Array:
         what = f"the diagnostic {own.name}"
         try:
             value = guarded(what, lambda: np.asarray(own.function(sim), dtype=np.float64))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.planet import DAY
@@ -14,15 +14,14 @@ from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.loop import Loop
 from swe_sphere.simulation.output import appends
 from swe_sphere.simulation.progress import Watcher
-from swe_sphere.simulation.recorder import Recorder, most_samples
-from swe_sphere.simulation.restart import attributes_of
+from swe_sphere.simulation.recorder import Recorder, attributes_of, most_samples
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Outcome, Summary
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.simulation.running import Running
 
-__all__ = ["execute", "numbers_of", "step_through"]
+__all__ = ["execute", "step_through", "summary_of"]
 
 COSTS = (
     "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
@@ -59,7 +58,7 @@ def execute(sim: Running, callbacks: Sequence[Callback], watcher: Watcher) -> Ou
 
 def _noted(sim: Running, writer: FrameWriter, outcome: Outcome) -> Outcome:
     """Write into the file how the run ended; where that cannot be done, the run has failed."""
-    told = Summary(numbers_of(sim, outcome), outcome).as_dict()
+    told = summary_of(sim, outcome).as_dict()
     try:
         if writer.frames:
             writer.finish({name: value for name, value in told.items() if value is not None})
@@ -172,11 +171,11 @@ def _kept(sim: Running, recorder: Recorder, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def numbers_of(sim: Running, outcome: Outcome) -> dict[str, Any]:
+def summary_of(sim: Running, outcome: Outcome) -> Summary:
     """All that is told of a run: what was asked for, what it cost, what it came to."""
     config, model, plan = sim.config, sim.model, sim.plan
     sound = outcome.status in SOUND
-    return {
+    numbers = {
         "scene": sim.scene.name,
         "title": sim.scene.title,
         "stepper": config.stepper,
@@ -203,6 +202,7 @@ def numbers_of(sim: Running, outcome: Outcome) -> dict[str, Any]:
         "out": None if config.out is None else str(config.out),
         **_cuts(sim),
     }
+    return Summary(outcome.status, outcome.reason, outcome.exit_status, numbers)
 
 
 def _cuts(sim: Running) -> dict[str, list[str]]:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from swe_sphere.errors import Unstable
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.snapshot import Array
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.running import Running
 
 __all__ = ["HealthCheck"]
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.interrupt import Interruption
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.running import Running
 
 __all__ = ["Loop"]
 

@@ -1,12 +1,17 @@
-"""The file that a run writes to, where there is one of that name already."""
+"""The files that a run writes to, where there is one of that name already, or none can be."""
 
 from __future__ import annotations
+
+import os
+from pathlib import Path
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 
-__all__ = ["appends", "check_out"]
+__all__ = ["appends", "check_paths"]
+
+PICTURES = (".png", ".pdf", ".svg")
 
 
 def appends(config: RunConfig) -> bool:
@@ -20,7 +25,32 @@ def appends(config: RunConfig) -> bool:
     return restart.exists() and any(place.samefile(restart) for place in places)
 
 
-def check_out(config: RunConfig) -> None:
+def check_paths(config: RunConfig) -> None:
+    """Complain of a place that cannot be written to before anything is computed.
+
+    Raises:
+        ConfigError: a folder, a place without one, a picture of an unknown kind, or a file that
+            would be replaced unasked.
+    """
+    for name, path in (("out", config.out), ("plot", config.plot)):
+        if path is not None:
+            _check_path(name, path)
+    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
+        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
+    _check_contents(config)
+
+
+def _check_path(name: str, path: Path) -> None:
+    if path.is_dir():
+        raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
+    target = path if path.exists() else path.parent
+    if not os.access(target, os.W_OK):
+        raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
+
+
+def _check_contents(config: RunConfig) -> None:
     """ConfigError if the run would replace a file that has something in it, unasked."""
     out = config.out
     if out is None or config.overwrite or appends(config):

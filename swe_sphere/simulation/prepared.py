@@ -11,9 +11,9 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics
 from swe_sphere.simulation.evaluator import ReferenceErrors
-from swe_sphere.simulation.output import check_out
+from swe_sphere.simulation.output import check_paths
 from swe_sphere.simulation.restart import adopt, check_identity, code_warnings, read_restart
-from swe_sphere.simulation.setup import check_paths, identity, make_mesh, make_model
+from swe_sphere.simulation.setup import identity, make_mesh, make_model
 from swe_sphere.simulation.snapshot import Fields, Snapshot
 from swe_sphere.simulation.stepping import (
     StepChoice,
@@ -26,6 +26,7 @@ from swe_sphere.simulation.supplied import Supplied
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
+    from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.steppers import Stepper
 
 __all__ = ["Prepared"]
@@ -34,23 +35,26 @@ __all__ = ["Prepared"]
 class Prepared:
     """Scene, mesh, model and the method of stepping, of a configuration; cheap checks come first.
 
-    supplied: objects that stand behind names of the configuration.
+    supplied: objects that stand behind names of the configuration.  checkpoint: what the run goes
+    on from, where it has been read already.
 
     Raises:
         ConfigError: whatever cannot be done as asked for.
     """
 
-    def __init__(self, config: RunConfig, supplied: Supplied) -> None:
+    def __init__(
+        self, config: RunConfig, supplied: Supplied, checkpoint: Checkpoint | None = None
+    ) -> None:
         from swe_sphere.steppers import get_stepper
 
-        checkpoint = None if config.restart is None else read_restart(config)
+        if checkpoint is None and config.restart is not None:
+            checkpoint = read_restart(config)
         config = config if checkpoint is None else adopt(config, checkpoint)
         self.config, self._supplied, self._checkpoint = config, supplied, checkpoint
         self.scene: Scene = supplied.scene_of(config)
         self._kind = supplied.kind or get_stepper(config.stepper)
         self.mesh: Mesh = supplied.mesh or make_mesh(config, self.scene)
         check_paths(config)
-        check_out(config)
         if checkpoint is not None:
             check_identity(config, checkpoint, self.identity)
         self._reference = self._read_reference()

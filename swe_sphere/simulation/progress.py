@@ -5,12 +5,10 @@ from __future__ import annotations
 import sys
 import warnings
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.running import Running
 
 __all__ = ["Notebook", "ProgressBar", "Watcher"]
 

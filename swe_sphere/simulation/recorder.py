@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swe_sphere.simulation.restart import restart_arrays
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.durable import clear_errors
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import RunFailed
+from swe_sphere.fingerprints import code_fingerprint
+from swe_sphere.simulation.restart import COUNTER
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.time_plan import TimePlan
 
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.simulation.running import Running
 
-__all__ = ["Recorder", "most_samples"]
+__all__ = ["Recorder", "attributes_of", "most_samples", "save"]
 
 SAMPLES = 200
 """About how many times the numbers are sampled in a run."""
@@ -56,3 +65,52 @@ class Recorder:
         self._writer.write(sim.time, fields, numbers)
         dt, name = self._plan.dt, sim.config.stepper
         self._writer.checkpoint(restart_arrays(sim), dt * sim.steps, sim.steps, name)
+
+
+def attributes_of(sim: Running) -> dict[str, object]:
+    """The resolved configuration of a simulation, for its files."""
+    return {
+        "title": sim.scene.title,
+        "references": sim.scene.reference,
+        **sim.identity,
+        "identity": sim.identity,
+        "code": code_fingerprint(),
+        "stepper": sim.config.stepper,
+        "configuration": sim.config.model_dump(mode="json"),
+        "scheme": sim.stepper.name,
+        "stepper_options": sim.options,
+        "dt": sim.plan.dt,
+        "dt_rule": sim.dt_rule,
+        "stable_dt": sim.stable_dt,
+        "days": sim.days,
+        "device": sim.model.device,
+        "launch": sim.model.shape,
+        "start_step": sim.steps,
+        **_plot_field(sim.scene),
+    }
+
+
+def _plot_field(scene: Scene) -> dict[str, str]:
+    """What a picture shows unless it is told: the first tracer where the air only carries it."""
+    if scene.wind is None or not scene.tracers:
+        return {}
+    return {"plot_field": f"q_{next(iter(scene.tracers))}"}
+
+
+def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
+    """What a bitwise exact restart needs, with the counters, so that two parts count like one."""
+    counters = {f"{COUNTER}{name}": np.array(n) for name, n in sim.counts().items()}
+    return sim.stepper.state_dict() | counters
+
+
+def save(sim: Running, path: Path) -> Path:
+    """Write a checkpoint of the simulation as it stands, in a file of its own."""
+    from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
+    from swe_sphere.io.layout import attribute
+
+    attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}
+    arrays = dict(restart_arrays(sim))
+    time, name = sim.plan.dt * sim.steps, sim.config.stepper
+    with clear_errors(f"cannot write {path}", RunFailed):
+        write_checkpoint(path, Checkpoint(arrays, time, sim.steps, name, attributes))
+    return path

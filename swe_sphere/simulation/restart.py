@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.output import appends
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
-    from swe_sphere.simulation.running import Running
 
 __all__ = [
-    "COUNTER", "adopt", "attributes_of", "carried_counts", "check_identity", "check_step",
-    "code_warnings", "configured", "read_restart", "save",
+    "COUNTER", "adopt", "carried_counts", "check_identity", "check_step", "code_warnings",
+    "configured", "read_restart",
 ]  # fmt: skip
 
 INHERITED = frozenset({
@@ -44,15 +41,9 @@ def read_restart(config: RunConfig) -> Checkpoint:
     return read_checkpoint(place)
 
 
-def configured(path: Path) -> dict[str, object]:
-    """The configuration that the run of a checkpoint had.
-
-    Raises:
-        ConfigError: the file is missing or damaged, or does not say it.
-    """
-    from swe_sphere.io.checkpoint import read_checkpoint
-
-    return _stored(path, read_checkpoint(path), "configuration")
+def configured(path: str | Path | None, checkpoint: Checkpoint) -> dict[str, object]:
+    """The configuration that the run of a checkpoint had; ConfigError if it does not say it."""
+    return _stored(path, checkpoint, "configuration")
 
 
 def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
@@ -61,7 +52,7 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
     Raises:
         ConfigError: the file does not hold the configuration of its run.
     """
-    before = _stored(config.restart, checkpoint, "configuration")
+    before = configured(config.restart, checkpoint)
     kept = {name: value for name, value in before.items() if name in INHERITED}
     return make_config(kept | config.given())
 
@@ -103,7 +94,7 @@ def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
     """The step [s] of the run in the file; ConfigError if another one is asked for."""
     dt = float(checkpoint.attributes.get("dt", 0.0))
-    before = _stored(config.restart, checkpoint, "configuration").get("dt")
+    before = configured(config.restart, checkpoint).get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
         raise ConfigError(
             f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
@@ -119,63 +110,9 @@ def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
     return {name.removeprefix(COUNTER): np.asarray(arrays.pop(name)).item() for name in names}
 
 
-def _stored(path: Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:
-    try:
+def _stored(path: str | Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:
+    with suppress(KeyError, ValueError):
         values = json.loads(str(checkpoint.attributes[name]))
-    except (KeyError, ValueError):
-        raise ConfigError(
-            f"{path} does not say its {name}: it cannot be restarted"
-        ) from None
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
-    return values
-
-
-def attributes_of(sim: Running) -> dict[str, object]:
-    """The resolved configuration of a simulation, for its files."""
-    return {
-        "title": sim.scene.title,
-        "references": sim.scene.reference,
-        **sim.identity,
-        "identity": sim.identity,
-        "code": code_fingerprint(),
-        "stepper": sim.config.stepper,
-        "configuration": sim.config.model_dump(mode="json"),
-        "scheme": sim.stepper.name,
-        "stepper_options": sim.options,
-        "dt": sim.plan.dt,
-        "dt_rule": sim.dt_rule,
-        "stable_dt": sim.stable_dt,
-        "days": sim.days,
-        "device": sim.model.device,
-        "launch": sim.model.shape,
-        "start_step": sim.steps,
-        **_plot_field(sim.scene),
-    }
-
-
-def _plot_field(scene: Scene) -> dict[str, str]:
-    """What a picture shows unless it is told: the first tracer where the air only carries it."""
-    if scene.wind is None or not scene.tracers:
-        return {}
-    return {"plot_field": f"q_{next(iter(scene.tracers))}"}
-
-
-def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
-    """What a bitwise exact restart needs, with the counters, so that two parts count like one."""
-    counters = {f"{COUNTER}{name}": np.array(n) for name, n in sim.counts().items()}
-    return sim.stepper.state_dict() | counters
-
-
-def save(sim: Running, path: Path) -> Path:
-    """Write a checkpoint of the simulation as it stands, in a file of its own."""
-    from swe_sphere.durable import clear_errors
-    from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
-    from swe_sphere.io.layout import attribute
-
-    attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}
-    arrays = dict(restart_arrays(sim))
-    time, name = sim.plan.dt * sim.steps, sim.config.stepper
-    with clear_errors(f"cannot write {path}", RunFailed):
-        write_checkpoint(path, Checkpoint(arrays, time, sim.steps, name, attributes))
-    return path
+        if isinstance(values, dict):
+            return values
+    raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")

@@ -12,7 +12,7 @@ from swe_sphere.errors import RunFailed, SweError
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.summary import Outcome, Summary
+from swe_sphere.simulation.summary import Summary
 
 __all__ = ["run"]
 
@@ -46,9 +46,6 @@ def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
     try:
         plot_file(file, out=picture)
     except SweError as error:
-        before = summary.outcome
-        status = before.exit_status or RunFailed.exit_status
-        return replace(
-            summary, outcome=Outcome(before.status, before.reason or str(error), status)
-        )
+        status = summary.exit_status or RunFailed.exit_status
+        return replace(summary, reason=summary.reason or str(error), exit_status=status)
     return summary

@@ -1,58 +1,196 @@
-"""What loop, files and diagnostics need to know of a simulation: all but how it is set up."""
+"""A simulation as it stands: its state, the numbers taken of it, and what it has cost."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING
 
-from swe_sphere.equations.scene import Scene
-from swe_sphere.mesh import Mesh
+from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
+from swe_sphere.simulation.evaluator import Evaluator
+from swe_sphere.simulation.prepared import Prepared
+from swe_sphere.simulation.restart import carried_counts, check_step
 from swe_sphere.simulation.snapshot import Fields, Snapshot
-from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.simulation.summary import Outcome
+from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.simulation.time_plan import TimePlan, continued_plan, time_plan
+from swe_sphere.user_file import users_code
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
+    from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.steppers import Stepper
 
 __all__ = ["Running"]
 
 
-class Running(Protocol):
-    """A simulation on its way; see `Simulation`."""
+@dataclass
+class _Seen:
+    """A state, and the numbers taken of it so far."""
 
-    config: RunConfig
-    scene: Scene
-    mesh: Mesh
-    model: Model
-    options: dict[str, Any]
-    warnings: tuple[str, ...]
-    dt_rule: str
-    wall_seconds: float
-    cpu_seconds: float
+    snapshot: Snapshot
+    numbers: dict[str, float] | None = None
+    own: tuple[dict[str, float], Fields] | None = None
+
+
+class Running(Prepared):
+    """What can be seen of a simulation, whose stepper `begin` makes when it is first needed."""
+
+    def __init__(
+        self, config: RunConfig, supplied: Supplied, checkpoint: Checkpoint | None = None
+    ) -> None:
+        super().__init__(config, supplied, checkpoint)
+        self.wall_seconds = self.cpu_seconds = 0.0
+        """Time spent stepping [s], without compiling, observing and writing; that of processors,
+        all threads and compiling included."""
+        self.outcome = Outcome("not begun")
+        self.dt_rule = "as given"
+        """How the step was chosen, in words."""
+        self._stepper: Stepper | None = None
+        self._plan: TimePlan | None = None
+        self._carried: dict[str, float] = {}
+        self._before: dict[str, int] = {}
+        self._own = OwnDiagnostics(lambda text: None)
+        self._seen: _Seen | None = None
+
+    def begin(self, plan: TimePlan | None = None, also: Sequence[Fraction] = ()) -> None:
+        """Plan the steps up to the end; what has been stepped already keeps its length of steps.
+
+        plan: the steps to take, in the place of those that the configuration asks for.
+        also: further times [s] whose multiples fall on steps.
+
+        Raises:
+            ConfigError: step, length, frames and further times do not go together.
+        """
+        self._plan = plan or self._planned(also)
+        if self._stepper is None or self._stepper.steps == 0:
+            self._make_stepper(self._plan.dt)
+
+    def _planned(self, also: Sequence[Fraction]) -> TimePlan:
+        days, every = self.days, self.config.every
+        stepper = self._stepper or self._supplied.instance
+        if stepper is not None and (stepper.steps or self._supplied.instance):
+            return continued_plan(days, every, stepper.dt, stepper.steps, also)
+        if self._checkpoint is not None:
+            dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
+            self.dt_rule = "that of the restart file"
+            return continued_plan(days, every, dt, done, also)
+        choice = self._choice()
+        self.dt_rule = choice.rule
+        return time_plan(days, every, choice.dt, also)
+
+    def _make_stepper(self, dt: float) -> None:
+        """Build the stepper, and put it at the start or where the restart stands."""
+        supplied, checkpoint = self._supplied, self._checkpoint
+        state = self.model.initial_state()
+        self._before, self._seen = dict(self.model.counters), None
+        with users_code():
+            self._stepper = stepper = supplied.instance or self._new_stepper(dt)
+            if checkpoint is not None:
+                self._carried = carried_counts(checkpoint)
+                stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
+            elif stepper.steps == 0:
+                stepper.start(state)
 
     @property
-    def days(self) -> float: ...
+    def stepper(self) -> Stepper:
+        """The stepper, which stands at the start of the scene or of the restart at first."""
+        if self._stepper is None and self._checkpoint is not None:
+            dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
+            self.begin(TimePlan(dt, done, done, dt))
+        elif self._stepper is None:
+            self.begin()
+        assert self._stepper is not None
+        return self._stepper
+
     @property
-    def stepper(self) -> Stepper: ...
+    def plan(self) -> TimePlan:
+        """The steps up to the end of the run."""
+        _ = self.stepper  # which is planned for first
+        assert self._plan is not None
+        return self._plan
+
     @property
-    def plan(self) -> TimePlan: ...
+    def steps(self) -> int:
+        """Steps since the very start."""
+        return self.stepper.steps
+
     @property
-    def steps(self) -> int: ...
+    def time(self) -> float:
+        """Simulated time since the very start [s]."""
+        return self.plan.time(self.stepper.steps)
+
     @property
-    def time(self) -> float: ...
+    def snapshot(self) -> Snapshot:
+        """The state as it stands, with its fields as arrays (N,)."""
+        return self._now.snapshot
+
     @property
-    def stable_dt(self) -> float: ...
+    def _now(self) -> _Seen:
+        """What is known of the state as it stands."""
+        if self._seen is None or self._seen.snapshot.steps != self.steps:
+            snapshot = Snapshot(self.model, self.stepper.state, self.time, self.steps)
+            self._seen = _Seen(snapshot)
+        return self._seen
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self.model, self.start, self._step_length)
+
+    def _step_length(self) -> float:
+        """The present step [s], which follows its error in an adaptive run."""
+        return float(getattr(self.stepper, "next_dt", self.plan.dt))
+
+    def forget(self) -> None:
+        """Let go of the fields of the state, which take room while steps are taken."""
+        self._seen = None
+
     @property
-    def identity(self) -> dict[str, object]: ...
+    def diagnostics(self) -> dict[str, float]:
+        """All numbers of the state: integrals, drifts, Courant numbers, errors, the user's own.
+
+        Raises RunFailed where a diagnostic of the user's own fails.
+        """
+        seen = self._now
+        if seen.numbers is None:
+            seen.numbers = self._evaluator(seen.snapshot) | self._own_now()[0]
+        return seen.numbers
+
     @property
-    def initial(self) -> Snapshot: ...
-    @property
-    def snapshot(self) -> Snapshot: ...
-    @property
-    def diagnostics(self) -> dict[str, float]: ...
-    @property
-    def own_fields(self) -> Fields: ...
-    def own_attributes(self) -> dict[str, dict[str, str]]: ...
-    def reference_errors(self) -> dict[str, float]: ...
-    def forget(self) -> None: ...
-    def counts(self) -> dict[str, float]: ...
+    def own_fields(self) -> Fields:
+        """Fields (N,) that diagnostics of the user's own make of the state."""
+        return self._own_now()[1]
+
+    def _own_now(self) -> tuple[dict[str, float], Fields]:
+        seen = self._now
+        if seen.own is None:
+            seen.own = {}, {}  # for those that ask for the whole state
+            seen.own = self._own(self)
+        return seen.own
+
+    def reference_errors(self) -> dict[str, float]:
+        """Errors of the state against the reference of the configuration, if it has one."""
+        return {} if self._reference is None else self._reference(self.model, self.snapshot)
+
+    def counts(self) -> dict[str, float]:
+        """Counters and seconds of the run, with those before a restart."""
+        counts: dict[str, float] = {
+            name: n - self._before.get(name, 0) for name, n in self.model.counters.items()
+        }
+        counts |= self.stepper.costs() | {"wall_seconds": self.wall_seconds}
+        return {name: n + self._carried.get(name, 0) for name, n in counts.items()}
+
+    def own_attributes(self) -> dict[str, dict[str, str]]:
+        """Attributes of the variables that diagnostics of the user's own make, in files."""
+        numbers, fields = self._own_now()
+        return {name: DIAGNOSTICS[name].attributes for name in (*numbers, *fields)}
+
+    def __repr__(self) -> str:
+        where = f"day {self.time / DAY:.4g}" if self._stepper is not None else "not begun"
+        return (
+            f"Simulation({self.scene.name!r}, ne={self.mesh.ne}, np={self.mesh.np},"
+            f" stepper={self.config.stepper!r}: {where} of {self.days:g} days)"
+        )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effect_settings import apply_settings
@@ -21,9 +19,7 @@ from swe_sphere.testcases import get_scene
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
 
-__all__ = ["check_paths", "identity", "make_mesh", "make_model", "make_scene"]
-
-PICTURES = (".png", ".pdf", ".svg")
+__all__ = ["identity", "make_mesh", "make_model", "make_scene"]
 
 
 def make_scene(config: RunConfig) -> Scene:
@@ -89,26 +85,3 @@ def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
         parameters["alpha"] = config.alpha
     return parameters
-
-
-def check_paths(config: RunConfig) -> None:
-    """Complain of a place that cannot be written to before anything is computed.
-
-    Raises:
-        ConfigError: a folder, a place without one, or a picture of an unknown kind.
-    """
-    for name, path in (("out", config.out), ("plot", config.plot)):
-        if path is not None:
-            _check_path(name, path)
-    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
-        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
-
-
-def _check_path(name: str, path: Path) -> None:
-    if path.is_dir():
-        raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
-    target = path if path.exists() else path.parent
-    if not os.access(target, os.W_OK):
-        raise ConfigError(f"{name}: {target} cannot be written to: choose another place")

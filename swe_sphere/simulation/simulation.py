@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.callbacks import Callback, intervals, scheduled
+from swe_sphere.simulation.callbacks import intervals, scheduled
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.execution import execute
-from swe_sphere.simulation.observed import Observed
-from swe_sphere.simulation.output import check_out
+from swe_sphere.simulation.execution import execute, summary_of
+from swe_sphere.simulation.output import check_paths
 from swe_sphere.simulation.progress import Notebook, Watcher
-from swe_sphere.simulation.restart import (
-    carried_counts,
-    check_step,
-    configured,
-    save,
-)
-from swe_sphere.simulation.setup import check_paths
-from swe_sphere.simulation.summary import Summary
+from swe_sphere.simulation.recorder import attributes_of, save
+from swe_sphere.simulation.restart import configured
+from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.summary import Summary, html_table
 from swe_sphere.simulation.supplied import Supplied, supply
-from swe_sphere.simulation.time_plan import TimePlan, continued_plan, time_plan
-from swe_sphere.user_file import users_code
 
 if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
 
     from swe_sphere.equations.effects import Effect
 
@@ -38,7 +32,7 @@ PER_RUN = ("out", "plot", "overwrite")
 """Fields of a configuration that are those of one run of a simulation."""
 
 
-class Simulation(Observed):
+class Simulation(Running):
     """A scene, a mesh and a stepper, set up and stepped.
 
     Args:
@@ -85,8 +79,10 @@ class Simulation(Observed):
         for name in (*PER_RUN, "restart", "as_json", "quiet"):
             if name in settings:
                 raise ConfigError(f"{name} is no setting of a simulation: see run()")
-        names, supplied = supply(scene, stepper, mesh, preconditioner, effects, parameters, options)
-        super().__init__(_merged(names, settings), supplied)
+        super().__init__(*supply(
+            scene, stepper=stepper, mesh=mesh, preconditioner=preconditioner, effects=effects,
+            parameters=parameters, options=options, **settings,
+        ))  # fmt: skip
 
     @classmethod
     def from_config(cls, config: RunConfig, supplied: Supplied | None = None) -> Self:
@@ -95,7 +91,7 @@ class Simulation(Observed):
         supplied: objects that stand behind its names.
         """
         sim = cls.__new__(cls)
-        Observed.__init__(sim, config, supplied or Supplied())
+        Running.__init__(sim, config, supplied or Supplied())
         return sim
 
     @classmethod
@@ -108,51 +104,14 @@ class Simulation(Observed):
         Raises:
             ConfigError: the file is missing or damaged, or of another run than what is asked for.
         """
-        objects = {name: settings.pop(name, None) for name in ("mesh", "preconditioner")}
-        names, supplied = supply(
-            scene or str(configured(Path(path))["scene"]), settings.pop("stepper", None),
-            **objects, effects=settings.pop("effects", ()),
-            parameters=settings.pop("parameters", None), options=settings.pop("options", None),
-        )  # fmt: skip
-        return cls.from_config(_merged(names, {**settings, "restart": Path(path)}), supplied)
+        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
-    def begin(self, plan: TimePlan | None = None, callbacks: Sequence[Callback] = ()) -> None:
-        """Plan the steps up to the end; what has been stepped already keeps its length of steps.
-
-        plan: the steps to take, in the place of those that the configuration asks for.
-
-        Raises:
-            ConfigError: step, length, frames and calls do not go together.
-        """
-        self._plan = plan or self._planned(intervals(callbacks))
-        if self._stepper is None or self._stepper.steps == 0:
-            self._make_stepper(self._plan.dt)
-
-    def _planned(self, also: list[Fraction]) -> TimePlan:
-        days, every = self.days, self.config.every
-        stepper = self._stepper or self._supplied.instance
-        if stepper is not None and (stepper.steps or self._supplied.instance):
-            return continued_plan(days, every, stepper.dt, stepper.steps, also)
-        if self._checkpoint is not None:
-            dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
-            self.dt_rule = "that of the restart file"
-            return continued_plan(days, every, dt, done, also)
-        choice = self._choice()
-        self.dt_rule = choice.rule
-        return time_plan(days, every, choice.dt, also)
-
-    def _make_stepper(self, dt: float) -> None:
-        """Build the stepper, and put it at the start or where the restart stands."""
-        supplied, checkpoint = self._supplied, self._checkpoint
-        state = self.model.initial_state()
-        self._before, self._seen = dict(self.model.counters), None
-        with users_code():
-            self._stepper = stepper = supplied.instance or self._new_stepper(dt)
-            if checkpoint is not None:
-                self._carried = carried_counts(checkpoint)
-                stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
-            elif stepper.steps == 0:
-                stepper.start(state)
+        checkpoint = read_checkpoint(path)
+        scene = scene or str(configured(path, checkpoint)["scene"])
+        config, supplied = supply(scene, **settings, restart=Path(path))
+        sim = cls.__new__(cls)
+        Running.__init__(sim, config, supplied, checkpoint)
+        return sim
 
     def step(self) -> None:
         """Take one step.
@@ -201,13 +160,41 @@ class Simulation(Observed):
             kept |= {"out": Path(out)} | ({"restart": Path(out)} if Path(out) == self._out else {})
         self.config = make_config(kept)
         check_paths(self.config)
-        check_out(self.config)
         calls = scheduled(callbacks)
-        self.begin(callbacks=calls)
-        self._out = self.config.out
-        self._watcher = watcher or Notebook(progress)
-        self.outcome = execute(self, calls, self._watcher)
+        self.begin(also=intervals(calls))
+        self._out, watcher = self.config.out, watcher or Notebook(progress)
+        self._own.warn = watcher.warn
+        self.outcome = execute(self, calls, watcher)
         return self.summary
+
+    @property
+    def summary(self) -> Summary:
+        """The numbers of the state, and how the last run ended."""
+        return summary_of(self, self.outcome)
+
+    @property
+    def state(self) -> xr.Dataset:
+        """Depth, wind, vorticity, divergence and tracers on the nodes (N,), with their units."""
+        return self.to_xarray().isel(time=0)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The state as a frame of a run's file: fields on (time, node), points, areas, bottom."""
+        from swe_sphere.io.frame import frame_dataset
+
+        fields = self.snapshot.with_constants | self.own_fields
+        own = self.own_attributes()
+        return frame_dataset(self.mesh, fields, self.time, attributes_of(self), own)
+
+    def plot(self, field: str | None = None, ax: Axes | None = None) -> Axes:
+        """Draw a field of the state on the globe; into `ax`, else into a figure of its own.
+
+        field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
+        Raises ConfigError for a field that is not there.
+        """
+        from swe_sphere.pictures.plot import draw_state
+
+        fields = self.snapshot.with_constants | self.own_fields
+        return draw_state(self.mesh, fields, self.time, attributes_of(self), field, ax)
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that is needed to go on from here bit for bit, with `from_checkpoint`.
@@ -216,8 +203,5 @@ class Simulation(Observed):
         """
         return save(self, Path(path))
 
-
-def _merged(names: dict[str, Any], settings: dict[str, Any]) -> RunConfig:
-    """The configuration of what was given by name and as settings."""
-    both = (*names.pop("settings"), *settings.pop("settings", ()))
-    return make_config({**names, **({"settings": both} if both else {}), **settings})
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), list(self.summary.rows()))

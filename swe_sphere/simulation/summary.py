@@ -49,32 +49,11 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Summary:
-    """How a run went."""
+class Summary(Outcome):
+    """How a run went, and how it ended."""
 
     numbers: dict[str, Any] = field(default_factory=dict)
     """Values by the names of the JSON line."""
-    outcome: Outcome = field(default_factory=Outcome)
-
-    @property
-    def completed(self) -> bool:
-        """Whether the run came to its end."""
-        return self.outcome.completed
-
-    @property
-    def status(self) -> str:
-        """How it ended, in one word: see `Outcome`."""
-        return self.outcome.status
-
-    @property
-    def reason(self) -> str | None:
-        """Why the run stopped early, in words; None if it did not."""
-        return self.outcome.reason
-
-    @property
-    def exit_status(self) -> int:
-        """Of the program."""
-        return self.outcome.exit_status
 
     def __getitem__(self, name: str) -> Any:
         """A value of the JSON line, None where there is none."""
@@ -128,8 +107,7 @@ def failed_summary(values: Mapping[str, object], reason: str, exit_status: int) 
     """The summary of a run that never began: what was asked for, as far as it is known."""
     asked = {name: values.get(name) for name in ("scene", "stepper", "ne", "np")}
     asked["stepper"] = asked["stepper"] or RunConfig.model_fields["stepper"].default
-    status = "refused" if exit_status == 2 else "failed"
-    return Summary(asked, Outcome(status, reason, exit_status))
+    return Summary("refused" if exit_status == 2 else "failed", reason, exit_status, asked)
 
 
 def html_table(title: str, rows: list[tuple[str, str]]) -> str:

@@ -13,7 +13,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings import SCENE, STEPPER
-from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 
 if TYPE_CHECKING:
@@ -52,14 +52,17 @@ class Supplied:
 
 def supply(
     scene: str | Path | Scene,
-    stepper: Any,
-    mesh: Mesh | None,
-    preconditioner: Any,
-    effects: Mapping[str, object] | Iterable[Effect],
-    parameters: Mapping[str, object] | None,
-    options: Mapping[str, object] | None,
-) -> tuple[dict[str, Any], Supplied]:
-    """Fields of a configuration, and the objects that stand behind its names.
+    *,
+    stepper: Any = None,
+    mesh: Mesh | None = None,
+    preconditioner: Any = None,
+    effects: Mapping[str, object] | Iterable[Effect] = (),
+    parameters: Mapping[str, object] | None = None,
+    options: Mapping[str, object] | None = None,
+    settings: Iterable[str] = (),
+    **fields: Any,
+) -> tuple[RunConfig, Supplied]:
+    """A configuration, and the objects that stand behind its names; arguments as of `Simulation`.
 
     Raises:
         ConfigError: an object of another kind than is asked for, or what does not go together.
@@ -76,17 +79,16 @@ def supply(
         instance.model.mesh if instance else mesh,
         kind, instance, own, added,
     )  # fmt: skip
-    settings = [f"{name}={value}" for name, value in changes.items()]
-    settings += [f"{SCENE}.{name}={value}" for name, value in (parameters or {}).items()]
-    settings += [f"{STEPPER}.{name}={value}" for name, value in (options or {}).items()]
-    names: dict[str, Any] = {
+    tables = {"": changes, f"{SCENE}.": parameters or {}, f"{STEPPER}.": options or {}}
+    said = [f"{of}{k}={v}" for of, table in tables.items() for k, v in table.items()]
+    names = {
         "scene": _name(scene),
         "stepper": kind.name if kind else _name(stepper),
         "preconditioner": _name(preconditioner),
-        "settings": tuple(settings),
+        "settings": (*said, *settings) or None,
     }
     given = {name: value for name, value in names.items() if value is not None}
-    return given | _mesh_settings(objects.mesh), objects
+    return make_config(given | _mesh_settings(objects.mesh) | fields), objects
 
 
 def _effects(

@@ -166,7 +166,7 @@ METADATA = _edits(
     ),
     (
         "counts before a restart forgotten",
-        "swe_sphere/simulation/observed.py",
+        "swe_sphere/simulation/running.py",
         _CONTINUED,
         "n + self._carried.get(name, 0)",
         "n",
