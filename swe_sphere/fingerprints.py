@@ -14,13 +14,15 @@ __all__ = ["code_fingerprint", "file_fingerprint", "fingerprint"]
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
-    "io", "studies.sweep",
+    "io", "studies", "studies.sweep",
 )  # fmt: skip
 """Packages that make the numbers: all below the reports and the command line, which only show them.
 
 Any change of theirs counts, one of a comment too: which changes matter cannot be told from outside,
 and runs made once too often cost less than numbers that are taken for those of other code.
 """
+FLAT = ("", "studies")
+"""Of these the modules count, but not the packages in them."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")
 """What else the numbers go through."""
 
@@ -48,7 +50,7 @@ def code_fingerprint(*more: str) -> str:
     folders = [("", folder) for folder in root.submodule_search_locations or ()]
     folders += [(name, folder) for name in (*NUMBERS, *more) for folder in _folders(name)]
     for name, folder in folders:
-        for path in sorted(Path(folder).glob("**/*.py" if name else "*.py")):
+        for path in sorted(Path(folder).glob("*.py" if name in FLAT else "**/*.py")):
             contents = path.read_bytes()
             place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
             digest.update(place.encode() + contents)

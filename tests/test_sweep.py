@@ -15,11 +15,11 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies.errors import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import runs_of
-from swe_sphere.studies.sweep.sweep_errors import slow_errors
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}

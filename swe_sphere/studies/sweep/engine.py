@@ -10,7 +10,6 @@ from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.studies.peak_memory import settled_objects
-from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import (
     HEADER,
@@ -29,6 +28,7 @@ from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_wor
 from swe_sphere.studies.sweep.sweep_errors import Evaluator
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_methods
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 __all__ = ["Sweep"]
 

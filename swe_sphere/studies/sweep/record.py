@@ -16,6 +16,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.errors import Norms
 from swe_sphere.studies.store import Record, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
@@ -49,6 +50,15 @@ class Errors(Record):
     l1: float | None
     l2: float | None
     linf: float | None
+
+    @classmethod
+    def of(cls, kind: str, by_day: Mapping[float, Norms]) -> list[Errors]:
+        """Errors of fields by day."""
+        return [
+            cls.model_validate({"kind": kind, "field": name, "day": day, **of})
+            for day, errors in by_day.items()
+            for name, of in errors.items()
+        ]
 
 
 class RunRecord(Record):

@@ -18,12 +18,12 @@ from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.scene_files import scene_sources
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.studies.errors import Norms, field_errors
 from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
 from swe_sphere.studies.sweep.runspec import RunSpec, Schedule
-from swe_sphere.studies.sweep.sweep_errors import Norms, field_errors, listed
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_fingerprint
 
@@ -200,7 +200,7 @@ class ReferenceRuns:
         shares = {coarse: 1.0, fine: 1.0 / 2.0**order}
         for spec, result in results.items():
             share = shares[spec] / (1.0 - 2.0**-order)
-            errors = [e for day, of in apart.items() for e in listed("time", day, _part(share, of))]
+            errors = Errors.of("time", {day: _part(share, of) for day, of in apart.items()})
             self._keep(spec, result, errors + total(spec.space, result.snapshots))
 
     def _file(self, spec: RunSpec) -> Path:

@@ -21,10 +21,10 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.modelled_time import Stopwatch, difference
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.store import Store
-from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
 from swe_sphere.studies.sweep.runspec import RunSpec
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 __all__ = ["COUNTS", "KEPT", "Result", "Runner", "TakeErrors", "execute", "warm_up"]
 

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
-
-from swe_sphere.io.norms import area_mean, norms
-from swe_sphere.io.scalar_fields import evaluate
-from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields
+from swe_sphere.studies.errors import (
+    Norms,
+    OnGrid,
+    at_nodes,
+    exact_fields,
+    field_errors,
+    slow_errors,
+)
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors
+from swe_sphere.studies.sweep.references import ReferenceRuns, TotalReference
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
-if TYPE_CHECKING:
-    from swe_sphere.studies.sweep.references import ReferenceRuns, TotalReference
-
-__all__ = ["Evaluator", "Norms", "field_errors", "listed", "slow_errors"]
+__all__ = ["Evaluator"]
 
 
 SHEDDING = ("williamson5", "williamson6")
@@ -43,7 +40,7 @@ class Evaluator:
         self._slow = (scene in SHEDDING) if plan.slow is None else plan.slow
         self._converged: dict[tuple[int, int], History] = {}
         self._at_nodes: dict[tuple[str, float], Fields | None] = {}
-        self._on_grid: dict[tuple[str, float], _OnGrid] = {}
+        self._on_grid: dict[tuple[str, float], OnGrid] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,12 +50,13 @@ class Evaluator:
 
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Errors of all kinds of the fields at report days."""
-        found = self.total_errors(space, history)
         converged = self.converged(space)
-        for day in history.keys() & converged.keys():
-            pair = (space, history[day], converged[day])
-            found += listed("time", day, field_errors(*pair))
-            found += listed("slow", day, slow_errors(*pair)) if self._slow else []
+        days = [day for day in history if day in converged]
+        kinds = {"time": field_errors} | ({"slow": slow_errors} if self._slow else {})
+        found = self.total_errors(space, history)
+        for kind, errors in kinds.items():
+            of_days = {day: errors(space, history[day], converged[day]) for day in days}
+            found += Errors.of(kind, of_days)
         return found
 
     def converged(self, space: Discretisation) -> History:
@@ -74,11 +72,8 @@ class Evaluator:
 
     def total_errors(self, space: Discretisation, history: History) -> list[Errors]:
         """The total errors alone."""
-        return [
-            error
-            for day, fields in history.items()
-            for error in listed("total", day, self._total_norms(space, day, fields))
-        ]
+        norms = {day: self._total_norms(space, day, fields) for day, fields in history.items()}
+        return Errors.of("total", norms)
 
     def _total_norms(self, space: Discretisation, day: float, fields: Fields) -> Norms:
         key = (space.identity, day)
@@ -86,8 +81,8 @@ class Evaluator:
             if day not in self._total.files:
                 return {}
             if key not in self._on_grid:
-                self._on_grid[key] = _OnGrid(self._total.files[day], space.mesh)
-            return self._on_grid[key].errors(space, fields)
+                self._on_grid[key] = OnGrid(self._total.files[day], space.mesh)
+            return self._on_grid[key].errors(fields | {"b": space.start["b"]})
         if key not in self._at_nodes:
             self._at_nodes[key] = self._reference(space, day)
         theirs = self._at_nodes[key]
@@ -96,94 +91,15 @@ class Evaluator:
     def _reference(self, space: Discretisation, day: float) -> Fields | None:
         """The exact solution, or that of the finer run, at the nodes."""
         if self._total.kind == "exact":
-            return _exact_fields(space, day)
+            return _exact(space, day)
         if self._total.kind == "none":
             return None
         fine = self._spaces.at(self._total.finer, max(self._spaces.np))
         history = self._runs.finer(fine)
-        return _interpolated(fine.mesh, history[day], space.mesh) if day in history else None
+        return at_nodes(fine.mesh, history[day], space.mesh) if day in history else None
 
 
-Norms = dict[str, dict[str, float]]
-"""l1, l2 and linf by field."""
-
-
-def field_errors(space: Discretisation, ours: Fields, theirs: Fields) -> Norms:
-    """Errors at the nodes of height, wind and vorticity; just of height of a prescribed wind."""
-    surface = space.scene.error_field == "surface"
-    bottom = space.start["b"] if surface else 0.0
-    pairs = {"h": (ours["h"] + bottom, theirs["h"] + bottom)}
-    if space.scene.wind is None:
-        pairs["v"] = (_wind(ours), _wind(theirs))
-        pairs["vorticity"] = (ours["vorticity"], theirs["vorticity"])
-    return {name: norms(space.mesh.area, *pair) for name, pair in pairs.items()}
-
-
-def slow_errors(space: Discretisation, ours: Fields, theirs: Fields) -> Norms:
-    """Errors at the nodes of potential vorticity, in the place of those of vorticity.
-
-    Gravity waves carry none, so that waves which a long step has damped or dephased do not count.
-    """
-    if space.scene.wind is not None:
-        return {}
-    coriolis, mean = space.start["f"], area_mean(space.mesh.area, theirs["h"])
-    return {
-        "vorticity": norms(
-            space.mesh.area, *(_stretched(state, coriolis, mean) for state in (ours, theirs))
-        )
-    }
-
-
-def listed(kind: str, day: float, errors: Norms) -> list[Errors]:
-    """Errors as they are kept."""
-    return [Errors(kind=kind, field=name, day=day, **values) for name, values in errors.items()]  # type: ignore[arg-type]
-
-
-class _OnGrid:
-    """A reference with the matrix that takes a mesh to its points, which takes time to make."""
-
-    def __init__(self, path: Path, mesh: Mesh) -> None:
-        from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
-
-        reference = Reference(path)
-        has = reference.fields.keys()
-        names = {"h": "surface" if "surface" in has else "h", "vorticity": "vorticity"}
-        names = {field: name for field, name in names.items() if name in has}
-        if {"u", "v"} <= has:
-            names["v"] = "wind"
-        self._names = names
-        self._values = {name: reference.values(name) for name in names.values()}
-        self._area, self._interpolator = reference.area, Interpolator(mesh, *reference.points)
-
-    def errors(self, space: Discretisation, fields: Fields) -> Norms:
-        """Errors at the points of the grid."""
-        ours = fields | {"b": space.start["b"]}
-        return {
-            field: norms(self._area, evaluate(self._interpolator, ours, name), self._values[name])
-            for field, name in self._names.items()
-        }
-
-
-def _interpolated(fine: Mesh, fields: Fields, mesh: Mesh) -> Fields:
-    interpolator = Interpolator(fine, mesh.lon, mesh.lat)
-    u, v = evaluate(interpolator, fields, "wind")
-    scalars = {name: interpolator(fields[name]) for name in ("h", "vorticity")}
-    return {"u": u, "v": v} | scalars
-
-
-def _exact_fields(space: Discretisation, day: float) -> Fields:
+def _exact(space: Discretisation, day: float) -> Fields:
     """The exact solution; its vorticity is that of the exact wind, differentiated on the mesh."""
-    scene, mesh = space.scene, space.mesh
-    assert scene.exact is not None
-    fields = dict(zip("uvh", scene.exact(mesh.lon, mesh.lat, day * DAY), strict=True))
-    fields["vorticity"] = vorticity(mesh, fields["u"], fields["v"])
-    return fields
-
-
-def _stretched(state: Fields, coriolis: NDArray[np.float64], mean: float) -> NDArray[np.float64]:
-    """H q - f (N,) [s-1]: the vorticity of columns that are brought to the mean depth H [m]."""
-    return (state["vorticity"] + coriolis) * mean / state["h"] - coriolis
-
-
-def _wind(fields: Fields) -> NDArray[np.float64]:
-    return np.stack([fields["u"], fields["v"]])
+    fields = exact_fields(space, day * DAY)
+    return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}

@@ -10,11 +10,11 @@ import numpy as np
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean
-from swe_sphere.mesh import Interpolator
-from swe_sphere.simulation.evaluator import flow_errors, state_integrals
+from swe_sphere.simulation.evaluator import state_integrals
 from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
+from swe_sphere.studies.errors import Norms, OnGrid, at_nodes, exact_fields, field_errors
 from swe_sphere.studies.verify.case import CONVERGED
 
 if TYPE_CHECKING:
@@ -52,9 +52,7 @@ class Finer:
 
     def at_nodes(self, mesh: Mesh) -> Fields:
         """Wind and depth at the nodes of a mesh."""
-        interpolator, end = Interpolator(self._sim.mesh, mesh.lon, mesh.lat), self._sim.snapshot
-        u, v = interpolator.wind(end.fields["u"], end.fields["v"])
-        return {"u": u, "v": v, "h": interpolator(end.fields["h"])}
+        return at_nodes(self._sim.mesh, self._sim.snapshot.fields, mesh)
 
 
 def measure(
@@ -146,12 +144,11 @@ def _errors(
     elif against is not None:
         return _reference_errors(sim, against)
     elif sim.scene.exact is not None:
-        exact = sim.scene.exact(sim.mesh.lon, sim.mesh.lat, sim.time)
-        other = dict(zip("uvh", exact, strict=True))
+        other = exact_fields(sim, sim.time)
     else:
         return {}
     off = sim.snapshot.fields["h"] - other["h"]
-    return flow_errors(sim.model, sim.snapshot.fields, other) | {
+    return _named(field_errors(sim, sim.snapshot.fields, other)) | {
         "rms_h": math.sqrt(area_mean(sim.mesh.area, off**2)),
         "max_h": float(np.abs(off).max()),
     }
@@ -159,19 +156,12 @@ def _errors(
 
 def _reference_errors(sim: Simulation, name: str) -> dict[str, float]:
     """Errors of the free surface, and of wind and vorticity where the reference has them."""
-    from swe_sphere.io.reference_solution import SHIPPED, Reference, reference_errors
+    from swe_sphere.io.reference_solution import SHIPPED
 
-    path, fields = SHIPPED / f"{name}.nc", sim.snapshot.with_constants
-    reference = Reference(path)
-    there = {"surface": "h", "vorticity": "vorticity"}
-    if "u" in reference.fields:
-        there["wind"] = "v"
-    found = {
-        f"{norm}_{short}": value
-        for field, short in there.items()
-        for norm, value in reference_errors(path, sim.mesh, fields, field).items()
-    }
-    ours = Interpolator(sim.mesh, *reference.points)(fields["vorticity"])
-    covariance = np.cov(ours, reference.values("vorticity"), aweights=reference.area)
-    product = math.sqrt(covariance[0, 0] * covariance[1, 1])
-    return found | {"decorrelation": 1.0 - float(covariance[0, 1]) / product}
+    grid, fields = OnGrid(SHIPPED / f"{name}.nc", sim.mesh), sim.snapshot.with_constants
+    return _named(grid.errors(fields)) | {"decorrelation": grid.decorrelation(fields)}
+
+
+def _named(errors: Norms) -> dict[str, float]:
+    """As l2_h and so on."""
+    return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
