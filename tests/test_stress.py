@@ -28,11 +28,10 @@ from swe_sphere.studies.stress import (
     page,
     try_out,
 )
-from swe_sphere.studies.stress.groups import read_group
 from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
-from swe_sphere.studies.stress.series import Series
+from swe_sphere.studies.stress.series import SYMMETRIES, Series
 from swe_sphere.studies.stress.store import Results
-from swe_sphere.studies.stress.symmetries import SYMMETRIES
+from swe_sphere.studies.stress.trial import read_group
 from swe_sphere.testcases import get_scene
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -303,10 +302,13 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     assert again.has(name, "abc")
     assert not again.has(name, "xyz")
     again.add(result(name, "passed", "", "abc", l2_v=0.002))
+    again.write()
     text, numbers = path.read_text(), json.loads((tmp_path / "page.json").read_text())
     assert "no water" in text
     assert "| passed | l2_v 0.002 |" in text
     assert numbers["results"][name]["outcome"] == "passed"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["page.json", "page.md"]
+    assert Store(path, quick=False).has("island-rk4", "def")
     with pytest.raises(ConfigError, match="full form"):
         Store(path, quick=True)
 
@@ -338,7 +340,7 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) ->
 
     with monkeypatch.context() as full:
         full.setattr("os.write", refuse)
-        with pytest.raises(RunFailed, match=r"cannot write .*page\.json: No space left on device"):
+        with pytest.raises(RunFailed, match=r"cannot write .*000002\.json: No space left on"):
             store.add(result("steady-pi/4-rk4", "passed", "", "abc"))
     again = Store(tmp_path / "page.md", quick=False)
     assert again.has("island-rk4", "def") and not again.has("steady-pi/4-rk4", "abc")

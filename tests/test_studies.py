@@ -12,8 +12,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.studies import configuration
 from swe_sphere.studies.bounds import Bound, Check, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables
-from swe_sphere.studies.stress.groups import FILES as GROUPS
-from swe_sphere.studies.verify.families import FILES as CASES
+from swe_sphere.studies.stress.trial import FILES as GROUPS
+from swe_sphere.studies.verify.case import FILES as CASES
 
 HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
 

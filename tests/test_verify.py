@@ -14,10 +14,13 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.store import Store
 from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases
-from swe_sphere.studies.verify.families import read_cases
+from swe_sphere.studies.verify.case import read_cases
+from swe_sphere.studies.verify.measure import Measure, measure
 from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
 from swe_sphere.testcases import SCENES
 
@@ -226,6 +229,41 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
     assert "**stepper-rk4**" in (tmp_path / "verification.md").read_text()
 
 
+def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, monkeypatch) -> None:
+    line = ["verify", "--quick", "--scenes", "stepper-rk4,start-lauter", "--out", str(tmp_path)]
+    begun: list[float | str] = []
+
+    def interrupted(configuration, *others):
+        begun.append(configuration.config.dt)
+        if len(begun) == 3:
+            raise Interrupted("interrupted by Ctrl-C at day 0")
+        return measure(configuration, *others)
+
+    monkeypatch.setattr("swe_sphere.studies.verify.verdict.measure", interrupted)
+    with pytest.raises(SystemExit) as end:
+        main(line)
+    assert end.value.code == 130
+    assert "--resume goes on after the last run" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as end:
+        main([*line, "--resume"])
+    assert end.value.code == 0
+    assert "all 3 rows passed" in capsys.readouterr().out
+    assert begun == [*begun[:3], begun[2]]
+    there = sorted(path.name for path in tmp_path.iterdir())
+    assert there == ["verification.json", "verification.md"]
+
+
+def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch) -> None:
+    runs = Store(tmp_path, Measure)
+    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], runs=runs)
+    keys = [easy.fingerprint(level) for level in easy.levels]
+    assert len({*keys}) == len(keys) and first.measure.fingerprint == keys[0]
+    again = changed(easy, tolerance=1e-9, levels=easy.levels[:1])
+    assert [row.measure for row in run_cases([again], runs=runs)] == [first.measure] == runs.records
+    monkeypatch.setattr("swe_sphere.studies.verify.case.code_fingerprint", lambda *_: "other")
+    assert easy.fingerprint(easy.levels[0]) != keys[0]
+
+
 def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
     make = Configuration.make_scene
 
@@ -257,7 +295,7 @@ def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     for row in rows:
         numbers = [f"{row.quantities[name]:.2e}" for name in ("l2_h", "l2_v")]
         (line,) = (line for line in lines if numbers[0] in line)
-        for text in ("stepper-rk4", *numbers, f"{row.measure.dt:.4g}", f"{row.worst.used:.2f}"):
+        for text in ("stepper-rk4", *numbers, f"{row.dt:.4g}", f"{row.worst.used:.2f}"):
             assert text in line
 
 

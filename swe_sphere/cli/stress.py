@@ -30,7 +30,7 @@ def stress(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.md", help="Write the page, and FILE.json, after each trial."),
+        typer.Option(metavar="FILE.md", help="Write the page after each trial, and FILE.json."),
     ] = None,
     resume: Annotated[
         bool,
@@ -69,7 +69,7 @@ def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
     from swe_sphere.studies.stress import try_out
 
     if store is not None:
-        store.write_page()
+        store.write()
     results = []
     for count, trial in enumerate(trials, 1):
         label = f"[{count}/{len(trials)}] {trial.name}"
@@ -79,6 +79,8 @@ def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
         if not quiet:
             typer.echo(f"{_clear()}{label}: {_told(result)}")
         results.append(result)
+    if store is not None:
+        store.write()
     return results
 
 

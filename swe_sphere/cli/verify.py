@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from swe_sphere.cli.explain import Stopped
 from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
-    from swe_sphere.studies.verify import Row
+    from swe_sphere.studies.store import Store
+    from swe_sphere.studies.verify import Measure, Row
 
 __all__ = ["verify"]
 
@@ -31,38 +34,53 @@ def verify(
         Path | None,
         typer.Option(metavar="DIR|FILE.md", help="Write the page; into a folder, numbers too."),
     ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on after an interrupted run of this code.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
-    from swe_sphere.studies.verify import choose, page
+    from swe_sphere.studies.store import Store
+    from swe_sphere.studies.verify import Measure, choose, page
 
     names = [name.strip() for name in scenes.split(",")] if scenes else []
     chosen = {case.name for case in choose(names)}
     files = _files(out)
-    rows = _run(chosen, quick, quiet=as_json)
+    runs = Store(files[0].with_suffix(".runs"), Measure) if files else None
+    if runs is not None and not resume:
+        runs.clear()
+    try:
+        rows = _run(chosen, quick, as_json, runs)
+    except Interrupted as error:
+        hint = "; --resume goes on after the last run" if files else ""
+        raise Stopped(f"{error}{hint}") from None
     if not rows:
         raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
     result = {
         "passed": all(row.passed for row in rows),
         "quick": quick,
-        "seconds": sum(row.measure.seconds for row in rows),
+        "seconds": sum(row.seconds for row in rows),
         "rows": [row.as_dict() for row in rows],
     }
     if files:
         files[0].write_text(page(rows, _command(quick, scenes, out)), encoding="utf-8")
     for file in files[1:]:
         file.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if runs is not None:
+        runs.clear()
     typer.echo(json.dumps(result) if as_json else _conclusion(rows, files))
     return 0 if result["passed"] else 1
 
 
-def _run(chosen: set[str], quick: bool, quiet: bool) -> list[Row]:
+def _run(
+    chosen: set[str], quick: bool, quiet: bool, runs: Store[Measure] | None
+) -> list[Row]:
     """All rows, family by family; each family's table as soon as it is there."""
     from swe_sphere.studies.verify import families, run_cases
 
     found: list[Row] = []
     for title, cases in families().items():
-        rows = list(run_cases([case for case in cases if case.name in chosen], quick))
+        rows = list(run_cases([case for case in cases if case.name in chosen], quick, runs))
         found += rows
         if rows and not quiet:
             _print(title, rows)
@@ -92,9 +110,9 @@ UNBOUNDED = 10_000
 
 
 def _cells(row: Row) -> Iterator[str]:
-    numbers, config = row.quantities, row.measure.config
+    numbers, config = row.quantities, row.config
     yield from (row.case.name, str(config.ne), str(config.np))
-    yield "" if row.case.start else f"{row.measure.dt:.4g}"
+    yield "" if row.case.start else f"{row.dt:.4g}"
     yield from (f"{numbers[name]:.2e}" if name in numbers else "" for name in ("l2_h", "l2_v"))
     yield f"{numbers['order']:.1f}" if "order" in numbers else ""
     yield f"{row.worst.used:.2f}"

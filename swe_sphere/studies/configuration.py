@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,7 +21,7 @@ from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.parameters import checked
 from swe_sphere.toml_file import read_toml
 
-__all__ = ["Configuration", "merged", "read_tables"]
+__all__ = ["Configuration", "merged", "read_tables", "study_files"]
 
 if TYPE_CHECKING:
     from swe_sphere.simulation.simulation import Simulation
@@ -88,6 +89,12 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         if isinstance(value, Mapping) and isinstance(table.get(key), Mapping)
     }
     return {**table, **changes, **deep}
+
+
+def study_files(study: str, folder: str, names: Iterable[str]) -> Iterator[Path]:
+    """The files NAME.toml in a folder of a study."""
+    for name in names:
+        yield Path(str(files(f"swe_sphere.studies.{study}"))) / folder / f"{name}.toml"
 
 
 def read_tables(path: Path, name: str, form: type[M]) -> tuple[dict[str, Any], tuple[M, ...]]:

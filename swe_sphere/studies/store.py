@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -17,7 +17,7 @@ from swe_sphere.settings import complaint
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Record", "Store", "as_netcdf", "locked", "read_record"]
+__all__ = ["Record", "Result", "Store", "as_netcdf", "locked", "read_record"]
 
 
 class Record(BaseModel):
@@ -28,6 +28,16 @@ class Record(BaseModel):
     def as_text(self) -> str:
         """The contents of the file."""
         return self.model_dump_json(indent=1) + "\n"
+
+
+class Result(Record):
+    """What came of a run whose numbers are held against bounds."""
+
+    fingerprint: str = ""
+    """Of its settings and of the code that made it."""
+    reason: str
+    """Why it did not end well; empty if it did."""
+    numbers: Mapping[str, float | None] = {}
 
 
 R = TypeVar("R", bound=Record)
@@ -56,6 +66,14 @@ class Store(Generic[R]):
         self._last += 1
         self.records.append(self._form.model_validate_json(text))
         return self.records[-1]
+
+    def clear(self) -> None:
+        """Take away all records, and the folder if nothing else is in it."""
+        for path in self.folder.glob("[0-9]*.json"):
+            path.unlink()
+        with suppress(OSError):
+            self.folder.rmdir()
+        self.records.clear()
 
 
 def read_record(path: Path, form: type[R]) -> R:

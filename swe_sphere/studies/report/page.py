@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swe_sphere.durable import clear_errors, write_whole
+from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.content import OneMesh, Section, read_sections
 from swe_sphere.studies.report.figures import Diagram, render
 from swe_sphere.studies.report.rows import Row
 from swe_sphere.studies.report.svg import inline, save_svg
-from swe_sphere.studies.report.table import cell, columns, csv_text, how_it_ended
+from swe_sphere.studies.report.table import Column, cell, columns, csv_text, how_it_ended
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -135,15 +136,15 @@ def _tip(row: Row) -> str:
 
 def _rendered(template: str, values: Mapping[str, Any]) -> str:
     """A template filled in."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    made = Environment(
-        loader=PackageLoader("swe_sphere.studies.report", "templates"),
-        autoescape=template.endswith(".html.j2"), undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
+    return rendered(
+        "swe_sphere.studies.report", template, _link_rows, **values, columns=columns, cell=cell,
+        cells=_cells,
     )  # fmt: skip
-    made.filters |= {"link_rows": _link_rows, "in_table": _in_table}
-    return made.get_template(template).render(**values, columns=columns, cell=cell)
+
+
+def _cells(shown: Sequence[Column], rows: Sequence[Row]) -> list[list[str]]:
+    """The texts of the table of all runs."""
+    return [[cell(column, row).text for column in shown] for row in rows]
 
 
 def _link_rows(text: str, section: str) -> Markup:
@@ -154,7 +155,3 @@ def _link_rows(text: str, section: str) -> Markup:
     linked = re.sub(r"\brow (\d+)\b", link, str(escape(text)))
     return Markup(re.sub(r"(\d) (s|%)(?!\w)", r"\1&nbsp;\2", linked))
 
-
-def _in_table(text: str) -> str:
-    """Text that does not end a cell of a Markdown table."""
-    return " ".join(text.split()).replace("|", "\\|")

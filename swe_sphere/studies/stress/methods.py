@@ -4,25 +4,88 @@ from __future__ import annotations
 
 import math
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from swe_sphere.io.norms import errors
+from swe_sphere.planet import DAY
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.progress import Watcher
-from swe_sphere.studies.ended import Ended, attempt
-from swe_sphere.studies.stress.attempt import Tick, run_trial
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.stress.random_state import random_setting
+from swe_sphere.studies.stress.series import SYMMETRIES, Series
 from swe_sphere.studies.stress.trial import Trial
 
-__all__ = ["METHODS", "measure"]
+__all__ = ["METHODS", "Tick", "measure"]
+
+Tick = Callable[[str], None]
+COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 
 
 def measure(trial: Trial, tick: Tick | None = None) -> Ended:
     """How the trial ended, by its own method."""
     return METHODS[trial.method](trial, tick)
+
+
+def _run(trial: Trial, tick: Tick | None = None) -> Ended:
+    """Make the run to its end or to where it fails, whatever happens.
+
+    Raises:
+        Interrupted: the user asked to stop.
+    """
+    began = time.perf_counter()
+    ended = attempt(lambda: _watched(trial, tick))
+    ended.numbers["seconds"] = time.perf_counter() - began
+    return ended
+
+
+def _watched(trial: Trial, tick: Tick | None) -> Ended:
+    sim = trial.configuration.simulation()
+    sim.begin(_plan(trial, sim))
+    series = Series(sim.plan, [SYMMETRIES[name](sim.mesh) for name in trial.symmetries])
+    series.observe(sim)
+    ended = stepped(sim, [series], tick, trial.seconds)
+    ended.numbers = series.numbers() | _costs(sim)
+    return ended
+
+
+def _plan(trial: Trial, sim: Simulation) -> TimePlan | None:
+    """Steps as the trial has them; None: as an ordinary run chooses them."""
+    if trial.part is None and trial.courant is None:
+        return None
+    own = trial.part is not None and math.isfinite(sim.stable_dt)
+    dt = (trial.part or 1.0) * sim.stable_dt if own else _implicit_step(trial, sim)
+    length = sim.days * DAY
+    count = max(1, math.ceil(length / dt - 1e-9))
+    if trial.steps is not None:
+        whole = max(1, math.floor(length / dt))
+        count = trial.steps if sim.config.days is None else min(trial.steps, whole)
+    return TimePlan(dt, count, count, dt)
+
+
+def _implicit_step(trial: Trial, sim: Simulation) -> float:
+    """The step in gravity-wave limits [s], within the advective Courant number it may have."""
+    dt = (trial.courant or 1.0) * sim.gravity_limit
+    if trial.advective is None:
+        return dt
+    wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
+    return min(dt, trial.advective * sim.mesh.spacing()[0] / wind) if wind > 0.0 else dt
+
+
+def _costs(sim: Simulation) -> dict[str, float]:
+    costs = sim.stepper.costs()
+    return {
+        "dt": sim.plan.dt,
+        "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
+        "steps": float(sim.steps),
+        "step_seconds": sim.wall_seconds,
+        **{name: float(costs[name]) for name in COSTS if name in costs},
+    }
 
 
 def _with_file(trial: Trial, tick: Tick | None) -> Ended:
@@ -54,11 +117,11 @@ def _not_finite(path: Path) -> float:
 
 def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
     """The run in float32, and apart_h, apart_v: relative l2 distance from that in float64."""
-    exact = run_trial(trial.changed(run={"precision": "float64"}), tick)
+    exact = _run(trial.changed(run={"precision": "float64"}), tick)
     if exact.sim is None or not exact.completed:
         exact.reason = f"in float64: {exact.reason}"
         return exact
-    rough = run_trial(trial.changed(run={"precision": "float32"}), tick)
+    rough = _run(trial.changed(run={"precision": "float32"}), tick)
     if rough.sim is not None and rough.completed:
         ends = [sim.snapshot.fields for sim in (rough.sim, exact.sim)]
         apart = errors(rough.sim.mesh, ends[0], ends[1])
@@ -79,7 +142,7 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
     for seed in trial.seeds:
         if tick is not None:
             tick(f"seed {seed}")
-        _add(batch, seed, run_trial(_of_seed(trial, seed)))
+        _add(batch, seed, _run(_of_seed(trial, seed)))
     return batch
 
 
@@ -105,7 +168,7 @@ def _add(batch: Ended, seed: int, ended: Ended) -> None:
 
 
 METHODS: dict[str, Callable[[Trial, Tick | None], Ended]] = {
-    "run": run_trial,
+    "run": _run,
     "file": _with_file,
     "precisions": _two_precisions,
     "seeds": _seeds,

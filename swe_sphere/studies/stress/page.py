@@ -3,82 +3,61 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 
-from swe_sphere.studies.markdown import anchor, filled, table
-from swe_sphere.studies.stress.groups import groups
+from swe_sphere.machine import versions
+from swe_sphere.studies.pages import anchor, rendered
 from swe_sphere.studies.stress.result import OUTCOMES, Result
-from swe_sphere.studies.stress.trial import Group, Trial
+from swe_sphere.studies.stress.trial import Group, Trial, groups
 
 __all__ = ["page"]
 
 Results = Mapping[str, Result]
+Told = Sequence[tuple[Trial, Result]]
 
 
 def page(results: Results, quick: bool) -> str:
     """The page of these results, by name of trial, in the order of the groups."""
-    return filled(
-        "swe_sphere.studies.stress",
-        "page.md",
-        quick=" --quick" if quick else "",
-        seconds=sum(result.numbers.get("seconds") or 0.0 for result in results.values()),
-        summary="\n".join(_summary(results)).rstrip("\n"),
-        groups="\n".join(line for group in groups().values() for line in _group(group, results)),
-    )
-
-
-def _summary(results: Results) -> Iterator[str]:
-    """How many trials of each group came to which outcome."""
-    counts = {
-        group.title: Counter(
-            results[trial.name].outcome if trial.name in results else "not run"
-            for trial in group.trials
-        )
+    told = [
+        (group, [(trial, results[trial.name]) for trial in group.trials if trial.name in results])
         for group in groups().values()
-    }
-    columns = (*OUTCOMES, "not run")
-    yield from table(
-        ("group", *columns),
-        [
-            (f"[{title}](#{anchor(title)})", *(str(count[name]) for name in columns))
-            for title, count in counts.items()
-            if count.keys() - {"not run"}
-        ],
-    )
+    ]
+    shown = [(group, trials) for group, trials in told if trials]
+    return rendered(
+        "swe_sphere.studies.stress", "page.md.j2", _line, _reasons, **versions(), quick=quick,
+        seconds=sum(result.numbers.get("seconds") or 0.0 for result in results.values()),
+        outcomes=[*OUTCOMES, "not run"], summary=[_summary(*each) for each in shown], told=shown,
+    )  # fmt: skip
 
 
-def _group(group: Group, results: Results) -> Iterator[str]:
-    mine = [trial for trial in group.trials if trial.name in results]
-    if not mine:
-        return
-    yield f"## {group.title}\n"
-    yield f"{group.text}\n"
-    rows = [_row(trial, results[trial.name]) for trial in mine]
-    yield from table(("trial", "Δt [s]", "× 1/ρ", "outcome", "numbers"), rows)
-    yield from _reasons([results[trial.name] for trial in mine])
+def _summary(group: Group, told: Told) -> list[str]:
+    """How many trials of a group came to which outcome."""
+    counts = Counter(result.outcome for _, result in told)
+    left = len(group.trials) - len(told)
+    numbers = [*(counts[name] for name in OUTCOMES), left]
+    return [f"[{group.title}](#{anchor(group.title)})", *map(str, numbers)]
 
 
-def _row(trial: Trial, result: Result) -> list[str]:
+def _line(told: tuple[Trial, Result]) -> list[str]:
+    """A line of the table of a group."""
+    trial, result = told
     numbers, outcome = result.numbers, result.outcome
     names = dict.fromkeys([*(bound.quantity for bound in trial.all_bounds), *trial.report])
-    told = [f"{name} {_short(numbers[name], name)}" for name in names if name in numbers]
+    texts = [f"{name} {_short(numbers[name], name)}" for name in names if name in numbers]
     if outcome != "passed" and numbers.get("last_day") is not None:
-        told.append(f"last_day {_short(numbers['last_day'])}")
+        texts.append(f"last_day {_short(numbers['last_day'])}")
     marked = f"**{outcome}**" if outcome in ("broke", "failed") else outcome
     steps = [_short(numbers[x]) if x in numbers else "" for x in ("dt", "dt_over_gravity")]
-    return [trial.name, *steps, marked, ", ".join(told)]
+    return [trial.name, *steps, marked, ", ".join(texts)]
 
 
-def _reasons(results: list[Result]) -> Iterator[str]:
-    """Each reason once, with the trials that it is of."""
+def _reasons(told: Told) -> list[tuple[str, list[str]]]:
+    """Each reason once, with the names of the trials that it is of."""
     reasons: dict[str, list[str]] = {}
-    for result in results:
+    for trial, result in told:
         if result.reason:
-            reasons.setdefault(f"{result.outcome}: {result.reason}", []).append(result.name)
-    for reason, names in reasons.items():
-        yield f"* `{'`, `'.join(names)}` {reason}"
-    if reasons:
-        yield ""
+            reasons.setdefault(f"{result.outcome}: {result.reason}", []).append(trial.name)
+    return [*reasons.items()]
 
 
 def _short(value: float | None, name: str = "") -> str:

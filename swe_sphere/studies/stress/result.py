@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
+from swe_sphere.studies import store
 from swe_sphere.studies.bounds import Check
 from swe_sphere.studies.ended import Ended
-from swe_sphere.studies.store import Record
-from swe_sphere.studies.stress.attempt import Tick
-from swe_sphere.studies.stress.methods import measure
+from swe_sphere.studies.stress.methods import Tick, measure
 from swe_sphere.studies.stress.trial import Trial
 
 __all__ = ["OUTCOMES", "Result", "judge", "try_out"]
@@ -20,18 +18,14 @@ STOPPED = ("refused", "unstable", "solver-failed")
 """Ways in which a run ends itself and says why."""
 
 
-class Result(Record):
-    """What came of a trial, in plain numbers and words."""
+class Result(store.Result):
+    """What came of a trial; `reason` says why it did not pass."""
 
     name: str
     stepper: str
     outcome: str
     """One of `OUTCOMES`."""
-    reason: str
-    """Why it did not pass."""
-    numbers: Mapping[str, float | None] = {}
     bounds: tuple[str, ...] = ()
-    fingerprint: str = ""
 
 
 def try_out(trial: Trial, tick: Tick | None = None) -> Result:

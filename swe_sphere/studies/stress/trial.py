@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.studies.bounds import Bound, Limits, read_bounds
-from swe_sphere.studies.configuration import Configuration, merged
+from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
 from swe_sphere.studies.stress.random_state import random_setting
 
-__all__ = ["Group", "Table", "Trial"]
+__all__ = ["FILES", "Group", "Table", "Trial", "choose", "groups", "read_group"]
+
+FILES = (
+    "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
+    "precision", "long-steps", "stretched", "planets", "rest", "modons", "guards",
+)  # fmt: skip
+"""Of groups, in the order of the page."""
 
 QUICK_SEEDS = 2
 
@@ -158,3 +167,46 @@ class Group:
     text: str
     """What is tried and what is asked of it, as a paragraph of the page."""
     trials: tuple[Trial, ...] = ()
+
+
+@cache
+def groups() -> Mapping[str, Group]:
+    """All groups by name."""
+    return {path.stem: read_group(path) for path in study_files("stress", "groups", FILES)}
+
+
+def read_group(path: Path) -> Group:
+    """The group in a file; ConfigError for one that is not as its schema says."""
+    whole, tables = read_tables(path, "trial", Table)
+    trials = tuple(trial for table in tables for trial in table.trials())
+    return Group(path.stem, str(whole["title"]), str(whole["text"]), trials)
+
+
+def choose(
+    names: Sequence[str] = (), steppers: Sequence[str] = (), quick: bool = False
+) -> list[Group]:
+    """The groups of those names (none: all) with the trials of those steppers (none: all).
+
+    quick: only the trials of the quick form, as short as it has them.
+
+    Raises:
+        ConfigError: a name that there is not, or nothing that is left.
+    """
+    from swe_sphere.steppers import get_stepper
+
+    for name in names:
+        if name not in groups():
+            raise unknown_name("group of trials", name, groups())
+    wanted = {get_stepper(name).name for name in steppers}
+    chosen = [_limited(groups()[name], wanted, quick) for name in names or groups()]
+    chosen = [group for group in chosen if group.trials]
+    if not chosen:
+        raise ConfigError("no trial is left: ask for other groups or steppers, or not --quick")
+    return chosen
+
+
+def _limited(group: Group, steppers: set[str], quick: bool) -> Group:
+    trials = [trial for trial in group.trials if not steppers or trial.stepper in steppers]
+    if quick:
+        trials = [trial.quickly() for trial in trials if trial.quick is not None]
+    return replace(group, trials=tuple(trials))

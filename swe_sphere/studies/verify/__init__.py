@@ -1,12 +1,19 @@
 """Verification: errors, orders and invariants of every scene, each held against a bound."""
 
-from swe_sphere.studies.verify.case import Case, Level, Published
-from swe_sphere.studies.verify.families import all_cases, choose, families
+from swe_sphere.studies.verify.case import (
+    Case,
+    Level,
+    Published,
+    all_cases,
+    choose,
+    families,
+)
+from swe_sphere.studies.verify.measure import Measure
 from swe_sphere.studies.verify.page import page
 from swe_sphere.studies.verify.verdict import Row, run_cases
 
 __all__ = [
-    "Case", "Level", "Published", "Row", "all_cases", "choose", "families", "page",
+    "Case", "Level", "Measure", "Published", "Row", "all_cases", "choose", "families", "page",
     "run_cases", "verify",
 ]  # fmt: skip
 

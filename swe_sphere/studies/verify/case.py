@@ -1,17 +1,32 @@
-"""What a verification case is, as data: a scene at several resolutions, with bounds for each."""
+"""Verification cases, as data: a scene at several resolutions, with bounds for each."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
+from swe_sphere.errors import unknown_name
+from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.studies.bounds import Bound, Limits, read_bounds
-from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.configuration import Configuration, read_tables, study_files
 
-__all__ = ["CONVERGED", "NORMS", "ORDERS", "Case", "Level", "Published"]
+__all__ = [
+    "CONVERGED", "FILES", "NORMS", "ORDERS", "Case", "Level", "Published", "all_cases", "choose",
+    "families", "read_cases",
+]  # fmt: skip
+
+FILES = (
+    "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",
+    "conservation", "dissipation",
+)  # fmt: skip
+"""In the order of the page."""
 
 Norms = tuple[float, float, float]
 """l1, l2 and linf."""
@@ -127,7 +142,70 @@ class Case(BaseModel):
         mass = [Bound("mass_drift", self.mass)] if math.isfinite(self.mass) else []
         return [*level.all_bounds(self.tolerance), *mass]
 
+    def fingerprint(self, level: Level) -> str:
+        """The same for two levels that ask for the same run of the same code."""
+        run = [self.at(level).table, self.against, self.start]
+        return fingerprint([run, self.base.table, code_fingerprint("studies.verify")])
+
     @property
     def scene(self) -> str:
         """Name of the scene."""
         return self.base.make_scene().name
+
+
+@cache
+def families() -> Mapping[str, tuple[Case, ...]]:
+    """Cases by the title of their family."""
+    found = dict(map(read_cases, study_files("verify", "cases", FILES)))
+    steppers = [kind for kind in STEPPERS.values() if kind.expected_error]
+    return MappingProxyType(found | {"Steppers": tuple(map(_stepper_case, steppers))})
+
+
+def all_cases() -> tuple[Case, ...]:
+    """The cases of all families."""
+    return tuple(case for cases in families().values() for case in cases)
+
+
+def choose(names: Sequence[str]) -> tuple[Case, ...]:
+    """The cases of these scenes, or of these names; all of them where none is given.
+
+    Raises ConfigError for a name that is neither.
+    """
+    if not names:
+        return all_cases()
+    named = [(case, {case.scene, case.name}) for case in all_cases()]
+    known = dict.fromkeys(name for _, own in named for name in sorted(own))
+    for name in names:
+        if name not in known:
+            raise unknown_name("scene or case", name, known)
+    return tuple(case for case, own in named if own & set(names))
+
+
+def read_cases(path: Path) -> tuple[str, tuple[Case, ...]]:
+    """Title and cases of a file; ConfigError for one that is not as its schema says."""
+    whole, cases = read_tables(path, "case", Case)
+    return str(whole.get("title", path.stem)), cases
+
+
+def _stepper_case(kind: type[Stepper]) -> Case:
+    """The time error of a stepper, on a mesh so coarse that a converged run costs nothing.
+
+    The error of a scheme is a number like any other: a coefficient, a filter or a start that is
+    wrong by a little changes it, also where the order stays.
+    """
+    solves = kind.family != "explicit"
+    levels = tuple(
+        Level(run={"dt": dt}, values={"l2_h": height, "l2_v": wind}, quick=True)
+        for dt, height, wind in kind.expected_error
+    )
+    return Case(
+        name=f"stepper-{kind.name}",
+        title=f"{kind.name}, order {kind.order}",
+        run={"scene": "lauter", "ne": 3, "days": 0.125, "stepper": kind.name}
+        | ({"tolerance": 1e-11} if solves else {}),
+        levels=levels,
+        along="dt",
+        against=CONVERGED,
+        # small errors feel what the solver leaves, which depends on the order of sums
+        tolerance=2e-3 if solves and kind.order == 4 else 3e-4,
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,11 +15,11 @@ from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.errors import Norms, OnGrid, at_nodes, exact_fields, field_errors
+from swe_sphere.studies.store import Result
 from swe_sphere.studies.verify.case import CONVERGED
 
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
-    from swe_sphere.simulation.config import RunConfig
     from swe_sphere.simulation.simulation import Simulation
 
 __all__ = ["Finer", "Measure", "measure"]
@@ -28,27 +28,25 @@ CONVERGED_RUN = {"dt": 60.0, "stepper": "rk4", "tolerance": None}
 """What differs in a run to compare with whose time error is none."""
 
 
-@dataclass(frozen=True)
-class Measure:
-    """What a run came to."""
+class Measure(Result):
+    """What a run came to: all numbers, and with them its step dt [s] and the seconds of its steps.
 
-    config: RunConfig
-    quantities: dict[str, float]
-    """None of a run that did not get to its end."""
-    dt: float
-    """Step taken [s]."""
-    seconds: float
-    """Wall time of the steps alone [s]."""
-    status: str = "completed"
+    None but these two of a run that did not get to its end.
+    """
+
+    status: str
     """How it ended, as `Summary.status`."""
-    reason: str = ""
 
 
 class Finer:
-    """The end of a run on a finer mesh, to be looked at on the nodes of others."""
+    """The end of a run on a finer mesh, made when it is asked for, on the nodes of others."""
 
     def __init__(self, configuration: Configuration) -> None:
-        self._sim = _completed(configuration)
+        self._configuration = configuration
+
+    @cached_property
+    def _sim(self) -> Simulation:
+        return _completed(self._configuration)
 
     def at_nodes(self, mesh: Mesh) -> Fields:
         """Wind and depth at the nodes of a mesh."""
@@ -56,7 +54,10 @@ class Finer:
 
 
 def measure(
-    configuration: Configuration, against: str | Finer | None = None, start: bool = False
+    configuration: Configuration,
+    against: str | Finer | None = None,
+    start: bool = False,
+    fingerprint: str = "",
 ) -> Measure:
     """Run a configuration (start: look at its initial state alone) and take, as far as defined,
 
@@ -72,9 +73,12 @@ def measure(
         of the initial ones, and the largest relative drift of mass
     """
     ended = attempt(lambda: _measured(configuration, against, start))
-    sim, config = ended.sim, configuration.config
+    sim = ended.sim
     dt, seconds = (math.nan, 0.0) if sim is None else (sim.plan.dt, sim.wall_seconds)
-    return Measure(config, ended.numbers, dt, seconds, ended.status, ended.reason)
+    return Measure(
+        fingerprint=fingerprint, status=ended.status, reason=ended.reason,
+        numbers=ended.numbers | {"dt": dt, "seconds": seconds},
+    )  # fmt: skip
 
 
 def _measured(configuration: Configuration, against: str | Finer | None, start: bool) -> Ended:

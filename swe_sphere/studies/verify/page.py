@@ -9,10 +9,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from swe_sphere.machine import versions
 from swe_sphere.studies.bounds import Check
-from swe_sphere.studies.markdown import filled, table
-from swe_sphere.studies.verify.case import NORMS
-from swe_sphere.studies.verify.families import families
+from swe_sphere.studies.pages import rendered
+from swe_sphere.studies.verify.case import NORMS, Case, families
 from swe_sphere.studies.verify.verdict import Row
 from swe_sphere.toml_file import read_toml
 
@@ -31,49 +31,39 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 
 def page(rows: Sequence[Row], command: str) -> str:
     """The page (Markdown) of these rows, in the order of the families."""
-    failed = sum(not row.passed for row in rows)
-    head = filled(
-        PACKAGE,
-        "page.md",
-        command=command,
-        verdict=f"{failed} of" if failed else "All bounds hold:",
-        count=f"{len(rows)} rows fail:" if failed else len(rows),
-        seconds=sum(row.measure.seconds for row in rows),
-        mass=max((_drift(row) for row in rows), default=0.0),
-    )
-    return "\n".join([head, *_families(rows)]) + "\n"
+    return rendered(
+        PACKAGE, "page.md.j2", _cells, _remarks, **versions(), command=command,
+        families=[*_told(rows)], count=len(rows), failed=sum(not row.passed for row in rows),
+        seconds=sum(row.seconds for row in rows), mass=max(map(_drift, rows), default=0.0),
+    )  # fmt: skip
+
+
+def _told(rows: Sequence[Row]) -> Iterator[tuple[str, list[tuple[Case, list[Row]]]]]:
+    """Cases and their rows by the title of their family."""
+    for title, cases in families().items():
+        of_cases = [(case, [row for row in rows if row.case.name == case.name]) for case in cases]
+        if any(mine for _, mine in of_cases):
+            yield title, [(case, mine) for case, mine in of_cases if mine]
 
 
 def _drift(row: Row) -> float:
     """Relative drift of mass, 0 where it is not to be conserved to round-off."""
-    kept = math.isfinite(row.case.mass) and row.measure.config.precision == "float64"
+    kept = math.isfinite(row.case.mass) and row.config.precision == "float64"
     return abs(row.quantities.get(MASS, 0.0)) if kept else 0.0
 
 
-def _families(rows: Sequence[Row]) -> Iterator[str]:
-    for title, cases in families().items():
-        found = [[row for row in rows if row.case.name == case.name] for case in cases]
-        if any(found):
-            yield f"## {title}\n"
-        for mine in filter(None, found):
-            yield from _case(mine)
-
-
-def _case(rows: list[Row]) -> Iterator[str]:
-    case = rows[0].case
-    yield f"**{case.name}** ({case.scene})" + (f": {case.title}\n" if case.title else "\n")
+def _cells(rows: list[Row]) -> tuple[list[str], list[list[str]]]:
+    """Heads and lines of the table of a case."""
     columns = [name for name in COLUMNS if any(name in _shown(row) for row in rows)]
     others = any(_others(row) for row in rows)
     heads = ["ne", "np", "Δt [s]", *(COLUMNS[name] for name in columns)]
-    yield from table(
-        [*heads, *["other"] * others, "of bound"], [_cells(row, columns, others) for row in rows]
-    )
-    yield from _remarks(rows)
+    lines = [_line(row, columns, others) for row in rows]
+    return [*heads, *["other"] * others, "of bound"], lines
 
 
-def _cells(row: Row, columns: list[str], others: bool) -> list[str]:
-    config, shown = row.measure.config, _shown(row)
-    step = "-" if row.case.start else f"{row.measure.dt:.4g}"
+def _line(row: Row, columns: list[str], others: bool) -> list[str]:
+    config, shown = row.config, _shown(row)
+    step = "-" if row.case.start else f"{row.dt:.4g}"
     numbers = [_number(name, shown[name]) if name in shown else "" for name in columns]
     other = ["; ".join(_others(row))] if others else []
     verdict = f"{row.worst.used:.2f} {'✓' if row.passed else '**fails**'}"
@@ -104,19 +94,16 @@ def _limit(check: Check) -> str:
 
 
 def _remarks(rows: list[Row]) -> Iterator[str]:
-    lines = [
-        f"* {_label(name)}: {_number(name, row.quantities.get(name, math.nan))}"
-        f" here, {value:.4g} published ({published.source})."
-        for row in rows
-        for published in row.level.published
-        for name, value in published.values.items()
-    ]
-    lines += [f"* The run was {r.measure.status}: {r.measure.reason}." for r in rows if r.stopped]
-    if rows[0].case.note:
-        lines.append(f"* {rows[0].case.note[0].upper()}{rows[0].case.note[1:]}.")
-    yield from lines
-    if lines:
-        yield ""
+    """Published numbers, failures, and the note of a case."""
+    for row in rows:
+        for published in row.level.published:
+            for name, value in published.values.items():
+                ours = _number(name, row.quantities.get(name, math.nan))
+                theirs = f"{value:.4g} published ({published.source})"
+                yield f"{_label(name)}: {ours} here, {theirs}."
+    yield from (f"The run was {r.measure.status}: {r.measure.reason}." for r in rows if r.stopped)
+    if note := rows[0].case.note:
+        yield f"{note[0].upper()}{note[1:]}."
 
 
 @cache

@@ -4,36 +4,61 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cached_property
 
+from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.store import Store
 from swe_sphere.studies.verify.case import ORDERS, Case, Level
 from swe_sphere.studies.verify.measure import Finer, Measure, measure
 
 __all__ = ["Row", "run_cases"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
     """One level of a case: what was measured and what it was held against."""
 
     case: Case
     level: Level
     measure: Measure
-    orders: dict[str, float] = field(default_factory=dict)
-    """Observed orders since the level before, by the names in `ORDERS`; none for the first."""
-    first: bool = True
-    """Whether it is the first level run."""
+    before: Row | None = None
+    """The level run before it, None for the first."""
 
-    @property
+    @cached_property
     def quantities(self) -> dict[str, float]:
         """All numbers, with `order` of height, `order_v` of wind and `order_energy`."""
-        return self.measure.quantities | self.orders
+        return self.orders | {
+            name: math.nan if x is None else x
+            for name, x in self.measure.numbers.items()
+            if name not in ("dt", "seconds")
+        }
+
+    @property
+    def orders(self) -> dict[str, float]:
+        """Observed orders since the level before, by the names in `ORDERS`; none for the first."""
+        return {} if self.before is None else _orders(self.before, self)
+
+    @property
+    def config(self) -> RunConfig:
+        """The run."""
+        return self.case.at(self.level).config
+
+    @property
+    def dt(self) -> float:
+        """Step taken [s]."""
+        return self.measure.numbers["dt"] or math.nan
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the steps alone [s]."""
+        return self.measure.numbers["seconds"] or 0.0
 
     @property
     def checks(self) -> list[Check]:
         """Every bound of the level; a quantity that was not measured fails it."""
-        skipped = set(ORDERS.values()) if self.first else set()
+        skipped = set(ORDERS.values()) if self.before is None else set()
         bounds = [b for b in self.case.bounds(self.level) if b.quantity not in skipped]
         found = ((bound, self.quantities.get(bound.quantity, math.nan)) for bound in bounds)
         # an upper bound alone is one of the size
@@ -56,17 +81,17 @@ class Row:
 
     def as_dict(self) -> dict[str, object]:
         """All of it in plain numbers and words; None for what is not finite."""
-        config = self.measure.config
+        config = self.config
         return {
             "case": self.case.name,
             "scene": self.case.scene,
             "title": self.case.title,
             "ne": config.ne,
             "np": config.np,
-            "dt": _plain(self.measure.dt),
+            "dt": _plain(self.dt),
             "days": 0.0 if self.case.start else config.days,
             "stepper": config.stepper,
-            "seconds": self.measure.seconds,
+            "seconds": self.seconds,
             "status": self.measure.status,
             "reason": self.measure.reason or None,
             "quantities": {name: _plain(x) for name, x in self.quantities.items()},
@@ -80,40 +105,45 @@ class Row:
         }
 
 
-def run_cases(cases: Iterable[Case], quick: bool = False) -> Iterator[Row]:
-    """Run the levels of the cases one by one; quick: only those marked so."""
+def run_cases(
+    cases: Iterable[Case], quick: bool = False, runs: Store[Measure] | None = None
+) -> Iterator[Row]:
+    """Run the levels of the cases one by one; quick: only those marked so.
+
+    runs: keeps what is measured; what it has already is not measured again.
+    """
+    known = {run.fingerprint: run for run in runs.records} if runs else {}
     for case in cases:
-        levels = [level for level in case.levels if level.quick or not quick]
-        if levels:
-            yield from _rows(case, levels)
-
-
-def _rows(case: Case, levels: list[Level]) -> Iterator[Row]:
-    against = case.against
-    finer = Finer(case.base.changed(against)) if isinstance(against, dict) else against
-    before: Row | None = None
-    for level in levels:
-        row = Row(case, level, measure(case.at(level), finer, start=case.start))
-        before = row if before is None else replace(row, orders=_orders(before, row), first=False)
-        yield before
+        against = case.against
+        finer = Finer(case.base.changed(against)) if isinstance(against, dict) else against
+        before: Row | None = None
+        for level in case.levels:
+            if quick and not level.quick:
+                continue
+            key = case.fingerprint(level)
+            found = known.get(key) or measure(case.at(level), finer, case.start, key)
+            if runs is not None and key not in known:
+                found = runs.add(found)
+            before = Row(case, level, found, before)
+            yield before
 
 
 def _orders(coarse: Row, fine: Row) -> dict[str, float]:
     """Order of the errors in terms of 1/ne, 1/(np - 1) or the time step."""
     ratio = math.log(_fineness(fine) / _fineness(coarse))
-    old, new = coarse.measure.quantities, fine.measure.quantities
+    old, new = coarse.measure.numbers, fine.measure.numbers
     return {
-        order: math.log(abs(old[name] / new[name])) / ratio
+        order: math.log(abs(a / b)) / ratio
         for name, order in ORDERS.items()
-        if old.get(name) and new.get(name)
+        if (a := old.get(name)) and (b := new.get(name))
     }
 
 
 def _fineness(row: Row) -> float:
     """What the levels of the case differ in."""
-    config, along = row.measure.config, row.case.along
+    config, along = row.config, row.case.along
     if along == "dt":
-        return 1.0 / row.measure.dt
+        return 1.0 / row.dt
     return float((config.ne or 0) if along == "ne" else (config.np or 0) - 1)
 
 
