@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swe_sphere.errors import SweError
-from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.execution import step_through
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 
-__all__ = ["Ended", "attempt", "stepped"]
+__all__ = ["ENDS", "STOPPED", "Ended", "attempt", "in_one_line", "stepped"]
 
+STOPPED = ("refused", "unstable", "solver-failed")
+"""Ways in which a run ends itself and says why."""
+ENDS = ("completed", *STOPPED, "timed-out", "failed")
+"""How a run may have ended."""
 BREAKDOWNS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
 """Errors that are no answer to the user: a run that ends with one of them has failed."""
 
@@ -48,32 +51,30 @@ def attempt(work: Callable[[], Ended]) -> Ended:
         with np.errstate(all="ignore"):
             return work()
     except SweError as error:
-        return Ended(error.status, _line(error))
+        return Ended(error.status, in_one_line(error))
     except BREAKDOWNS as error:
-        return Ended("failed", f"{type(error).__name__}: {_line(error)}")
+        return Ended("failed", f"{type(error).__name__}: {in_one_line(error)}")
 
 
 def stepped(
     sim: Simulation,
     observers: Sequence[Observer] = (),
-    tick: Callable[[str], None] | None = None,
+    tick: Callable[[Running], None] | None = None,
     time_limit: float | None = None,
+    interruption: Interruption | None = None,
 ) -> Ended:
-    """Step a simulation to its end; tick is told how far it is, time_limit is wall time [s].
+    """Step a simulation to its end, as `step_through` does.
 
     Raises:
         Interrupted: the user asked to stop.
     """
-    outcome = step_through(sim, observers, None if tick is None else _teller(tick), time_limit)
+    with np.errstate(all="ignore"):
+        outcome = step_through(sim, observers, tick, time_limit, interruption)
     if outcome.status == "interrupted":
         raise Interrupted(outcome.reason)
-    return Ended(outcome.status, _line(outcome.reason or ""), sim=sim)
+    return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)
 
 
-def _teller(tick: Callable[[str], None]) -> Callable[[Running], None]:
-    return lambda sim: tick(f"day {sim.time / DAY:.3g}, step {sim.steps} of {sim.plan.steps}")
-
-
-def _line(text: object) -> str:
+def in_one_line(text: object) -> str:
     """The text in one line."""
     return " ".join(str(text).split())

@@ -14,6 +14,7 @@ from swe_sphere.io.norms import errors
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.progress import Watcher
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.ended import Ended, attempt, stepped
@@ -49,9 +50,15 @@ def _watched(trial: Trial, tick: Tick | None) -> Ended:
     sim.begin(_plan(trial, sim))
     series = Series(sim.plan, [SYMMETRIES[name](sim.mesh) for name in trial.symmetries])
     series.observe(sim)
-    ended = stepped(sim, [series], tick, trial.seconds)
+    told = None if tick is None else (lambda sim: tick(_told(sim)))
+    ended = stepped(sim, [series], told, trial.seconds)
     ended.numbers = series.numbers() | _costs(sim)
     return ended
+
+
+def _told(sim: Running) -> str:
+    """How far it is."""
+    return f"day {sim.time / DAY:.3g}, step {sim.steps} of {sim.plan.steps}"
 
 
 def _plan(trial: Trial, sim: Simulation) -> TimePlan | None:

@@ -6,16 +6,13 @@ import math
 
 from swe_sphere.studies import store
 from swe_sphere.studies.bounds import Check
-from swe_sphere.studies.ended import Ended
+from swe_sphere.studies.ended import STOPPED, Ended
 from swe_sphere.studies.stress.methods import Tick, measure
 from swe_sphere.studies.stress.trial import Trial
 
 __all__ = ["OUTCOMES", "Result", "judge", "try_out"]
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
-
-STOPPED = ("refused", "unstable", "solver-failed")
-"""Ways in which a run ends itself and says why."""
 
 
 class Result(store.Result):

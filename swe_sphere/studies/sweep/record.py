@@ -16,6 +16,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.errors import Norms
 from swe_sphere.studies.store import Record, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
@@ -32,13 +33,7 @@ HEADER, RUNS = "sweep.json", "runs"
 KINDS = ("time", "total", "slow")
 FIELDS = ("h", "v", "vorticity")
 NORMS = ("l1", "l2", "linf")
-
-
 MESH = ("ne", "np", "stretch", "precision", "device")
-
-
-ENDS = ("completed", "refused", "unstable", "solver-failed", "timed-out", "failed")
-"""How a run may have ended."""
 
 
 class Errors(Record):
@@ -71,7 +66,7 @@ class RunRecord(Record):
     """Complete: scene, mesh, stepper and its options, the step dt [s] and the length [days]."""
     status: Annotated[str, Field(pattern=f"^({'|'.join(ENDS)})$")]
     reason: str
-    numbers: dict[str, float | None]
+    numbers: Mapping[str, float | None]
     """Costs, limits of the mesh, drifts and diagnostics by name."""
     errors: list[Errors]
     rhs_seconds: float | None

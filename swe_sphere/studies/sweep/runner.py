@@ -8,16 +8,14 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
-from swe_sphere.simulation.execution import BREAKDOWNS, step_through
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.studies.ended import Ended, attempt, in_one_line, stepped
 from swe_sphere.studies.modelled_time import Stopwatch, difference
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.store import Store
@@ -42,14 +40,9 @@ WARM_STEPS = 2
 
 
 @dataclass
-class Result:
-    """What a run came to."""
+class Result(Ended):
+    """What a run came to: costs and, if it was completed, drifts and the user's own diagnostics."""
 
-    status: str
-    """As `simulation.summary.Outcome` has it."""
-    reason: str = ""
-    numbers: dict[str, float] = field(default_factory=dict)
-    """Costs and, of a run that was completed, drifts and the user's own diagnostics."""
     snapshots: History = field(default_factory=dict)
     """Fields at the report days that were reached."""
     rhs_seconds: float | None = None
@@ -96,23 +89,20 @@ def execute(
     try:
         sim = _begun(spec)
     except (ConfigError, RunFailed) as error:
-        return Result("refused", " ".join(str(error).split()))
-    snapshots = Snapshots(spec.report_steps())
+        return Result("refused", in_one_line(error))
+    snapshots, work = Snapshots(spec.report_steps()), sim.model.launch.work
     told = None if tick is None else (lambda sim: tick(sim.steps))
-    work = sim.model.launch.work
-    watch = watch if sim.model.device == "cpu" else None
-    before, work.timer = work.counts(), watch
-    if watch is not None:
+    before = work.counts()
+    if watch is not None and sim.model.device == "cpu":
+        work.timer = watch
         watch.begin()
-    with np.errstate(all="ignore"):
-        ended = step_through(sim, [snapshots], told, time_limit, interruption)
-    done = difference(work.counts(), before) if watch else {}
-    numbers = _costs(sim) | (_diagnostics(sim) if ended.completed else {})
-    numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
-    prices = watch.prices() if watch else {}
-    return Result(
-        ended.status, ended.reason or "", numbers, snapshots.kept, work=done, prices=prices
-    )
+    ended = stepped(sim, [snapshots], told, time_limit, interruption)
+    result = Result(ended.status, ended.reason, _costs(sim), snapshots=snapshots.kept)
+    if work.timer is watch is not None:
+        result.work, result.prices = difference(work.counts(), before), watch.prices()
+    result.numbers |= _diagnostics(sim) if ended.completed else {}
+    result.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
+    return result
 
 
 def warm_up(spec: RunSpec) -> float:
@@ -120,14 +110,14 @@ def warm_up(spec: RunSpec) -> float:
 
     What fails here fails again in the run, where it is told.
     """
-    try:
+
+    def work() -> Ended:
         sim = _begun(spec)
-        with np.errstate(all="ignore"):
-            for _ in range(WARM_STEPS):
-                sim.step()
-    except (ConfigError, RunFailed, *BREAKDOWNS):
-        return math.nan
-    return sim.model.compile_seconds
+        for _ in range(WARM_STEPS):
+            sim.step()
+        return Ended(numbers={"compile_seconds": sim.model.compile_seconds})
+
+    return attempt(work).numbers.get("compile_seconds", math.nan)
 
 
 def _begun(spec: RunSpec) -> Simulation:
@@ -232,11 +222,10 @@ class Runner:
         self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
     ) -> RunRecord:
         """Write the record of a run."""
-        numbers: dict[str, float | None] = {**result.numbers, **spec.space.limits}
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
-            status=result.status, reason=result.reason, numbers=numbers, errors=errors,
-            rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
+            status=result.status, reason=result.reason, numbers=result.numbers | spec.space.limits,
+            errors=errors, rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
             time_limit=self._time_limit, sources=self._sources | spec.sources,
         )  # fmt: skip
         kept = self._known[spec.key, repeat] = self._store.add(record)
