@@ -50,6 +50,7 @@ def with_flags(
             if parameter.kind is not inspect.Parameter.VAR_KEYWORD
         ]
         names = [name for name in model.model_fields if name not in without]
+        names.sort(key=lambda name: name not in model.__annotations__)  # inherited ones come last
         parameters = [*(_parameter(model, name, argument) for name in names), *own]
         function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         function.__annotations__ = {p.name: p.annotation for p in parameters}

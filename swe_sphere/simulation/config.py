@@ -22,7 +22,10 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.settings import complaint
 from swe_sphere.toml_file import read_toml
 
-__all__ = ["RunConfig", "first_complaint", "flag_of", "load_config", "make_config"]
+__all__ = [
+    "RunConfig", "SharedConfig", "by_field", "first_complaint", "flag_of", "load_config",
+    "make_config",
+]  # fmt: skip
 
 
 def _time_step(value: object) -> object:
@@ -69,17 +72,36 @@ _FIELDS = {"set": "settings", "json": "as_json"}
 """Flags whose fields are called otherwise."""
 
 
-class RunConfig(BaseModel):
+class SharedConfig(BaseModel):
+    """What all runs of a study share: how the mesh is refined and turned, and the machine."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    stretch: Number = 1.0
+    """Schmidt refinement: refine the mesh so many times at the centre."""
+    centre_lon: Number = 0.0
+    """Longitude of the centre [rad]."""
+    centre_lat: Number = 0.0
+    """Latitude of the centre [rad]."""
+    spin: Number = 0.0
+    """Turn of the cube about the centre [rad]."""
+    alpha: Number | None = None
+    """Scene parameter alpha: angle between the flow and the equator [rad]."""
+    device: str = "cpu"
+    """Where to run."""
+    launch: Literal["element", "node"] | None = None
+    """Shape of kernel launches: a thread for each element or for each node."""
+
+
+class RunConfig(SharedConfig):
     """Everything `swe-sphere run` can be told; None means: as the scene recommends.
 
     The names are those of the flags (and of the keys of a `--config` file), with `_` for `-`, but
     for two that Python cannot call so: `settings` is `--set`, `as_json` is `--json`.
     Whether scene, stepper, mesh and device exist is checked where they are made.
     """
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
@@ -103,22 +125,8 @@ class RunConfig(BaseModel):
     """Elements along an edge of the cube."""
     np: Whole | None = None
     """Nodes along an edge of an element."""
-    stretch: Number = 1.0
-    """Schmidt refinement: refine the mesh so many times at the centre."""
-    centre_lon: Number = 0.0
-    """Longitude of the centre [rad]."""
-    centre_lat: Number = 0.0
-    """Latitude of the centre [rad]."""
-    spin: Number = 0.0
-    """Turn of the cube about the centre [rad]."""
-    alpha: Number | None = None
-    """Scene parameter alpha: angle between the flow and the equator [rad]."""
-    device: str = "cpu"
-    """Where to run."""
     precision: Literal["float64", "float32"] = "float64"
     """Number type of the state."""
-    launch: Literal["element", "node"] | None = None
-    """Shape of kernel launches: a thread for each element or for each node."""
     settings: tuple[str, ...] = ()
     """Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of the stepper
     (stepper.tolerance=1e-4); repeatable."""
@@ -176,8 +184,12 @@ def load_config(path: Path) -> dict[str, object]:
     Raises:
         ConfigError: the file is not there or is no TOML.
     """
-    table = read_toml(path).items()
-    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table}
+    return by_field(read_toml(path))
+
+
+def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by the names of fields, from those by the names of flags."""
+    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table.items()}
 
 
 def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:

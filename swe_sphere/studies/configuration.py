@@ -15,7 +15,7 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings import SCENE, by_owner
-from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.config import RunConfig, by_field, make_config
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.parameters import checked
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from swe_sphere.simulation.simulation import Simulation
 
 M = TypeVar("M", bound=BaseModel)
-
-FIELDS = {"set": "settings"}
-"""Keys of a configuration file whose fields are called otherwise."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +46,7 @@ class Configuration:
     @property
     def config(self) -> RunConfig:
         """All of it, checked; ConfigError for an unknown key or an unfit value."""
-        names = {key: FIELDS.get(key, key.replace("-", "_")) for key in self.table}
-        return make_config({names[key]: value for key, value in self.table.items()})
+        return make_config(by_field(self.table))
 
     def make_scene(self) -> Scene:
         """The scene with its parameters, and with its effects as the settings have them."""

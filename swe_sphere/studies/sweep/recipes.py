@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.simulation.config import by_field
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 from swe_sphere.toml_file import read_toml
 
 __all__ = ["Recipe", "load_recipe", "recipe_names"]
-
-FLAGS = {"set": "settings"}
-
 
 @dataclass(frozen=True)
 class Recipe:
@@ -66,12 +64,7 @@ def load_recipe(name: str) -> Recipe:
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
-    return Recipe(title, tuple(_named(table | each) for each in sweeps), introduction, notes)
-
-
-def _named(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys as Python has them."""
-    return {FLAGS.get(key, key.replace("-", "_")): value for key, value in table.items()}
+    return Recipe(title, tuple(by_field(table | each) for each in sweeps), introduction, notes)
 
 
 def _folder() -> Path:

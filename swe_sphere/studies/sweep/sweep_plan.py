@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
@@ -18,6 +18,7 @@ from swe_sphere.simulation.config import (
     Number,
     Positive,
     RunConfig,
+    SharedConfig,
     Whole,
     first_complaint,
     make_config,
@@ -79,22 +80,13 @@ Steps = Annotated[Literal["auto"] | tuple[float, ...], BeforeValidator(_steps)]
 Paths = Annotated[tuple[FileName, ...], BeforeValidator(_listed)]
 Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
 
-RUN_OPTIONS = (
-    "scene", "alpha", "settings", "stretch", "centre_lon", "centre_lat", "spin", "device", "launch",
-)  # fmt: skip
-"""Options that all runs of a sweep share, as `swe-sphere run` has them."""
 
-
-class SweepPlan(BaseModel):
+class SweepPlan(SharedConfig):
     """A grid of runs, or a search, on one scene; empty and None mean: as the scene recommends.
 
     The names are those of the flags of `swe-sphere sweep` and of the keys of a recipe, with `_` for
     `-` (`settings` is `--set`).
     """
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
 
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
@@ -142,26 +134,12 @@ class SweepPlan(BaseModel):
     """Its step as a part of its stability limit; a run of twice the step checks it."""
     slow: bool | None = None
     """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
-    alpha: Number | None = None
-    """Scene parameter alpha: angle between the flow and the equator [rad]."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
-    stretch: Number = 1.0
-    """Schmidt refinement: refine the mesh so many times at the centre."""
-    centre_lon: Number = 0.0
-    """Longitude of the centre [rad]."""
-    centre_lat: Number = 0.0
-    """Latitude of the centre [rad]."""
-    spin: Number = 0.0
-    """Turn of the cube about the centre [rad]."""
-    device: str = "cpu"
-    """Where to run."""
-    launch: Literal["element", "node"] | None = None
-    """Shape of kernel launches: a thread for each element or for each node."""
 
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
-        whole = {name: getattr(self, name) for name in RUN_OPTIONS} | values
+        whole = self.model_dump(include={*SharedConfig.model_fields, "scene", "settings"}) | values
         return make_config({name: value for name, value in whole.items() if value is not None})
 
     def changes(self) -> dict[str, Any]:
