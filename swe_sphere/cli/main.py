@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 
+from swe_sphere import __version__
 from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all, plot
 from swe_sphere.cli.run import run
@@ -29,6 +31,21 @@ app.command("plot")(plot)
 app.command("compare")(compare)
 app.command("verify")(verify)
 app.command("stress")(stress)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"swe-sphere {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version."),
+    ] = False,
+) -> None: ...
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,0 +1,39 @@
+"""How the pages become a site: `sphinx-build -W docs site`, with what `pip install '.[docs]'` brings."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from scene_pages import write_scene_pages
+
+from swe_sphere import __version__
+
+project = "swe_sphere"
+author = "the swe_sphere developers"
+version = release = __version__
+root_doc = "index"
+exclude_patterns = ["_build"]
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+]
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_heading_anchors = 4
+nb_execution_mode = "off"  # the tests execute the notebooks; their outputs are in them
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+autodoc_class_signature = "separated"
+
+html_theme = "furo"
+html_title = f"swe_sphere {release}"
+html_theme_options = {"navigation_with_keys": True}
+
+
+def setup(app):
+    """Pages of scenes are made of the scenes, before Sphinx looks what pages there are."""
+    app.connect("builder-inited", lambda app: write_scene_pages(Path(app.srcdir) / "scenes"))
