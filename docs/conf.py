@@ -1,4 +1,4 @@
-"""How the pages become a site: `sphinx-build -W docs site`, with what `pip install '.[docs]'` brings."""
+"""The pages as a site: `sphinx-build -W docs site`, with what `pip install ".[docs]"` brings."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One page a scene, made of the scene itself: formula, source, parameters, effects, errors, picture."""
+"""A page for each scene, made of it: formula, source, parameters, effects, errors, picture."""
 
 import inspect
 import re
@@ -96,9 +96,10 @@ def _expected(cases):
 def _rows(case):
     for level in case.get("levels", ()):
         if "h" in level or "v" in level:
-            at = ", ".join(f"{key} {level[key]:g}" for key in ("ne", "np", "dt") if key in level)
-            title = case.get("title", case["name"])
-            yield f"| {title}{': ' if at else ''}{at} | {_norms(level, 'h')} | {_norms(level, 'v')} |"
+            keys = [key for key in ("ne", "np", "dt") if key in level]
+            at = ", ".join(f"{key} {level[key]:g}" for key in keys)
+            run = ": ".join(filter(None, (case.get("title", case["name"]), at)))
+            yield f"| {run} | {_norms(level, 'h')} | {_norms(level, 'v')} |"
 
 
 def _norms(level, field):
