@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["PATIENCE", "compiling", "on_compile"]
-
 PATIENCE = 1.0
 """Seconds of compiling after which one is told."""
 

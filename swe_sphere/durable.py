@@ -16,10 +16,6 @@ from pathlib import Path
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 
-__all__ = [
-    "allocate", "claim", "clear_errors", "part_of", "put_in_place", "take_lock", "write_whole",
-]  # fmt: skip
-
 MENDING = "; mend that and run it again: what is finished is kept"
 UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 

@@ -10,8 +10,6 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-__all__ = ["code_fingerprint", "file_fingerprint", "fingerprint"]
-
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
     "io", "studies", "studies.sweep",

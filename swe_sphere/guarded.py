@@ -10,8 +10,6 @@ from typing import ParamSpec, TypeVar
 
 from swe_sphere.errors import ConfigError, SweError
 
-__all__ = ["cause", "guarded"]
-
 P = ParamSpec("P")
 R = TypeVar("R")
 

@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["global_spline"]
-
 Array = NDArray[np.float64]
 
 RIM = 8

@@ -8,8 +8,6 @@ import numpy as np
 
 from swe_sphere import __version__
 
-__all__ = ["machine", "processor", "versions"]
-
 
 def processor() -> str:
     """The name of the processor."""

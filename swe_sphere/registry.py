@@ -10,8 +10,6 @@ from typing import Any, ClassVar, Protocol, TypeVar
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.user_file import file_contents, is_user_file, load_file
 
-__all__ = ["Registry"]
-
 
 class Named(Protocol):
     """A class with a name by which users call it."""

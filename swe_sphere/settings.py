@@ -13,8 +13,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown
 
-__all__ = ["SCENE", "STEPPER", "by_owner", "complaint", "convert"]
-
 SCENE, STEPPER = "scene", "stepper"
 """Owners of settings that are no effects."""
 

@@ -8,8 +8,6 @@ from typing import Any
 
 from swe_sphere.errors import ConfigError
 
-__all__ = ["read_toml"]
-
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The table in the file.

@@ -13,8 +13,6 @@ from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.fingerprints import fingerprint
 from swe_sphere.guarded import cause, guarded
 
-__all__ = ["file_contents", "is_user_file", "load_file", "module_name", "users_code"]
-
 _LOADED: set[str] = set()
 
 

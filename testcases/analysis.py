@@ -26,8 +26,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.lat_lon import global_spline
 from swe_sphere.planet import EARTH
 
-__all__ = ["Analysis", "read_analysis"]
-
 AXES = {"lat": ("lat", "latitude"), "lon": ("lon", "longitude")}
 WIND = ("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1")
 METRES = ("m", "metre", "metres", "meter", "meters", "gpm")

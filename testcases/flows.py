@@ -12,16 +12,6 @@ from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.sphere import angle, position
 
-__all__ = [
-    "cone",
-    "coriolis",
-    "distance",
-    "solid_body",
-    "tilted_latitude",
-    "turned",
-    "wrapped",
-]
-
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:
     """Sine of the latitude above the equator of the axis c = (-sin α, 0, cos α)."""

@@ -13,8 +13,6 @@ from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import coriolis, wrapped
 from swe_sphere.testcases.zonal import ZonalJet
 
-__all__ = ["galewsky"]
-
 PAPER = "Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, doi:10.3402/tellusa.v56i5.14436"
 SOUTH_POLE_DEPTH = 10158.18617045462
 """Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.scene import Array
 
-__all__ = ["Complex", "GaussGrid", "legendre", "synthesis"]
-
 Complex = NDArray[np.complex128]
 CHUNK = 4096
 """Points that are treated together: so much memory a degree."""

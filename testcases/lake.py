@@ -10,8 +10,6 @@ from swe_sphere.sphere import position
 from swe_sphere.testcases.flows import cone as conical_mountain
 from swe_sphere.testcases.flows import coriolis
 
-__all__ = ["lake_at_rest"]
-
 SURFACE = 5960.0
 """Height of the free surface [m]."""
 WIDTH = np.pi / 18.0

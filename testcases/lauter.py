@@ -12,8 +12,6 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import coriolis, solid_body, tilted_latitude
 
-__all__ = ["lauter"]
-
 PAPER = (
     "Läuter, Handorf & Dethloff (2005), J. Comput. Phys. 210, 535-553, "
     "doi:10.1016/j.jcp.2005.04.022, example 3"

@@ -10,8 +10,6 @@ from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.testcases.parameters import SceneFactory, checked
 
-__all__ = ["made"]
-
 
 def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Scene:
     """The scene that the factory makes; it knows its parameters, also those left at defaults.

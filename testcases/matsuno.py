@@ -14,8 +14,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, Planet
 from swe_sphere.testcases.flows import coriolis
 
-__all__ = ["matsuno"]
-
 Wave = Literal["rossby", "eig", "wig"]
 PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
 DEPTH = 30.0

@@ -9,8 +9,6 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import coriolis
 
-__all__ = ["mcdonald_bates"]
-
 PAPER = (
     "McDonald & Bates (1989), Mon. Wea. Rev. 117, 130-137, "
     "doi:10.1175/1520-0493(1989)117<0130:SLIOAS>2.0.CO;2"

@@ -9,8 +9,6 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases.flows import distance
 
-__all__ = ["modons"]
-
 PAPER = "Lin, Chen & Yao (2017), J. Adv. Model. Earth Syst. 9, 2483-2492, doi:10.1002/2017MS000965"
 SPEED = 50.0
 """Speed of the two bursts of wind [m s-1]."""

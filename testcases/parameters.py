@@ -14,8 +14,6 @@ from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings import convert
 
-__all__ = ["SceneFactory", "checked"]
-
 SceneFactory = Callable[..., Scene]
 
 

@@ -16,8 +16,6 @@ from swe_sphere.equations.scene import Array
 from swe_sphere.planet import Planet
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
-__all__ = ["BalancedFlow", "mean_kinetic_energy", "random_streamfunction"]
-
 
 @dataclass(frozen=True)
 class BalancedFlow:

@@ -10,8 +10,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases.flows import coriolis, distance
 
-__all__ = ["dam_break", "gravity_bumps", "splash"]
-
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
 STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)

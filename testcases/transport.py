@@ -13,8 +13,6 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.sphere import frame, position
 from swe_sphere.testcases.flows import distance, solid_body, turned
 
-__all__ = ["deformational", "moving_vortices"]
-
 PERIOD = 12.0 * DAY
 """Time of one turn of the background, and of the deformation and its undoing [s]."""
 TURN = 2.0 * np.pi / PERIOD

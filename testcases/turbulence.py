@@ -12,8 +12,6 @@ from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
-__all__ = ["turbulence"]
-
 PAPER = (
     "after Cho & Polvani (1996), Phys. Fluids 8, 1531-1552, doi:10.7916/D8DJ5RSK (copy); "
     "spectrum of Yoden & Yamada (1993), J. Atmos. Sci. 50, 631-644"

@@ -35,8 +35,6 @@ from swe_sphere.testcases.made import made
 from swe_sphere.toml_file import read_toml
 from swe_sphere.user_file import file_contents, is_user_file, load_file
 
-__all__ = ["is_scene_file", "load", "scene_files"]
-
 DEPTH = 8
 """So many files may build on each other; more are taken for a circle."""
 

@@ -14,8 +14,6 @@ from swe_sphere.sphere import angle, position
 from swe_sphere.testcases.flows import cone, coriolis, solid_body, tilted_latitude, turned
 from swe_sphere.testcases.zonal import ZonalJet
 
-__all__ = ["williamson1", "williamson2", "williamson3", "williamson5", "williamson6"]
-
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 TURN = 12.0 * DAY
 """Time in which the solid-body flow goes once around the planet [s]."""

@@ -13,8 +13,6 @@ from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.williamson import PAPER
 from swe_sphere.testcases.zonal import ZonalBalance
 
-__all__ = ["williamson4"]
-
 DEPTH = 1e5
 """g h0 of the paper [m2 s-2]: g h at the poles."""
 CENTRE = np.pi / 4.0

@@ -19,8 +19,6 @@ from swe_sphere.testcases.harmonics import Complex, GaussGrid
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.williamson import PAPER
 
-__all__ = ["williamson7"]
-
 DEPTH = 1e4
 """Mean depth [m], put in the place of that of the analysis as in the paper."""
 DEGREE = 42

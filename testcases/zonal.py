@@ -11,8 +11,6 @@ import numpy as np
 from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = ["ZonalBalance", "ZonalJet"]
-
 PANELS = 128
 POINTS = 8
 """Gauss-Legendre panels over the wind and points a panel: the integrals are right to round-off."""

@@ -9,8 +9,6 @@ import typer
 
 from swe_sphere.errors import SweError
 
-__all__ = ["Stopped", "explain", "show_traceback"]
-
 DEBUG = "SWE_SPHERE_DEBUG"
 """Environment variable that asks for the traceback of an error."""
 

@@ -10,8 +10,6 @@ import typer
 
 from swe_sphere.planet import DAY
 
-__all__ = ["compare", "list_all", "plot"]
-
 Field = Annotated[
     str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
 ]

@@ -16,8 +16,6 @@ from swe_sphere.cli.stress import stress
 from swe_sphere.cli.sweep import sweep
 from swe_sphere.cli.verify import verify
 
-__all__ = ["app", "main"]
-
 app = typer.Typer(
     help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
     no_args_is_help=True,

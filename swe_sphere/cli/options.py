@@ -12,8 +12,6 @@ from pydantic import BaseModel
 
 from swe_sphere.simulation.config import flag_of
 
-__all__ = ["given", "with_flags"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 METAVARS = {

@@ -15,8 +15,6 @@ from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.run import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
-__all__ = ["run"]
-
 
 @with_flags(RunConfig, argument="scene")
 def run(

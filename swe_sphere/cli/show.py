@@ -8,8 +8,6 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import ProgressBar
 from swe_sphere.simulation.summary import Summary
 
-__all__ = ["Terminal", "show_summary"]
-
 
 class Terminal(ProgressBar):
     """Warnings on stderr; a progress bar there too if it is a terminal and nobody minds."""

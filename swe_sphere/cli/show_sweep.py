@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from swe_sphere.studies.sweep.record import RunRecord
     from swe_sphere.studies.sweep.runspec import RunSpec
 
-__all__ = ["SweepTerminal", "show_sweep"]
-
-
 WIDE = 160
 """Columns of the screen where there is none."""
 

@@ -15,8 +15,6 @@ from swe_sphere.simulation.interrupt import Interrupted
 if TYPE_CHECKING:
     from swe_sphere.studies.stress import Result, Store, Trial
 
-__all__ = ["stress"]
-
 
 def stress(
     quick: Annotated[

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-__all__ = ["sweep"]
-
 RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin")
 """Fields of a plan without a flag."""
 

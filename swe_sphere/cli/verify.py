@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from swe_sphere.studies.store import Store
     from swe_sphere.studies.verify import Measure, Row
 
-__all__ = ["verify"]
-
 PAGE = "verification.md"
 NUMBERS = "verification.json"
 

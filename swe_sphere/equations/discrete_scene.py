@@ -17,8 +17,6 @@ from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 
-__all__ = ["DiscreteScene"]
-
 Array = NDArray[np.float64]
 
 

@@ -11,8 +11,6 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings import SCENE, STEPPER, by_owner, convert
 
-__all__ = ["apply_settings", "with_parameters"]
-
 
 def apply_settings(scene: Scene, settings: Iterable[str]) -> Scene:
     """The scene with the parameters of its effects as settings "effect.parameter=value" say.

@@ -14,8 +14,6 @@ from swe_sphere.equations.tendencies import TendencyComponent
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.kernels import combine_kernel
 
-__all__ = ["DifferenceJacobian", "ExactJacobian", "Jacobian"]
-
 
 class Jacobian(ABC):
     """`jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.

@@ -14,8 +14,6 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.planet import Planet
 from swe_sphere.settings import SCENE, STEPPER
 
-__all__ = ["LONGEST_DAYS", "MOST_ELEMENTS", "check_scene"]
-
 MOST_ELEMENTS = 10**6
 """More along an edge of the cube are a slip of the pen."""
 LONGEST_DAYS = 1e9

@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 from swe_sphere.equations.effects import Effect
 from swe_sphere.planet import EARTH, Planet
 
-__all__ = [
-    "Array",
-    "Parameter",
-    "Rates",
-    "Scalar",
-    "SceneFields",
-    "State",
-    "UnsteadyState",
-    "UnsteadyTracers",
-    "Wind",
-]
-
 Array = NDArray[np.float64]
 Scalar = Callable[[Array, Array], Array]
 """(lon, lat) [rad] -> one value a point."""

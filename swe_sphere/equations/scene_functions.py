@@ -14,8 +14,6 @@ from swe_sphere.equations.scene_fields import Array, SceneFields
 from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 
-__all__ = ["checked_functions", "fitted"]
-
 STATE, RATES, WIND = ("u", "v", "h"), ("du/dt", "dv/dt", "dh/dt"), ("u", "v")
 
 RETURNS: Mapping[str, tuple[str, ...]] = {

@@ -19,8 +19,6 @@ from swe_sphere.kernels import Terms, combine_kernel
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise
 from swe_sphere.operators import PointwiseOperator, TendencyOperator
 
-__all__ = ["TendencyComponent", "TermsOperator", "element_terms"]
-
 NO_POINTWISE = Pointwise()
 
 

@@ -14,8 +14,6 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
 
-__all__ = ["TracerEquations", "mixing_ratios"]
-
 Array = NDArray[np.float64]
 
 

@@ -22,8 +22,6 @@ from swe_sphere.durable import part_of, put_in_place
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import reading
 
-__all__ = ["Checkpoint", "checkpoint_path", "read_checkpoint", "write_checkpoint"]
-
 HEADER = "header"
 ARRAYS = "arrays"
 """Says in the header which arrays there are, as the check sums are those of each alone."""

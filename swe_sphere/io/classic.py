@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
-__all__ = ["FORMAT", "RECORDS_AT", "Header", "check_length", "read_header"]
-
 FORMAT: Final = "NETCDF3_64BIT_OFFSET"
 """What the netCDF library calls the format."""
 

@@ -14,8 +14,6 @@ from swe_sphere.io.reference_solution import Reference, reference_field
 from swe_sphere.io.runfile import TOLERANCE, RunFile, reading
 from swe_sphere.io.scalar_fields import check_field
 
-__all__ = ["Source", "compare", "open_source"]
-
 Source = RunFile | Reference
 
 

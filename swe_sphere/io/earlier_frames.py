@@ -13,8 +13,6 @@ from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import SERIES
 from swe_sphere.io.runfile import RunFile, reading
 
-__all__ = ["EarlierFrames"]
-
 KEPT = ("run_id", "start_step")
 """Attributes that stay those of the run that is gone on with."""
 

@@ -15,8 +15,6 @@ from swe_sphere.mesh import Mesh
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Frame", "frame_dataset"]
-
 Array = NDArray[np.float64]
 
 

@@ -22,8 +22,6 @@ from numpy.typing import ArrayLike
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.classic import RECORDS_AT, read_header
 
-__all__ = ["GrowingFile"]
-
 _COUNT = struct.Struct(">I")
 
 

@@ -15,8 +15,6 @@ from swe_sphere.io.norms import area_mean
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
 
-__all__ = ["DRIFTS", "courant_numbers", "drifts", "integrals"]
-
 Array = NDArray[np.float64]
 
 DRIFTS = {

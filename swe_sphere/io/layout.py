@@ -19,11 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.mesh import Mesh
 
-__all__ = [
-    "FRAME_FIELDS", "LAYOUT_BYTES", "MESH_ATTRIBUTES", "SERIES", "SUMMARY", "SUMMARY_BYTES",
-    "TRACER", "add_layout", "attribute", "frame_fields",
-]  # fmt: skip
-
 FRAME_FIELDS = {
     "h": {"long_name": "depth of the fluid", "units": "m"},
     "u": {"standard_name": "eastward_wind", "long_name": "eastward wind", "units": "m s-1"},

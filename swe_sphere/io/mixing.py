@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BELLS", "Relation", "filaments", "mixing"]
-
 Array = NDArray[np.float64]
 
 SCAN = 256

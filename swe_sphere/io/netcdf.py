@@ -33,8 +33,6 @@ from swe_sphere.io.layout import (
 )
 from swe_sphere.mesh import Mesh
 
-__all__ = ["FrameWriter"]
-
 SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
 

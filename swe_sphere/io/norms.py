@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.mesh import Mesh
 
-__all__ = ["area_mean", "errors", "l1", "l2", "linf", "norms"]
-
 Array = NDArray[np.float64]
 
 

@@ -20,8 +20,6 @@ from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.sphere import frame
 
-__all__ = ["Reference", "latitude_weights", "reference_errors", "shipped_reference"]
-
 Array = NDArray[np.float64]
 
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",

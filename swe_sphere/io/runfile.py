@@ -25,8 +25,6 @@ from swe_sphere.planet import DAY
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["TOLERANCE", "Nodal", "RunFile", "attributes", "open_run", "reading"]
-
 Array = NDArray[np.float64]
 
 POINTS = 20_000

@@ -13,8 +13,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
 from swe_sphere.mesh import Interpolator
 
-__all__ = ["FIELDS", "Field", "check_field", "derive", "describe", "evaluate"]
-
 Array = NDArray[np.float64]
 
 

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from swe_sphere.io.norms import area_mean, norms
 from swe_sphere.mesh import Mesh
 
-__all__ = ["tracer_errors", "tracer_masses", "tracer_numbers"]
-
 Array = NDArray[np.float64]
 
 

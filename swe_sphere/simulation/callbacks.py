@@ -12,8 +12,6 @@ from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.running import Running
 
-__all__ = ["Callback", "Observer", "every", "scheduled"]
-
 Function = Callable[[Any], Any]
 
 

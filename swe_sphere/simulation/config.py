@@ -22,11 +22,6 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.settings import complaint
 from swe_sphere.toml_file import read_toml
 
-__all__ = [
-    "RunConfig", "SharedConfig", "by_field", "first_complaint", "flag_of", "load_config",
-    "make_config",
-]  # fmt: skip
-
 
 def _time_step(value: object) -> object:
     if isinstance(value, str) and value.strip().lower() == "auto":

@@ -16,10 +16,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Array, Fields
 from swe_sphere.user_file import load_file
 
-__all__ = [
-    "DIAGNOSTICS", "Diagnostic", "OwnDiagnostics", "diagnostic", "forget", "load_diagnostics",
-]  # fmt: skip
-
 Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)
 

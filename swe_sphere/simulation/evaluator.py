@@ -16,8 +16,6 @@ from swe_sphere.simulation.snapshot import Array, Fields, Snapshot
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
 
-__all__ = ["Evaluator", "ReferenceErrors", "exact_errors", "flow_errors", "state_integrals"]
-
 
 def state_integrals(model: Model, fields: Fields) -> dict[str, float]:
     """Global integrals and extremes of a state; fields: u, v, h, vorticity, divergence (N,)."""

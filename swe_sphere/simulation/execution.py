@@ -21,8 +21,6 @@ from swe_sphere.simulation.summary import Outcome, Summary
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
 
-__all__ = ["execute", "step_through", "summary_of"]
-
 COSTS = (
     "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
     "preconditioner_applications", "setups", "setup_seconds",

@@ -9,8 +9,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.snapshot import Array
 
-__all__ = ["HealthCheck"]
-
 EVERY = 16
 """Steps between looks: they cost about a hundredth of the steps then."""
 

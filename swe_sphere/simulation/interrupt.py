@@ -7,8 +7,6 @@ import threading
 from types import FrameType, TracebackType
 from typing import Any, Self
 
-__all__ = ["Interrupted", "Interruption"]
-
 
 def _heard() -> list[signal.Signals]:
     """The signals that end a run in good order, as far as the system has them."""

@@ -12,8 +12,6 @@ from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 
-__all__ = ["Loop"]
-
 TICK = 0.1
 """Seconds between two calls of the progress report."""
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 GROUPS = Path("/sys/fs/cgroup")
 
-__all__ = ["available_memory", "check_memory", "needed_memory"]
-
 PROGRAM = 2.5e8
 """Interpreter, libraries and compiled kernels."""
 SPECTRUM = 25

@@ -9,8 +9,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 
-__all__ = ["appends", "check_paths"]
-
 PICTURES = (".png", ".pdf", ".svg")
 
 

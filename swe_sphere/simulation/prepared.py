@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Prepared"]
-
 
 class Prepared:
     """Scene, mesh, model and the method of stepping, of a configuration; cheap checks come first.

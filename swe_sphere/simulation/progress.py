@@ -10,8 +10,6 @@ from typing import Any
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
 
-__all__ = ["Notebook", "ProgressBar", "Watcher"]
-
 
 class Watcher:
     """Told how a run is going; this one does not care."""

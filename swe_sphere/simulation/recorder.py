@@ -20,8 +20,6 @@ from swe_sphere.simulation.time_plan import TimePlan
 if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
 
-__all__ = ["Recorder", "attributes_of", "most_samples", "save"]
-
 SAMPLES = 200
 """About how many times the numbers are sampled in a run."""
 

@@ -17,11 +17,6 @@ from swe_sphere.simulation.output import appends
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
 
-__all__ = [
-    "COUNTER", "adopt", "carried_counts", "check_identity", "check_step", "code_warnings",
-    "configured", "read_restart",
-]  # fmt: skip
-
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
     "device", "precision", "launch", "settings", "preconditioner", "tolerance",

@@ -14,8 +14,6 @@ from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.summary import Summary
 
-__all__ = ["run"]
-
 
 def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
     """Run a scene; how it went is in the summary, also where it stopped early.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Running"]
-
 
 @dataclass
 class _Seen:

@@ -14,8 +14,6 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases.user_scenes import scene_files
 from swe_sphere.user_file import is_user_file
 
-__all__ = ["SCENE_FILE", "method_sources", "scene_sources"]
-
 SCENE_FILE = "the scene's file"
 
 

@@ -19,8 +19,6 @@ from swe_sphere.testcases import get_scene
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
 
-__all__ = ["identity", "make_mesh", "make_model", "make_scene"]
-
 
 def make_scene(config: RunConfig) -> Scene:
     """The scene with the parameters and effects the configuration asks for.

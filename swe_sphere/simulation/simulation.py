@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.effects import Effect
 
-__all__ = ["Simulation"]
-
 PER_RUN = ("out", "plot", "overwrite")
 """Fields of a configuration that are those of one run of a simulation."""
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.model import Model
 
-__all__ = ["Array", "Fields", "Snapshot"]
-
 Array = NDArray[np.float64]
 Fields = dict[str, Array]
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from swe_sphere.simulation.snapshot import Array
     from swe_sphere.steppers import Stepper
 
-__all__ = ["StepChoice", "accurate_step", "choose_step", "longest_step", "stepper_options"]
-
 COURANT = 2.0
 """Advective Courant number of an automatic step without a stability limit."""
 

@@ -11,8 +11,6 @@ from typing import Any
 
 from swe_sphere.simulation.config import RunConfig
 
-__all__ = ["Outcome", "Summary", "failed_summary", "html_table"]
-
 KEYS = (
     "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
     "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h",

@@ -19,8 +19,6 @@ from swe_sphere.simulation.setup import make_scene
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Supplied", "supply"]
-
 
 @dataclass(frozen=True)
 class Supplied:

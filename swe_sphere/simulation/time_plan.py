@@ -11,8 +11,6 @@ from functools import reduce
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
 
-__all__ = ["TimePlan", "common_measure", "continued_plan", "time_plan"]
-
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
 """A given step may be shortened to no less than this part of it."""

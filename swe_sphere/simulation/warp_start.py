@@ -6,8 +6,6 @@ import os
 import sys
 import tempfile
 
-__all__ = ["start_warp"]
-
 EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
 """What Warp's native library writes to stderr on every machine without a GPU."""
 

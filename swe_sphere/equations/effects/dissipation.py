@@ -13,8 +13,6 @@ from swe_sphere.planet import EARTH
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
 
-__all__ = ["Hyperviscosity", "Viscosity", "hyperviscosity_default"]
-
 
 @dataclass(frozen=True)
 class Viscosity(Effect):

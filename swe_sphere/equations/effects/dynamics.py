@@ -8,17 +8,6 @@ from typing import ClassVar
 
 from swe_sphere.equations.effects.effect import MASSES, Effect
 
-__all__ = [
-    "Forcing",
-    "Linearised",
-    "MomentumAdvection",
-    "Orography",
-    "PrescribedWind",
-    "PressureGradient",
-    "Rotation",
-    "Tracers",
-]
-
 
 @dataclass(frozen=True)
 class MomentumAdvection(Effect):

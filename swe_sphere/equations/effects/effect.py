@@ -15,8 +15,6 @@ from swe_sphere.errors import ConfigError
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
 
-__all__ = ["MASSES", "Effect", "check_coefficient"]
-
 MASSES = frozenset({"mass", "tracers"})
 """The total mass of the fluid, and those of its tracers."""
 

@@ -20,8 +20,6 @@ from swe_sphere.errors import ConfigError
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
 
-__all__ = ["Drag", "Formulas", "PointwiseEffect", "Relaxation"]
-
 Formula = Callable[..., Any]
 
 
