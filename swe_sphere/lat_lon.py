@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
 
 RIM = 8
 """Rows and columns repeated beyond the poles and around, so that the spline knows no edges."""

@@ -1,9 +1,9 @@
 """Longitude and latitude, and the unit vectors that go with them: position, east and north."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
 
 POLE_RADIUS = 1e-14
 """A point nearer to the axis than this [sphere radii] is meant to be at the pole."""

@@ -13,11 +13,10 @@ from swe_sphere.errors import unknown_name
 from swe_sphere.testcases.galewsky import galewsky
 from swe_sphere.testcases.lake import lake_at_rest
 from swe_sphere.testcases.lauter import lauter
-from swe_sphere.testcases.made import made
 from swe_sphere.testcases.matsuno import matsuno
 from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
-from swe_sphere.testcases.parameters import SceneFactory
+from swe_sphere.testcases.parameters import SceneFactory, made
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
 from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.turbulence import turbulence

@@ -31,7 +31,7 @@ from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.guarded import guarded
 from swe_sphere.settings import complaint
-from swe_sphere.testcases.made import made
+from swe_sphere.testcases.parameters import made
 from swe_sphere.toml_file import read_toml
 from swe_sphere.user_file import file_contents, is_user_file, load_file
 

@@ -6,7 +6,8 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
+
 Float32 = NDArray[np.float32]
 Product = Callable[[NDArray[np.floating]], Array]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_functions import fitted
@@ -16,8 +16,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

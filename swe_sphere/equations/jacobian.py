@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.tendencies import TendencyComponent
@@ -110,7 +110,7 @@ class DifferenceJacobian(Jacobian):
         self._tendency(self._moved, self._time, out)
         launch(self._two, size, self._zero, out, 1.0 / e, self._slope, -1.0 / e, out)
 
-    def _largest(self, state: wp.array) -> NDArray[np.float64]:
+    def _largest(self, state: wp.array) -> Array:
         """Largest modulus of the winds together and of each other field, never below a rounding."""
         largest = np.abs(state.numpy()).reshape(len(self._blocks), -1).max(axis=1)
         if "u" in self._blocks:

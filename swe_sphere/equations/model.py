@@ -2,8 +2,8 @@
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.prescribed import PrescribedFields
@@ -17,7 +17,6 @@ from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.diagnose import divergence, vorticity
 
-Array = NDArray[np.float64]
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
 LEAST_DEPTH = 1e-30

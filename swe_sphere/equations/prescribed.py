@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 
 
@@ -32,7 +32,7 @@ class PrescribedFields:
             wp.copy(self._target, self._discrete.device_mesh.upload(self._evaluate(t)))
         self._time = t
 
-    def _evaluate(self, t: float) -> NDArray[np.float64]:
+    def _evaluate(self, t: float) -> Array:
         mesh = self._discrete.mesh
         fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
         if "h" in fields:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene_checks import check_scene
 from swe_sphere.equations.scene_fields import (
-    Array,
     Parameter,
     Rates,
     Scalar,
@@ -18,21 +18,14 @@ from swe_sphere.equations.scene_fields import (
     UnsteadyState,
     UnsteadyTracers,
     Wind,
-)
+)  # fmt: skip
 from swe_sphere.equations.scene_functions import checked_functions
 from swe_sphere.errors import ConfigError
 
 __all__ = [
-    "Array",
-    "Parameter",
-    "Rates",
-    "Scalar",
-    "Scene",
-    "State",
-    "UnsteadyState",
-    "UnsteadyTracers",
+    "Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "UnsteadyTracers",
     "Wind",
-]
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

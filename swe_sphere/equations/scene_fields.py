@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect
 from swe_sphere.planet import EARTH, Planet
 
-Array = NDArray[np.float64]
 Scalar = Callable[[Array, Array], Array]
 """(lon, lat) [rad] -> one value a point."""
 State = Callable[[Array, Array], tuple[Array, Array, Array]]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.equations.scene_fields import Array, SceneFields
+from swe_sphere.arrays import Array
+from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError
 from swe_sphere.guarded import guarded
 

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.arnoldi import Product, largest_modulus
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.errors import ConfigError
@@ -81,14 +82,14 @@ def _scaled_product(
     )
     room = np.empty(base.size)
 
-    def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
+    def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
         for sign, out in ((1.0, plus), (-1.0, minus)):
             np.multiply(d, sign * step, out=room, dtype=np.float64)
             np.multiply(room, scale, out=room)
             moved.assign(np.add(base, room, out=room))
             operator(moved, out)  # on one array: launches keep all those they are recorded with
-        difference: NDArray[np.float64] = plus.numpy().astype(np.float64)
+        difference: Array = plus.numpy().astype(np.float64)
         difference -= minus.numpy()
         difference /= np.multiply(scale, 2.0 * step, out=room)
         return difference
@@ -96,7 +97,7 @@ def _scaled_product(
     return product
 
 
-def _units(discrete: DiscreteScene, base: NDArray[np.float64]) -> NDArray[np.float64]:
+def _units(discrete: DiscreteScene, base: Array) -> Array:
     """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
     n = discrete.mesh.size
     scale = np.ones(discrete.fluid_size)
@@ -106,7 +107,7 @@ def _units(discrete: DiscreteScene, base: NDArray[np.float64]) -> NDArray[np.flo
     return scale
 
 
-def _power_iteration(product: Product, d: NDArray[np.float64], steps: int = 40) -> float:
+def _power_iteration(product: Product, d: Array, steps: int = 40) -> float:
     """Growth of the operator's square, for a spectrum that Arnoldi iteration cannot separate."""
     growth = 0.0
     for _ in range(steps):

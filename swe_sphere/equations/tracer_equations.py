@@ -2,8 +2,8 @@
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
@@ -13,8 +13,6 @@ from swe_sphere.kernels.tracers import pointwise_kernels
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
-
-Array = NDArray[np.float64]
 
 
 def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:

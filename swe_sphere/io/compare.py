@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import norms
@@ -91,7 +91,7 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
 
 def _on_points_of(
     target: Source, source: Source, field: str, time: float | None
-) -> NDArray[np.float64]:
+) -> Array:
     if _same_mesh(source, target):
         return source.values(field, time)
     return source.at(field, *target.points, time)

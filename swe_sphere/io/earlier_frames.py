@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import SERIES
@@ -49,7 +49,7 @@ class EarlierFrames:
             numbers = {name: values[k] for name, values in columns.items()}
             target.add_sample({SERIES: time, **numbers})
 
-    def _records(self, names: frozenset[str]) -> Iterator[dict[str, NDArray[np.float64]]]:
+    def _records(self, names: frozenset[str]) -> Iterator[dict[str, Array]]:
         with reading(self._path) as dataset:
             found = {name for name, v in dataset.variables.items() if "time" in v.dimensions}
             if found != names:

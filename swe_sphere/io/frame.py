@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.io.layout import ON_NODES, STATIC_FIELDS, TRACER, frame_fields
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.mesh import Mesh
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 
 class Frame(Nodal):

@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.io.norms import area_mean
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
-
-Array = NDArray[np.float64]
 
 DRIFTS = {
     "mass_drift": "mass",

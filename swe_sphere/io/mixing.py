@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
 
 SCAN = 256
 """Points of the curve that a search for the nearest begins with."""

@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 
 def area_mean(area: Array, values: Array) -> float:

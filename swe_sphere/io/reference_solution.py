@@ -9,8 +9,8 @@ from pathlib import Path
 
 import netCDF4
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import attributes, reading
@@ -19,8 +19,6 @@ from swe_sphere.lat_lon import global_spline
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.sphere import frame
-
-Array = NDArray[np.float64]
 
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
          "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import netCDF4
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
@@ -24,8 +24,6 @@ from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Array = NDArray[np.float64]
 
 POINTS = 20_000
 """Points evaluated at once: bounds the memory of the interpolation matrix."""

@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
 from swe_sphere.mesh import Interpolator
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.io.norms import area_mean, norms
 from swe_sphere.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 
 def tracer_masses(

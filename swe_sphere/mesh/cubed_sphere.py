@@ -8,9 +8,8 @@ doi:10.1006/jcph.1996.0047).
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh.numbering import FACES, Integers, line_lattice
-
-Array = NDArray[np.float64]
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:

@@ -7,9 +7,8 @@ doi:10.1137/S0036144502417715, eq. 9.4.
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
 
 
 def gll_points(np_: int) -> Array:

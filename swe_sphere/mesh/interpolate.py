@@ -1,16 +1,15 @@
 """Spectral-element interpolation of nodal fields to any points of the sphere."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere
 from swe_sphere.mesh.gll import lagrange
 from swe_sphere.mesh.mesh import Mesh
 from swe_sphere.sphere import frame, position
-
-Array = NDArray[np.float64]
 
 
 class Interpolator:

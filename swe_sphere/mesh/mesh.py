@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere, gll, numbering
 from swe_sphere.mesh.schmidt import Placement
 from swe_sphere.planet import EARTH
 from swe_sphere.sphere import frame, longitude_latitude, snap_poles
 
-Array = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 
 LARGEST_STRETCH = 100.0

@@ -11,11 +11,9 @@ at the antipode.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.sphere import frame, position
-
-Array = NDArray[np.float64]
 
 
 def schmidt(n: Array, centre: Array, stretch: float) -> Array:

@@ -8,10 +8,10 @@ line by line; only the own entries of the nodes take in all elements around.
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import assemble
 
-Array = NDArray[np.float64]
 Lines = tuple[NDArray[np.int32], Array]
 """Node numbers (..., np) line by line, and what D of the line is multiplied by, (2, ..., np)."""
 

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh
@@ -104,7 +105,7 @@ class DeviceMesh:
         flat = wp.array(ptr=local.ptr, shape=(count,), dtype=self.real, device=self.device)
         return local, flat
 
-    def upload(self, values: NDArray[np.float64]) -> wp.array:
+    def upload(self, values: Array) -> wp.array:
         """A numpy array on the device in the number type of the run."""
         return wp.array(
             np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device

@@ -1,11 +1,9 @@
 """Relative vorticity and divergence of a wind on the nodes, for diagnostics and output."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 
 def assemble(mesh: Mesh, weighted: Array) -> Array:

@@ -2,16 +2,13 @@
 
 import math
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.tracers import blocks_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
-
-Array = NDArray[np.float64]
 
 
 class Limiter:

@@ -8,16 +8,13 @@ their place is a bad preconditioner, as it differs on the grid-scale modes.
 
 from typing import Any
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels.helmholtz import elimination_kernels
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
-
-Array = NDArray[np.float64]
 
 
 class SchurOperator:

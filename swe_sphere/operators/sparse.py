@@ -10,9 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
-
-Array = NDArray[np.float64]
 
 PART = 1024
 """Elements whose matrices are made at a time."""

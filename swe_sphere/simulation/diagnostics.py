@@ -10,10 +10,11 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Array, Fields
+from swe_sphere.simulation.snapshot import Fields
 from swe_sphere.user_file import load_file
 
 Function = Callable[[Any], Any]

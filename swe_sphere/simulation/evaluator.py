@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import courant_numbers, drifts, integrals
 from swe_sphere.io.norms import errors
 from swe_sphere.io.tracer_diagnostics import tracer_errors, tracer_masses, tracer_numbers
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Array, Fields, Snapshot
+from swe_sphere.simulation.snapshot import Fields, Snapshot
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import Unstable
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
-from swe_sphere.simulation.snapshot import Array
 
 EVERY = 16
 """Steps between looks: they cost about a hundredth of the steps then."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+from swe_sphere.arrays import Array
 
 if TYPE_CHECKING:
     import warp as wp
 
     from swe_sphere.equations.model import Model
 
-Array = NDArray[np.float64]
 Fields = dict[str, Array]
 
 

@@ -14,8 +14,8 @@ from swe_sphere.settings import STEPPER, by_owner, convert
 from swe_sphere.simulation.config import RunConfig
 
 if TYPE_CHECKING:
+    from swe_sphere.arrays import Array
     from swe_sphere.mesh import Mesh
-    from swe_sphere.simulation.snapshot import Array
     from swe_sphere.steppers import Stepper
 
 COURANT = 2.0

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels.vectors import axpby_kernel, combine_rows_kernel, products_kernel
 
 __all__ = ["DeviceVectors"]
-
-Array = NDArray[np.float64]
 
 # Sums are cut in this many blocks, added up on the host in a fixed order.
 BLOCKS = 64

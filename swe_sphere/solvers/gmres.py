@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 from enum import Enum, auto
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
 from swe_sphere.solvers.least_squares import HessenbergLeastSquares
@@ -166,7 +165,7 @@ class FlexibleGMRES:
             return _End.BREAKDOWN
         return _End.FULL if k + 1 == self.size else _End.LIMIT
 
-    def _expand(self, p: LinearSolve, k: int) -> tuple[NDArray[np.float64], float, float]:
+    def _expand(self, p: LinearSolve, k: int) -> tuple[Array, float, float]:
         """Next basis vector, from A M v_k: its components, its length and that of what is new."""
         direction, product = self._basis.rows[k : k + 2]
         if p.precondition is not None:

@@ -13,9 +13,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
+
 __all__ = ["HostVectors"]
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 
 # Columns converted to float64 at a time when the vectors are float32: a strip of a stack stays in

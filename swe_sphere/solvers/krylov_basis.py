@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.solvers.vector_space import VectorSpace
 
 __all__ = ["OrthonormalBasis"]
-
-Array = NDArray[np.float64]
 
 # A second pass is due at the latest when the first left less than this part of a vector.
 REMAINDER = 0.1

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from swe_sphere.arrays import Array
 
 __all__ = ["HessenbergLeastSquares"]
 
@@ -50,7 +51,7 @@ class HessenbergLeastSquares:
         self._residuals.append(abs(self._rhs[-1]))
         return self._residuals[-1]
 
-    def solve(self) -> tuple[NDArray[np.float64], float, float]:
+    def solve(self) -> tuple[Array, float, float]:
         """The minimising y, the residual it leaves, and the size of the terms that cancel in H y.
 
         y is shorter than H is wide where the last columns gain nothing, or less than they cost by

@@ -12,17 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators.work import Work
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
 
 __all__ = ["VectorSpace"]
-
-Array = NDArray[np.float64]
-
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None,

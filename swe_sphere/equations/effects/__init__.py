@@ -21,30 +21,15 @@ from swe_sphere.equations.effects.dynamics import (
     PressureGradient,
     Rotation,
     Tracers,
-)
+)  # fmt: skip
 from swe_sphere.equations.effects.effect import MASSES, Effect
 from swe_sphere.equations.effects.pointwise import Drag, PointwiseEffect, Relaxation
 
 __all__ = [
-    "DYNAMICS",
-    "EFFECTS",
-    "MASSES",
-    "Drag",
-    "Effect",
-    "Forcing",
-    "Hyperviscosity",
-    "Linearised",
-    "MomentumAdvection",
-    "Orography",
-    "PointwiseEffect",
-    "PrescribedWind",
-    "PressureGradient",
-    "Relaxation",
-    "Rotation",
-    "Tracers",
-    "Viscosity",
-    "hyperviscosity_default",
-]
+    "DYNAMICS", "EFFECTS", "MASSES", "Drag", "Effect", "Forcing", "Hyperviscosity", "Linearised",
+    "MomentumAdvection", "Orography", "PointwiseEffect", "PrescribedWind", "PressureGradient",
+    "Relaxation", "Rotation", "Tracers", "Viscosity", "hyperviscosity_default",
+]  # fmt: skip
 
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
 """The effects of every scene that steps the wind."""
@@ -52,18 +37,8 @@ DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
 EFFECTS: dict[str, type[Effect]] = {
     cls.name: cls
     for cls in (
-        MomentumAdvection,
-        PressureGradient,
-        Rotation,
-        Orography,
-        PrescribedWind,
-        Forcing,
-        Tracers,
-        Linearised,
-        Viscosity,
-        Hyperviscosity,
-        Drag,
-        Relaxation,
+        MomentumAdvection, PressureGradient, Rotation, Orography, PrescribedWind, Forcing, Tracers,
+        Linearised, Viscosity, Hyperviscosity, Drag, Relaxation,
     )
-}
+}  # fmt: skip
 """All effects of the package by name."""

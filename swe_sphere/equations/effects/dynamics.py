@@ -16,11 +16,7 @@ class MomentumAdvection(Effect):
     name = "momentum-advection"
     conserves = MASSES
     terms = frozenset({"advection"})
-
-    @property
-    def degree(self) -> int:
-        """Two."""
-        return 2
+    degree = 2
 
 
 @dataclass(frozen=True)
@@ -30,11 +26,7 @@ class PressureGradient(Effect):
     name = "pressure-gradient"
     conserves = MASSES
     terms = frozenset({"pressure"})
-
-    @property
-    def degree(self) -> int:
-        """Two."""
-        return 2
+    degree = 2
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -67,7 +65,7 @@ class Effect:
         """Whether the parameters make the effect vanish, so that it need not be computed."""
         return False
 
-    def coefficients(self, mesh: Mesh) -> Mapping[str, float | NDArray[np.float64]]:
+    def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
         """The numbers, and for point-wise effects fields (N,), that its terms read, by name."""
         return {}
 

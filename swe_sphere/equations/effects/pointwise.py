@@ -11,9 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, no_type_check
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
 from swe_sphere.errors import ConfigError
 
@@ -76,7 +74,7 @@ class PointwiseEffect(Effect):
         pairs = zip(self.tendencies, self.derivatives, strict=True)
         return all(formula is None or derivative is not None for formula, derivative in pairs)
 
-    def coefficients(self, mesh: Mesh) -> Mapping[str, float | NDArray[np.float64]]:
+    def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
         """Numbers and fields (N,) that the formulas read: by default the parameters."""
         return {name: float(getattr(self, name)) for name in self.parameters()}
 
@@ -164,6 +162,7 @@ class Relaxation(PointwiseEffect):
     name = "relaxation"
     needs = "equilibrium"
     dissipation = True
+    degree = 1
     time: float
 
     def __post_init__(self) -> None:
@@ -174,11 +173,6 @@ class Relaxation(PointwiseEffect):
     def absent(self) -> bool:
         """True where the time is infinite."""
         return math.isinf(self.time)
-
-    @property
-    def degree(self) -> int:
-        """One."""
-        return 1
 
     def coefficients(self, mesh: Mesh) -> dict[str, float]:
         """One over the time [s-1]; the equilibrium is a function of the scene."""

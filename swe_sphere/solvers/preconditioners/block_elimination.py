@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.preconditioners.inner import (
@@ -19,8 +20,6 @@ from swe_sphere.solvers.preconditioners.inner import (
 )
 from swe_sphere.solvers.preconditioners.preconditioner import Preconditioner, elimination_memory
 from swe_sphere.solvers.preconditioners.schwarz import Schwarz
-
-Array = NDArray[np.float64]
 
 STEP_CHANGE = 0.1
 DEPTH_CHANGE = 0.1

@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
+from swe_sphere.arrays import Array
 
 OPTIMAL = {
     1: (1.12500000000000,),

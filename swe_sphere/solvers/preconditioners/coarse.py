@@ -4,12 +4,12 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.operators import sparse
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
-Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 MODE_SWEEPS = 6

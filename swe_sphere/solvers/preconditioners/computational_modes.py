@@ -14,10 +14,10 @@ import scipy.sparse as sp
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.sparse import ElementSpace
 
-Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 """Element corners (end along xi1, end along xi2)."""

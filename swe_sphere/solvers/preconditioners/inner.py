@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators import DeviceMesh
@@ -15,8 +16,6 @@ from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients,
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
 from swe_sphere.solvers.preconditioners.preconditioner import coarse_memory, unique_nodes
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
-
-Array = NDArray[np.float64]
 
 COURANT_A_STEP = 10.0
 COURANT_A_CYCLE = 20.0

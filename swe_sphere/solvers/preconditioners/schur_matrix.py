@@ -2,13 +2,11 @@
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.column_squares import column_squares
-
-Array = NDArray[np.float64]
 
 
 class SchurMatrix:

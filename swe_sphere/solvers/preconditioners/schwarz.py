@@ -4,11 +4,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.kernels.patches import patch_kernel
 from swe_sphere.solvers.preconditioners.inner import InnerSolver
 from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
-
-Array = NDArray[np.float64]
 
 
 class Schwarz(InnerSolver):
