@@ -49,20 +49,7 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assemble_depth(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        size: int,
-        local: vector,
-        out: vector,
-    ):
-        node = wp.tid()
-        out[node] = inverse_area[node] * gather(local, places[node], 0)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assemble_state(
+    def assemble(
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
@@ -74,8 +61,9 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         at = places[node]
         scale = inverse_area[node]
         out[node] = scale * gather(local, at, 0)
-        out[size + node] = scale * gather(local, at, stride)
-        out[2 * size + node] = scale * gather(local, at, 2 * stride)
+        if wp.static(unknowns == 3):
+            out[size + node] = scale * gather(local, at, stride)
+            out[2 * size + node] = scale * gather(local, at, 2 * stride)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -97,6 +85,4 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         out[size + node] = scale * gather(local, at, stride) - f * x[node]
         out[2 * size + node] = scale * gather(local, at, 2 * stride)
 
-    if unknowns == 1:
-        return assemble_depth
-    return assemble_rotating if rotation else assemble_state
+    return assemble_rotating if rotation else assemble

@@ -1,7 +1,5 @@
 """Telling somebody that kernels are being compiled, once it has taken a while."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ A new file is made beside the place where it is wanted, under a name of its own,
 place by being renamed, which happens at once or not at all.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import os

@@ -1,7 +1,5 @@
 """Which code the numbers come from: a short hash of it, so that other code's are told apart."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator

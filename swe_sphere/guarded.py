@@ -1,7 +1,5 @@
 """Calling what a user wrote: whatever goes wrong in there is one clear line."""
 
-from __future__ import annotations
-
 import os
 import traceback
 from collections.abc import Callable

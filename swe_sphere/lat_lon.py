@@ -1,7 +1,5 @@
 """Smooth interpolation from latitude-longitude grids that go round the globe."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Classes by name, each put into its registry where it is defined."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from inspect import isabstract
 from pathlib import Path

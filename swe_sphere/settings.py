@@ -3,8 +3,6 @@
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin

@@ -1,7 +1,5 @@
 """Reading the TOML files of the user."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Python files of the user: a scene, a stepper or a preconditioner of their own."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Iterator

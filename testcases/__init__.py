@@ -4,8 +4,6 @@
 `scene(**parameters)`, or a .toml file that changes another scene.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from swe_sphere.equations.scene import Parameter, Scene

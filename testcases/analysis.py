@@ -11,8 +11,6 @@ The file has
 each of the three on (lat, lon), other dimensions of length 1 being ignored, and nothing missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

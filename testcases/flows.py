@@ -4,8 +4,6 @@ Points are given by longitude and latitude [rad]. Everything is written so that 
 smooth at the poles and at the longitude where angles wrap around.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.scene import Array

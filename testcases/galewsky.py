@@ -3,8 +3,6 @@
 doi:10.3402/tellusa.v56i5.14436
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation

@@ -8,8 +8,6 @@ where the mean of P_nm² over the sphere is one. Derivatives are finite at the p
 recurrence runs on P_nm / cos θ, which is a polynomial times cos^(m-1) θ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain

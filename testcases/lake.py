@@ -1,7 +1,5 @@
 """A lake at rest: nothing may move over a mountain under water."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation

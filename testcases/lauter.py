@@ -3,8 +3,6 @@
 doi:10.1016/j.jcp.2005.04.022
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation

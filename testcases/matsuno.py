@@ -1,7 +1,5 @@
 """Equatorial waves in a thin layer: the test of Shamir, Yacoby, Ziskin Ziv & Paldor (2019)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal

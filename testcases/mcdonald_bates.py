@@ -1,7 +1,5 @@
 """Cross-polar flow of McDonald & Bates (1989)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation

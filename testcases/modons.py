@@ -1,7 +1,5 @@
 """Colliding modons of Lin, Chen & Yao (2017)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity

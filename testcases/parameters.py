@@ -4,8 +4,6 @@ The keyword parameters of a factory are the parameters of its scene. Their annot
 may be: what `swe_sphere.settings.convert` takes.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -4,8 +4,6 @@ Everything is a finite sum of spherical harmonics: smooth, the same on every mes
 every machine for the same seed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

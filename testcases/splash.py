@@ -1,7 +1,5 @@
 """Gravity waves from heaps of water: one splash, three bumps, and a dam that breaks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation

@@ -1,7 +1,5 @@
 """Transport by prescribed winds that stir: moving vortices and deformational flow."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Decaying turbulence on the sphere, from a random balanced flow."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation

@@ -15,8 +15,6 @@ viscosity = { nu = 1e5 }                # on, or its parameters changed
 rotation = false                        # off; then the exact solution no longer holds
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Callable, Mapping

@@ -3,8 +3,6 @@
 doi:10.1016/S0021-9991(05)80016-6
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Rotation

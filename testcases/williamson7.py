@@ -4,8 +4,6 @@ The three analyses of the paper (21 December 1978, 9 and 16 January 1979) are no
 The scene reads any analysis; without one it starts from a synthetic state and says so.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

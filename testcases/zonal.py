@@ -1,7 +1,5 @@
 """Zonal winds u(θ) of compact support, and depths in balance with a zonal wind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -314,7 +314,7 @@ def test_not_a_number(where: str) -> None:
     if where == "jacobian":
         problem.j = lambda u: j(u) * np.nan
     result, u = solve(problem, guess, rtol=1e-6)
-    assert result.status is Status.NOT_A_NUMBER
+    assert result.status is Status.NAN
     assert np.array_equal(u, guess, equal_nan=True)
     assert result.residual_evaluations < 15
 

@@ -1,7 +1,5 @@
 """One clear line for whatever goes wrong."""
 
-from __future__ import annotations
-
 import os
 import traceback
 

@@ -1,7 +1,5 @@
 """`swe-sphere list`, `plot` and `compare`: looking at what there is."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The program `swe-sphere`: its commands and its exit status."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Annotated

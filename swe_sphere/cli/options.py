@@ -1,7 +1,5 @@
 """The flags of a command from the fields of its configuration: names, types and help texts."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

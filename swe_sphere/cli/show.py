@@ -1,7 +1,5 @@
 """What a run shows on the terminal: warnings, progress, the table at the end."""
 
-from __future__ import annotations
-
 import sys
 
 from swe_sphere.simulation.config import RunConfig

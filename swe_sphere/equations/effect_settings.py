@@ -1,7 +1,5 @@
 """Parameters of effects as the user sets them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields
 from typing import get_type_hints

@@ -1,7 +1,5 @@
 """What must hold of a scene before any of its functions is evaluated."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re

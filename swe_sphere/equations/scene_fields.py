@@ -1,7 +1,5 @@
 """What a scene consists of: data, and formulas by the kinds of their arguments and results."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 

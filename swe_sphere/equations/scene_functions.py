@@ -1,8 +1,6 @@
 """The functions of a scene, checked whenever they are evaluated: whoever calls one gets arrays that
 fit, of whatever the user wrote."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ header in JSON.  Each checkpoint replaces the one before by being renamed into i
 there is always a whole one.  The run's `run_id` says to which file of frames it belongs.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile

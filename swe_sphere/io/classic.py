@@ -4,8 +4,6 @@ Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, 
 64 bits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final

@@ -1,7 +1,5 @@
 """Errors of one file against another, whatever the grids: `swe-sphere compare A.nc B.nc`."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a run that goes on in its own file keeps of it: frames and samples of earlier times."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

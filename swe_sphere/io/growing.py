@@ -7,8 +7,6 @@ Records (frames) follow each other at the end of the file.  A second dimension, 
 grows in the same way into the room that its variables had when the file was made.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import struct

@@ -4,8 +4,6 @@ Area means I(psi) = integral of psi over the sphere / area of the sphere, with t
 the mesh (Williamson et al. 1992, eqs. 87 and 140-142, doi:10.1016/S0021-9991(05)80016-6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

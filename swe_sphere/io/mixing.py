@@ -4,8 +4,6 @@ Lauritzen, Skamarock, Prather & Taylor (2012), Geosci. Model Dev. 5, 887-901, se
 doi:10.5194/gmd-5-887-2012; for the deformational flow at half time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

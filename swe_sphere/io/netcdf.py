@@ -1,7 +1,5 @@
 """Streaming a run to netCDF: CF-1.11, and the nodes and sub-quads of the mesh as UGRID."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -8,8 +8,6 @@ Where the exact field y vanishes everywhere there is nothing to divide by, and t
 absolute ones, in the units of the field.  doi:10.1016/S0021-9991(05)80016-6
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

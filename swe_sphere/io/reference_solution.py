@@ -1,7 +1,5 @@
 """Reference solutions on latitude-longitude grids, and errors of a run against them."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping

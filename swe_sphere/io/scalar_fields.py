@@ -1,7 +1,5 @@
 """The fields a file can be asked for: names, units, colours, and how to derive them."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Tracers are known here by their names alone; of each the fields hold the mass hq
 the mixing ratio q_NAME (N,).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from swe_sphere.arrays import Array

@@ -1,7 +1,5 @@
 """What is called during a run: functions of the user's own, at steps or at simulated times."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """What a run is asked to be: one frozen object, from flags, a TOML file, or Python."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Diagnostics of the user's own: a function of the simulation, named and registered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial

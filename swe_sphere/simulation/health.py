@@ -1,7 +1,5 @@
 """Does the solution still make sense? A look every few steps keeps nonsense from going on."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from swe_sphere.arrays import Array

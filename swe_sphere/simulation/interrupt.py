@@ -1,7 +1,5 @@
 """Ctrl-C, SIGTERM and a lost terminal end a run between two steps, its file in good order."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from types import FrameType, TracebackType

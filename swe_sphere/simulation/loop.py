@@ -1,7 +1,5 @@
 """The run loop: steps, and between them the observers; only the steps are on the clock."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The files that a run writes to, where there is one of that name already, or none can be."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

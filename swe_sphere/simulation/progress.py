@@ -1,7 +1,5 @@
 """How a run tells what it is doing: nothing, warnings, or a progress bar."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from contextlib import suppress

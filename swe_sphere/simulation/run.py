@@ -1,7 +1,5 @@
 """A run from its configuration to its summary, with its file and its picture."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """The contents of the user's files that a run is made of, so that an edited one is noticed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

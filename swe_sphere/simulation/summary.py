@@ -1,7 +1,5 @@
 """What a run comes to: the numbers of `--json`, and the lines of the table."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """How many steps of which length: frames and the end fall on whole steps, all of one length."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

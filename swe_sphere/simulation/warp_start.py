@@ -1,7 +1,5 @@
 """Starting Warp without its greeting, which would stand in the output of every run."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Vector arithmetic by Warp kernels: for GPUs, and on "cpu" to test it."""
 
-from __future__ import annotations
-
 import numpy as np
 import warp as wp
 

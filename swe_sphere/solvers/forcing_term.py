@@ -1,7 +1,5 @@
 """How exactly each linear system of a Newton iteration is solved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ one of the problem itself, and flexible, so that the preconditioner may change f
 the next.
 """
 
-from __future__ import annotations
-
 import math
 from enum import Enum, auto
 
@@ -17,7 +15,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
 from swe_sphere.solvers.least_squares import HessenbergLeastSquares
-from swe_sphere.solvers.linear_result import LinearResult, LinearSolve, Operator, Status
+from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearSolve, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 __all__ = ["FlexibleGMRES"]
@@ -40,11 +38,12 @@ class _End(Enum):
     NOT_FINITE = auto()
 
 
-class FlexibleGMRES:
+class FlexibleGMRES(KrylovSolver):
     """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
 
     Memory: (size + 1) vectors, and `size` more from the first preconditioned solve on; on a CPU
-    only as many of each as the longest cycle so far has had.
+    only as many of each as the longest cycle so far has had.  After anything not finite, x is as it
+    was at the last restart.
     """
 
     def __init__(self, space: VectorSpace, size: int = 30) -> None:
@@ -56,54 +55,17 @@ class FlexibleGMRES:
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
 
-    def solve(
-        self,
-        operator: Operator,
-        rhs: wp.array,
-        x: wp.array,
-        precondition: Operator | None = None,
-        rtol: float = 1e-6,
-        atol: float = 0.0,
-        max_iterations: int = 200,
-        floor: float = 0.0,
-    ) -> LinearResult:
-        """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
-
-        operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
-        may vary.  Both see vectors of this solver: they must not write to the first nor keep
-        either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
-        tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
-        size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
-        after the first.  After anything not finite, x is as it was at the last restart.
-        """
-        scale = self.space.norm(rhs)
-        p = LinearSolve(
-            operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
-        )
-        if scale == 0.0:
-            self.space.clear(x)
-            p.history.append(0.0)
-            return p.end(Status.CONVERGED, "the right-hand side is zero")
-        p.history.append(self._residual(p, fresh=True) if math.isfinite(scale) else scale)
-        p.terms, p.floor = max(scale, p.history[0]), floor
-        return self._iterate(p)
-
     def _iterate(self, p: LinearSolve) -> LinearResult:
         """Cycles until the target is met or nothing more is to be gained."""
-        if not math.isfinite(p.history[0]):
-            return p.end(Status.NOT_A_NUMBER, "the right-hand side or the guess is not finite")
-        if p.history[0] <= p.target:
-            return p.end(Status.CONVERGED, "the guess is good enough")
-        p.target = max(p.target, p.floor)
         while True:
             start = p.history[-1]
             end = self._cycle(p)
             if end is _End.NOT_FINITE:
-                return p.end(Status.NOT_A_NUMBER, "a product or the preconditioner is not finite")
+                return p.end(Status.NAN, "a product or the preconditioner is not finite")
             trusted = p.target >= UNTRUSTED * self.space.epsilon * p.terms
             if p.history[-1] <= p.target and trusted:
                 return p.end(Status.CONVERGED, "converged")
-            p.history[-1] = self._residual(p)
+            p.history[-1] = self._true_residual(p)
             result = self._judge(p, end, start)
             if result is not None:
                 return result
@@ -112,7 +74,7 @@ class FlexibleGMRES:
         """What to make of the true residual after a cycle that began at `start`; None = go on."""
         residual = p.history[-1]
         if not math.isfinite(residual):
-            return p.end(Status.NOT_A_NUMBER, "the solution is not finite")
+            return p.end(Status.NAN, "the solution is not finite")
         if residual <= p.target:
             return p.end(Status.CONVERGED, "converged")
         if residual > 10.0 * p.history[0]:
@@ -129,10 +91,10 @@ class FlexibleGMRES:
             return p.end(Status.STAGNATED, "out of iterations")
         return None
 
-    def _residual(self, p: LinearSolve, fresh: bool = False) -> float:
+    def _true_residual(self, p: LinearSolve) -> float:
         """Put rhs - A x in the first row of the basis; returns its norm."""
         row = self._basis.rows[0]
-        if fresh and self.space.norm(p.x) == 0.0:
+        if not p.history and self.space.norm(p.x) == 0.0:
             self.space.copy(p.rhs, row)
             return p.scale
         p.operator(p.x, row)

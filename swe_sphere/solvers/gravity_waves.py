@@ -5,10 +5,7 @@ model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as
 G adjoint, S = I - tau^2 g H D G is symmetric for the areas as weights.
 """
 
-from __future__ import annotations
-
 import time
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -22,7 +19,7 @@ from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import LinearResult
+from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
 from swe_sphere.solvers.preconditioners.inner import Multilevel, schur_operator
 from swe_sphere.solvers.tracer_waves import TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -131,7 +128,7 @@ class GravityWaveSolver:
         self.space = VectorSpace(area, model.device, work=model.launch.work)
         self.setups, self.setup_seconds = 0, 0.0
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
-        self._krylov: Any = (
+        self._krylov: KrylovSolver = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
         )
         self._b, self._h = self.operator.vector(), self.operator.vector()
@@ -165,7 +162,7 @@ class GravityWaveSolver:
         """
         self.operator.eliminate(r, self._b)
         self._launch(self._from_outer, self.space.n, guess, self._h)
-        result: LinearResult = self._krylov.solve(
+        result = self._krylov.solve(
             self.operator.apply, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip

@@ -4,8 +4,6 @@ Only numpy's BLAS is called, never scipy's: each brings its own pool of spinning
 that alternate between the two were seen to take 100 times as long.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 

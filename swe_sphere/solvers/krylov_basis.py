@@ -1,7 +1,5 @@
 """An orthonormal basis that grows by one vector at a time: the Gram-Schmidt part of Arnoldi."""
 
-from __future__ import annotations
-
 import math
 
 from swe_sphere.arrays import Array

@@ -1,7 +1,5 @@
 """The small least-squares problem of GMRES, factored column by column with Givens rotations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

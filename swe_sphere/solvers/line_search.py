@@ -1,7 +1,5 @@
 """Step lengths for Newton directions that are too long."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,14 +1,16 @@
-"""What a solver reports: never an exception, always a status, a history and one line."""
+"""How linear solvers begin, and what they report: always a status, a history and one line."""
 
-from __future__ import annotations
-
+import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
 import warp as wp
 
-__all__ = ["LinearResult", "LinearSolve", "Operator", "Status"]
+from swe_sphere.solvers.vector_space import VectorSpace
+
+__all__ = ["KrylovSolver", "LinearResult", "LinearSolve", "Operator", "Status"]
 
 # An operator reads its first vector and writes its second.
 Operator = Callable[[wp.array, wp.array], None]
@@ -20,7 +22,7 @@ class Status(Enum):
     CONVERGED = "converged"
     STAGNATED = "stagnated"
     DIVERGED = "diverged"
-    NOT_A_NUMBER = "not a number"
+    NAN = "NaN"
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,7 @@ class LinearSolve:
     """One solve of operator(x) = rhs under way.
 
     scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
-    allowed; terms: size of the terms that the residual is the difference of; floor: residual norm
-    that ends the solve after the first iteration.
+    allowed; terms: size of the terms that the residual is the difference of.
     """
 
     operator: Operator
@@ -69,7 +70,6 @@ class LinearSolve:
     limit: int
     iterations: int = 0
     terms: float = 0.0
-    floor: float = 0.0
     history: list[float] = field(default_factory=list)
 
     def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
@@ -77,3 +77,53 @@ class LinearSolve:
         relative = self.history[-1] / (self.scale or 1.0)
         line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
         return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
+
+
+class KrylovSolver(ABC):
+    """Solver of A x = b; keep it, it allocates once."""
+
+    space: VectorSpace
+
+    def solve(
+        self,
+        operator: Operator,
+        rhs: wp.array,
+        x: wp.array,
+        precondition: Operator | None = None,
+        rtol: float = 1e-6,
+        atol: float = 0.0,
+        max_iterations: int = 200,
+        floor: float = 0.0,
+    ) -> LinearResult:
+        """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
+
+        operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
+        may vary.  Both see vectors of this solver: they must not write to the first nor keep
+        either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
+        tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
+        size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
+        after the first.  Nothing that is not finite is ever added to x.
+        """
+        scale = self.space.norm(rhs)
+        p = LinearSolve(
+            operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
+        )
+        if scale == 0.0:
+            self.space.clear(x)
+            p.history.append(0.0)
+            return p.end(Status.CONVERGED, "the right-hand side is zero")
+        p.history.append(self._true_residual(p) if math.isfinite(scale) else scale)
+        if not math.isfinite(p.history[0]):
+            return p.end(Status.NAN, "the right-hand side or the guess is not finite")
+        if p.history[0] <= p.target:
+            return p.end(Status.CONVERGED, "the guess is good enough")
+        p.terms, p.target = max(scale, p.history[0]), max(p.target, floor)
+        return self._iterate(p)
+
+    @abstractmethod
+    def _true_residual(self, p: LinearSolve) -> float:
+        """Put rhs - A x where iterations begin; returns its norm."""
+
+    @abstractmethod
+    def _iterate(self, p: LinearSolve) -> LinearResult:
+        """Iterate until the target is met or nothing more is to be gained."""

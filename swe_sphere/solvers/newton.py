@@ -4,8 +4,6 @@ Dembo, Eisenstat & Steihaug (1982), doi:10.1137/0719025; Knoll & Keyes (2004),
 doi:10.1016/j.jcp.2003.08.010.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -159,7 +157,7 @@ class NewtonKrylov:
         p = _Progress(problem, x, residuals=[first], evaluations=1)
         p.target = max(self.rtol * (first if scale is None else scale), self.atol)
         if not math.isfinite(first):
-            return p.end(Status.NOT_A_NUMBER, "the residual of the guess is not finite")
+            return p.end(Status.NAN, "the residual of the guess is not finite")
         if first == 0.0 or (scale is None and first <= p.target):
             return p.end(Status.CONVERGED, "the guess is good enough")
         p.target, p.floor = min(max(p.target, floor), LEAST_GAIN * first), floor
@@ -172,8 +170,8 @@ class NewtonKrylov:
     def _iterate(self, p: _Progress) -> NewtonResult | None:
         """One Newton iteration; a result when it was the last."""
         linear = self._solve_linear(p)
-        if linear.status is Status.NOT_A_NUMBER:
-            return p.end(Status.NOT_A_NUMBER, f"linear solve: {linear.message}")
+        if linear.status is Status.NAN:
+            return p.end(Status.NAN, f"linear solve: {linear.message}")
         if not linear.residual < 0.999 * p.residuals[-1]:
             return p.end(Status.STAGNATED, f"no direction from the linear solve: {linear.message}")
         norm = p.residuals[-1]
@@ -224,9 +222,7 @@ class NewtonKrylov:
         """Move to the point found, if it is better, and judge where that leads."""
         norm = p.residuals[-1]
         if not math.isfinite(search.norm):
-            return p.end(
-                Status.NOT_A_NUMBER, "the residual is not finite along the Newton direction"
-            )
+            return p.end(Status.NAN, "the residual is not finite along the Newton direction")
         if search.success and (search.norm < norm or not tiny):
             self.space.copy(self._trial, p.x)
             self._residual, self._trial_residual = self._trial_residual, self._residual

@@ -5,8 +5,6 @@ the same on every planet.  Vectors are Warp arrays (n,), stacks of them Warp arr
 sums run in float64, whatever the vectors hold, in a fixed order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ the terms of the kernels that they switch on; those without bring their formulas
 may define such of its own (`PointwiseEffect`).
 """
 
-from __future__ import annotations
-
 from swe_sphere.equations.effects.dissipation import (
     Hyperviscosity,
     Viscosity,

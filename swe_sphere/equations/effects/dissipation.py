@@ -1,17 +1,11 @@
 """Weak Laplacians that damp the smallest scales."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH
-
-if TYPE_CHECKING:
-    from swe_sphere.mesh import Mesh
 
 
 @dataclass(frozen=True)

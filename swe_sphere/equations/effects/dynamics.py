@@ -1,7 +1,5 @@
 """Effects that make or change the dynamics of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar

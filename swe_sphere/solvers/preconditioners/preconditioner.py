@@ -34,8 +34,6 @@ class Preconditioner(ABC):
 
     name: ClassVar[str]
     """By which users call it; a class without a name of its own is a base of others."""
-    label: ClassVar[str] = ""
-    """What legends call it, where not by its name."""
 
     setups, applications, setup_seconds = 0, 0, 0.0
     """Set-ups and applications so far, and wall time of the former [s]."""
@@ -87,7 +85,7 @@ class Preconditioner(ABC):
 class Unpreconditioned(Preconditioner):
     """None at all."""
 
-    name, label = "none", "no preconditioner"
+    name = "none"
 
     @classmethod
     def for_model(cls, model: Model) -> None:
