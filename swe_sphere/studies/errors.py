@@ -7,11 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.scene import Scene
 from swe_sphere.io.norms import area_mean, norms
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.simulation.snapshot import Array, Fields
+from swe_sphere.simulation.snapshot import Fields
 
 __all__ = ["Norms", "OnGrid", "Place", "at_nodes", "exact_fields", "field_errors", "slow_errors"]
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.io.norms import area_mean
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
-from swe_sphere.simulation.snapshot import Array, Snapshot
+from swe_sphere.simulation.snapshot import Snapshot
 from swe_sphere.simulation.time_plan import TimePlan
 
 if TYPE_CHECKING:
