@@ -11,16 +11,17 @@ from sweeps import make_sweep
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.report.answer import rankings
-from swe_sphere.studies.report.largest_steps import largest_step, threshold
 from swe_sphere.studies.report.palette import curves, look
 from swe_sphere.studies.report.rows import MODELLED, WALL, Metric, metrics, read_rows
 from swe_sphere.studies.report.statistics import (
     candidates,
     cheapest,
+    largest_step,
     pareto,
     plateau,
     smallest,
     targets,
+    threshold,
     told_apart,
 )
 

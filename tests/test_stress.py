@@ -28,9 +28,9 @@ from swe_sphere.studies.stress import (
     page,
     try_out,
 )
+from swe_sphere.studies.stress.page import Results
 from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
 from swe_sphere.studies.stress.series import SYMMETRIES, Series
-from swe_sphere.studies.stress.store import Results
 from swe_sphere.studies.stress.trial import read_group
 from swe_sphere.testcases import get_scene
 

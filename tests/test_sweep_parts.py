@@ -12,7 +12,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.sweep.recipes import load_recipe, recipe_names
-from swe_sphere.studies.sweep.runspec import RunSpec, Schedule, free_steps
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, free_steps
 from swe_sphere.studies.sweep.steps import dt_sequence, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
@@ -153,8 +153,8 @@ def test_steps_meet_all_report_times():
     assert schedule.interval == 0.5 * DAY
     steps = schedule.steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
-    config = make_config({"scene": "williamson2", "dt": steps.dt, "days": 5.0})
-    days = RunSpec(None, config, steps, report_days=schedule.report_days).report_steps()
+    config = make_config({"scene": "williamson2"})
+    days = RunSpec(Integrator(None, config, schedule), steps.dt, steps).report_steps()
     assert [days[step] for step in sorted(days)] == [1.0, 2.5, 5.0]
     assert max(days) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):

@@ -107,25 +107,16 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
 
 def _searched(dataset: xr.Dataset, search: SweepPlan) -> list[Ranking]:
     """Rankings by the error that was searched for, one for each mesh."""
-    from swe_sphere.studies.report.answer import rankings
-    from swe_sphere.studies.report.rows import Metric, read_rows
+    from swe_sphere.studies.report import Metric, sweep_rankings
 
-    rows = [row for row in read_rows(dataset) if row.role == "target"]
+    tried = dataset.isel(run=dataset["role"].values == "target")
     day, kind = float(dataset["report_day"].values[-1]), search.target_kind
     total = dataset["error"].sel(kind="total", field=search.target_field)
     if kind == "auto":
         kind = "total" if bool(total.notnull().any()) else "time"
     field = "vorticity" if kind == "slow" else search.target_field
     metric = Metric(kind, field, search.target_norm, day)
-    meshes = dict.fromkeys(row.mesh for row in rows)
-    return [
-        ranking
-        for mesh in meshes
-        for ranking in rankings(
-            [row for row in rows if row.mesh == mesh], [metric], f"{search.scene}, {mesh}",
-            levels=[search.target_error or math.inf],
-        )
-    ]  # fmt: skip
+    return sweep_rankings(tried, metric, [search.target_error or math.inf])
 
 
 def _table(ranking: Ranking) -> Table:

@@ -121,9 +121,9 @@ class Ranking:
 
 def rankings(
     rows: Sequence[Row], found: Sequence[Metric], where: str, own: float = math.nan,
-    levels: Sequence[float] = (), notes: Sequence[str] = (),
+    levels: Sequence[float] = (),
 ) -> list[Ranking]:  # fmt: skip
-    """One for each kind of error, the one to rank by first.
+    """One for each kind of error that some row has, the one to rank by first.
 
     That is the first of total, time and slow-flow error, but the slow one where the depth
     saturates.  rows: of one mesh.  own: time error of the converged run that time errors are taken
@@ -133,8 +133,9 @@ def rankings(
     for metric in _spoken(found):
         text = _saturation(rows, metric, any(m.kind == "slow" for m in found))
         saturated = saturated or (text if "saturates" in text else "")
-        made.append(_ranking(rows, metric, where, own, levels, [*notes, *filter(None, [text])]))
-    return sorted(made, key=lambda r: r.metric.kind != "slow" and bool(saturated))
+        made.append(_ranking(rows, metric, where, own, levels, [text] if text else []))
+    made.sort(key=lambda ranking: ranking.metric.kind != "slow" and bool(saturated))
+    return [ranking for ranking in made if ranking.lines]
 
 
 def _spoken(found: Sequence[Metric]) -> list[Metric]:

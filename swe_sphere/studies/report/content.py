@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.answer import Ranking, rankings
 from swe_sphere.studies.report.figures import Diagram, diagrams, error_diagrams
-from swe_sphere.studies.report.largest_steps import largest_steps
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import (
     MADE_FOR_OTHERS,
@@ -23,7 +23,7 @@ from swe_sphere.studies.report.rows import (
     metrics,
     read_rows,
 )
-from swe_sphere.studies.report.table import Table, how_it_ended
+from swe_sphere.studies.report.table import Table, how_it_ended, largest_steps
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -74,13 +74,20 @@ class Section:
         return told[0] if told else f"No run of {self.scene} has an error that could be compared."
 
 
-def sweep_rankings(dataset: Dataset) -> list[Ranking]:
+def sweep_rankings(
+    dataset: Dataset, metric: Metric | None = None, levels: Sequence[float] = ()
+) -> list[Ranking]:
     """The ranking to go by for each scene and mesh of a sweep: its headline and its table.
 
-    Raises ConfigError if the dataset is not one of a sweep.
+    metric: the error to rank by; None: the one that tells most.  levels: target errors, none: round
+    ones.  Raises ConfigError if the dataset is not one of a sweep.
     """
-    meshes = (mesh for section in read_sections(dataset) for mesh in section.meshes)
-    return [mesh.rankings[0] for mesh in meshes if mesh.rankings]
+    return [
+        ranking
+        for _, of_scene in _grouped(read_rows(dataset), lambda row: row.scene)
+        for where, rows in _meshes(of_scene)
+        for ranking in _rankings(rows, where, dataset.attrs, levels, metric)[:1]
+    ]
 
 
 def read_sections(
@@ -96,51 +103,70 @@ def read_sections(
         datasets = {str(datasets.attrs.get("scene", "")): datasets}
     found = []
     for name, dataset in datasets.items():
-        rows = read_rows(dataset)
-        scenes = list(dict.fromkeys(row.scene for row in rows)) or [name]
-        for scene in scenes:
+        scenes = _grouped(read_rows(dataset), lambda row: row.scene) or [(name, [])]
+        for scene, rows in scenes:
             label = name if len(scenes) == 1 and name else f"{name} {scene}".strip()
-            members = [row for row in rows if row.scene == scene]
-            found.append(_section(label, scene or label, members, dataset.attrs, levels))
+            found.append(_section(label, scene or label, rows, dataset.attrs, levels))
     return found
+
+
+def _grouped(rows: Sequence[Row], key: Callable[[Row], str]) -> list[tuple[str, list[Row]]]:
+    """The rows by a word, in the order in which they come."""
+    return [(word, [r for r in rows if key(r) == word]) for word in dict.fromkeys(map(key, rows))]
+
+
+def _meshes(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+    """The rows of a scene by what they are called: the scene, and the mesh if it is known."""
+    told = {row.mesh for row in rows if row.role not in MADE_FOR_OTHERS}
+    members = [row for row in rows if row.mesh in told]
+    return _grouped(members, lambda row: f"{row.scene}, {row.mesh}" if row.mesh else row.scene)
+
+
+def _rankings(
+    rows: Sequence[Row], where: str, attributes: Mapping[Any, Any], levels: Sequence[float],
+    metric: Metric | None = None,
+) -> list[Ranking]:  # fmt: skip
+    found = metrics(rows) if metric is None else [metric]
+    return rankings(rows, found, where, attributes.get("converged_check", math.nan), levels)
 
 
 def _section(
     name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any], levels: Sequence[float]
 ) -> Section:
-    own = _float(attributes.get("converged_check"))
-    meshes = list(dict.fromkeys(row.mesh for row in rows if row.role not in MADE_FOR_OTHERS))
+    plan = _parsed(attributes.get("plan", ""))
     return Section(
         name=_slug(name) or "sweep",
         title=name or scene or "sweep",
         scene=scene,
         rows=rows,
         metrics=metrics(rows),
-        meshes=[_mesh(scene, m, [r for r in rows if r.mesh == m], own, levels) for m in meshes],
+        meshes=[
+            _mesh(where, members, _rankings(members, where, attributes, levels))
+            for where, members in _meshes(rows)
+        ],
         trust=[text for text in (_times(rows, attributes), _converged(attributes)) if text],
-        made=_made(attributes),
-        plan=_plan(attributes),
+        made=[(n.replace("_", " "), _text(x)) for n, x in attributes.items() if n not in HIDDEN],
+        plan=plan if isinstance(plan, str) else json.dumps(plan, indent=1),
     )
 
 
-def _mesh(scene: str, mesh: str, rows: list[Row], own: float, levels: Sequence[float]) -> OneMesh:
-    found, where = metrics(rows), f"{scene}, {mesh}" if mesh else scene
-    ranked = rankings(rows, found, where, own, levels)
+def _mesh(where: str, rows: list[Row], ranked: list[Ranking]) -> OneMesh:
+    found = metrics(rows)
     first = [ranking.metric for ranking in ranked[:1]]
     errors = [(m, error_diagrams(rows, m)) for m in dict.fromkeys([*first, *found])]
     names = {row.number: curve.label for curve in curves(rows) for row in curve.rows}
-    failed = [row for row in rows if not row.completed]
     return OneMesh(
-        name=_slug(mesh) or "mesh",
+        name=_slug(rows[0].mesh) or "mesh",
         title=where,
         rows=rows,
-        rankings=[ranking for ranking in ranked if ranking.lines],
+        rankings=ranked,
         errors=[(metric, drawn) for metric, drawn in errors if drawn],
         diagrams=diagrams(rows),
         losses=largest_steps(rows, found),
         failures=[
             (row, f"{names[row.number]} at {words.step(row.dt)}, {how_it_ended(row)}")
-            for row in failed
+            for row in rows
+            if not row.completed
         ],
     )
 
@@ -153,7 +179,7 @@ def _times(rows: Sequence[Row], attributes: Mapping[Any, Any]) -> str:
     spread = f", which differ by up to {words.percent(max(spreads))}" if spreads else ""
     several = f"up to {repeats} repeats" if repeats else "repeats"
     wall = f"Wall times are medians of {several}{spread}"
-    noise = _float(attributes.get("noise"))
+    noise = attributes.get("noise", math.nan)
     if math.isfinite(noise):
         wall += f"; right-hand sides timed in between spread over {words.percent(noise)}"
     if any(row.cost_kind == MODELLED for row in compared):
@@ -166,8 +192,7 @@ def _times(rows: Sequence[Row], attributes: Mapping[Any, Any]) -> str:
 
 
 def _converged(attributes: Mapping[Any, Any]) -> str:
-    own = _float(attributes.get("converged_check"))
-    step = _float(attributes.get("converged_dt"))
+    own, step = (attributes.get(f"converged_{name}", math.nan) for name in ("check", "dt"))
     if not math.isfinite(own) or not math.isfinite(step):
         return ""
     return (
@@ -176,19 +201,12 @@ def _converged(attributes: Mapping[Any, Any]) -> str:
     )
 
 
-def _made(attributes: Mapping[Any, Any]) -> list[tuple[str, str]]:
-    """What is known of how a dataset was made."""
-    shown = ((str(name), value) for name, value in attributes.items() if name not in HIDDEN)
-    return [(name.replace("_", " "), _text(value)) for name, value in shown]
-
-
 def _text(value: Any) -> str:
-    if math.isfinite(_float(value)):
-        return f"{_float(value):.4g}"
-    parsed = _parsed(value)
-    if isinstance(parsed, dict):
-        return ", ".join(f"{name} {_text(part)}" for name, part in parsed.items())
-    return str(value)
+    """An attribute as it is shown."""
+    value = _parsed(value)
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+    return f"{value:.4g}" if isinstance(value, Real) else str(value)
 
 
 def _parsed(value: Any) -> Any:
@@ -196,18 +214,6 @@ def _parsed(value: Any) -> Any:
         return json.loads(value) if isinstance(value, str) else value
     except ValueError:
         return value
-
-
-def _plan(attributes: Mapping[Any, Any]) -> str:
-    parsed = _parsed(attributes.get("plan", ""))
-    return parsed if isinstance(parsed, str) else json.dumps(parsed, indent=1)
-
-
-def _float(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
 
 
 def _slug(text: str) -> str:

@@ -4,37 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies.sweep.dataset import UNITS, WORDS
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = [
-    "KINDS", "MADE_FOR_OTHERS", "MODELLED", "NUMBERS", "WORDS", "Metric", "Row", "metrics",
-    "read_rows",
-]  # fmt: skip
+__all__ = ["KINDS", "MADE_FOR_OTHERS", "MODELLED", "Metric", "Row", "metrics", "read_rows"]
 
 REQUIRED = ("stepper", "dt", "status", "wall_seconds")
 COMPARED = ("", "grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
 MADE_FOR_OTHERS = ("converged", "rhs-cost")
 """Roles of runs that say nothing on a stepper."""
-WORDS = (
-    "stepper", "status", "scene", "preconditioner", "precision", "device", "settings", "role",
-    "reason",
-)  # fmt: skip
 NUMBERS = (
-    "dt", "wall_seconds", "wall_spread", "modelled_seconds", "modelled_spread", "ne", "np",
-    "stretch", "days", "steps", "cpu_seconds", "compile_seconds", "setup_seconds",
-    "total_seconds", "peak_memory", "rhs_seconds", "rhs_evaluations", "tangent_evaluations",
-    "preconditioner_applications", "newton_iterations", "krylov_iterations", "rejected_steps",
-    "gravity_limit", "advective_limit", "mass_drift", "energy_drift", "enstrophy_drift",
+    "wall_seconds", "wall_spread", "modelled_seconds", "modelled_spread", "cpu_seconds", *UNITS,
 )  # fmt: skip
+"""Of a row, beside the user's own diagnostics."""
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
@@ -83,7 +74,7 @@ class Metric:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One run: its WORDS and NUMBERS are attributes, empty or NaN where not recorded."""
+    """One run: its words and numbers are attributes, empty or NaN where not recorded."""
 
     number: int
     """Position in the dataset, from 1."""
@@ -99,11 +90,9 @@ class Row:
     """Within which the cost may lie [s]."""
 
     def __getattr__(self, name: str) -> Any:
-        if name in WORDS:
-            return self.values.get(name, "")
-        if name in NUMBERS:
-            return self.values.get(name, math.nan)
-        raise AttributeError(name)
+        if name not in self.values:
+            raise AttributeError(name)
+        return self.values[name]
 
     @property
     def completed(self) -> bool:
@@ -160,16 +149,12 @@ def read_rows(dataset: Dataset) -> list[Row]:
     """
     if missing := [name for name in REQUIRED if name not in dataset]:
         raise ConfigError(f"this dataset is not one of a sweep: it has no {', '.join(missing)}")
-    columns = {
-        name: [_plain(value) for value in dataset[name].values]
-        for name in (*WORDS, *NUMBERS)
-        if name in dataset
-    }
-    runs = range(dataset.sizes.get("run", 0))
+    absent = dict.fromkeys(WORDS, "") | dict.fromkeys(NUMBERS, math.nan)
+    columns = {str(n): of.to_numpy() for n, of in dataset.items() if of.dims == ("run",)}
     walls, errors = _walls(dataset), _errors(dataset)
     rows = [
-        Row(i + 1, {name: column[i] for name, column in columns.items()}, errors[i], walls[i])
-        for i in runs
+        Row(i + 1, absent | {name: _plain(of[i]) for name, of in columns.items()}, *known)
+        for i, known in enumerate(zip(errors, walls, strict=True))
     ]
     modelled = all(math.isfinite(row.modelled_seconds) for row in rows if row.compared)
     noise = float(dataset.attrs.get("noise", math.nan))
@@ -188,7 +173,7 @@ def _priced(row: Row, modelled: bool, noise: float) -> Row:
         kind, interval = MODELLED, (cost / (1.0 + spread), cost * (1.0 + spread))
     else:
         kind, cost, interval = WALL, row.wall_seconds, _wall_interval(row, noise)
-    return Row(row.number, row.values, row.errors, row.walls, kind, cost, interval)
+    return replace(row, cost_kind=kind, cost=cost, interval=interval)
 
 
 def _wall_interval(row: Row, noise: float) -> tuple[float, float]:
@@ -217,15 +202,11 @@ def _walls(dataset: Dataset) -> list[tuple[float, ...]]:
 
 def _errors(dataset: Dataset) -> list[dict[Metric, float]]:
     found: list[dict[Metric, float]] = [{} for _ in range(dataset.sizes.get("run", 0))]
-    if "error" not in dataset:
-        return found
-    axes = ("kind", "field", "norm", "report_day")
-    values = dataset["error"].transpose("run", *axes).values
-    labels = [dataset[axis].values.tolist() for axis in axes]
-    for i, *where in np.argwhere(np.isfinite(values)):
-        kind, quantity, norm, day = (names[j] for names, j in zip(labels, where, strict=True))
-        metric = Metric(str(kind), str(quantity), str(norm), float(day))
-        found[i][metric] = float(values[(i, *where)])
+    if "error" in dataset and found:
+        axes = ("run", "kind", "field", "norm", "report_day")
+        errors = dataset["error"].transpose(*axes).to_series()
+        for (i, *which), value in errors[np.isfinite(errors)].items():
+            found[i][Metric(*which)] = float(value)
     return found
 
 

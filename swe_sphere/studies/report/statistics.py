@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from swe_sphere.studies.report.rows import Metric, Row
 
 __all__ = [
-    "Cost", "Plateau", "candidates", "cheapest", "cost", "pareto", "plateau", "smallest",
-    "targets", "told_apart",
+    "FAILED", "Cost", "Plateau", "Threshold", "candidates", "cheapest", "cost", "largest_step",
+    "pareto", "plateau", "smallest", "targets", "threshold", "told_apart",
 ]  # fmt: skip
 
 Cost = Callable[[Row], float]
@@ -23,6 +23,10 @@ RANGE = 3.0
 """A plateau spans at least this factor in steps, and at most this factor in errors."""
 BELOW = 0.5
 """A smaller error than this times the plateau's shows that there is something to resolve."""
+SLACK = 1.1
+BASELINE = "leapfrog"
+FAILED = ("unstable", "solver-failed")
+"""How runs end whose scheme is to blame."""
 
 
 def cost(row: Row) -> float:
@@ -139,3 +143,57 @@ def _spans(rows: list[Row]) -> bool:
 def _is_flat(rows: list[Row], metric: Metric) -> bool:
     errors = [row.error(metric) for row in rows]
     return max(errors) <= RANGE * min(errors)
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """An error that counts as no loss of accuracy, and the rows it comes from."""
+
+    value: float
+    best: Row
+    """The row with the smallest error."""
+    baseline: Row | None = None
+    """The explicit stepper's row, None where there is none."""
+    converged: Row | None = None
+    """The run converged in time, whose total error is that of the mesh; None where unknown."""
+
+
+def threshold(
+    rows: Iterable[Row], metric: Metric, baseline: str = BASELINE, slack: float = SLACK
+) -> Threshold | None:
+    """Up to which error nothing is lost, among rows of one mesh; None where no row has one.
+
+    The largest of `slack` times the smallest error that any stepper reaches, `slack` times the
+    error of the run converged in time, which no step can be blamed for, and the error of the
+    baseline stepper at its largest completed step: who is as good as the explicit scheme at the
+    step that one would run it with has lost nothing (Evans, Taylor & Drake 2010 compare so).
+    """
+    rows = list(rows)
+    best = smallest(rows, metric)
+    if best is None:
+        return None
+    explicit = [row for row in candidates(rows, metric) if row.stepper == baseline]
+    base = max(explicit, key=lambda row: row.dt, default=None)
+    exact = [r for r in rows if r.role == "converged" and math.isfinite(r.error(metric))]
+    converged = min(exact, key=lambda row: row.dt, default=None)
+    values = [slack * row.error(metric) for row in (best, converged) if row is not None]
+    values += [] if base is None else [base.error(metric)]
+    return Threshold(max(values), best, base, converged)
+
+
+def largest_step(rows: Sequence[Row], metric: Metric, limit: float) -> Row | None:
+    """The row with the largest step up to which the error stays within a limit.
+
+    rows: of one stepper on one mesh.  Steps count from the smallest measured one up to the first
+    that fails or whose error exceeds the limit: a longer one beyond it that happens to have a
+    small error does not count.  A run that was cut short or refused says nothing either way.
+    None if the smallest step already exceeds it.
+    """
+    largest = None
+    compared = {row.number for row in candidates(rows, metric)}
+    for row in sorted(rows, key=lambda r: (r.dt, -r.error(metric))):
+        known = row.number in compared
+        if row.status in FAILED or (known and row.error(metric) > limit):
+            break
+        largest = row if known else largest
+    return largest

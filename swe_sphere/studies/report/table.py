@@ -1,4 +1,4 @@
-"""Tables of a page, and the rows of a sweep as CSV."""
+"""Tables of a page: largest steps, all runs; and the rows of a sweep as CSV."""
 
 from __future__ import annotations
 
@@ -9,11 +9,29 @@ from dataclasses import dataclass
 from io import StringIO
 
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.rows import NUMBERS, WORDS, Metric, Row
+from swe_sphere.studies.report.palette import curves
+from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
+from swe_sphere.studies.report.statistics import (
+    BASELINE,
+    FAILED,
+    SLACK,
+    Threshold,
+    largest_step,
+    threshold,
+)
 
-__all__ = ["Cell", "Column", "Table", "cell", "columns", "csv_text", "how_it_ended"]
+__all__ = [
+    "Cell", "Column", "Table", "cell", "columns", "csv_text", "how_it_ended", "largest_steps",
+]  # fmt: skip
 
 Value = float | str
+
+RULE = (
+    f"A step is without loss of accuracy if its error is at most {SLACK:g} times the smallest of "
+    f"any stepper or {SLACK:g} times that of the run converged in time, or that of {BASELINE} at "
+    "its largest step; all shorter measured steps have to be without loss too. In brackets: "
+    "multiples of the gravity-wave and of the advective limit."
+)
 
 
 @dataclass(frozen=True)
@@ -115,6 +133,60 @@ _COSTS = (
 )
 
 
+def largest_steps(rows: Sequence[Row], found: Sequence[Metric]) -> Table | None:
+    """The table for the rows of one mesh: stable steps, and those without loss of accuracy.
+
+    Errors are the total ones and those of the slow flow; time errors where there are no others,
+    as any stepper's shortest step is without time error.  None where there are no errors.
+    """
+    chosen = [m for m in found if m.kind in ("total", "slow")] or list(found)
+    limits = {m: limit for m in chosen if (limit := threshold(rows, m)) is not None}
+    if not limits:
+        return None
+    heads = ["stepper", "largest completed step", "first failure"]
+    lines = [
+        [curve.label, _longest(curve.rows), _failure(curve.rows)]
+        + [_step(largest_step(curve.rows, m, limit.value)) for m, limit in limits.items()]
+        for curve in curves(row for row in rows if row.role not in MADE_FOR_OTHERS)
+    ]
+    heads += [f"{m.symbol}, {m.title.split(',')[0]}" for m in limits]
+    return Table(heads, lines, [RULE, *(_limit(metric, limit) for metric, limit in limits.items())])
+
+
+def _step(row: Row | None) -> str:
+    if row is None:
+        return "none"
+    multiples = f"{words.times(row.gravity_multiple)}, {words.times(row.advective_multiple)}"
+    return f"{words.step(row.dt)} ({multiples}; row {row.number})"
+
+
+def _longest(rows: Sequence[Row]) -> str:
+    return _step(max((r for r in rows if r.completed), key=lambda r: r.dt, default=None))
+
+
+def _failure(rows: Sequence[Row]) -> str:
+    """The shortest step at which the scheme itself failed."""
+    failed = [row for row in rows if row.status in FAILED]
+    row = min(failed, key=lambda r: r.dt, default=None)
+    return f"{words.step(row.dt)}, {row.status} (row {row.number})" if row else "none"
+
+
+def _limit(metric: Metric, limit: Threshold) -> str:
+    """What the column of an error rests on."""
+    sources = {
+        "smallest": limit.best,
+        "converged in time": limit.converged,
+        BASELINE: limit.baseline,
+    }
+    told = [
+        f"{name} {words.error(row.error(metric), 2)} ({row.stepper}, {words.step(row.dt)}, "
+        f"row {row.number})"
+        for name, row in sources.items()
+        if row is not None
+    ]
+    return f"{metric.label}: at most {words.error(limit.value, 2)}; {'; '.join(told)}."
+
+
 def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:
     """All that is known of the rows of named datasets, in SI units; every error in a column.
 
@@ -122,15 +194,16 @@ def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:
     """
     found = {metric for _, rows in named for row in rows for metric in row.errors}
     metrics = sorted(found, key=lambda metric: metric.name)
-    names = ("number", *WORDS, *NUMBERS, "equivalents")
+    names = [*dict.fromkeys(name for _, rows in named for row in rows for name in row.values)]
     out = StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    heads = ("rhs_equivalents" if name == "equivalents" else name for name in names)
-    writer.writerow(["dataset", *heads, *(metric.name for metric in metrics)])
+    heads = ["dataset", "number", "rhs_equivalents", *names]
+    writer.writerow([*heads, *(metric.name for metric in metrics)])
     for dataset, rows in named:
         for row in rows:
-            values = [*(getattr(row, name) for name in names), *map(row.error, metrics)]
-            writer.writerow([dataset, *map(_plain, values)])
+            known = (row.values.get(name) for name in names)
+            values = map(_plain, (row.equivalents, *known, *map(row.error, metrics)))
+            writer.writerow([dataset, row.number, *values])
     return out.getvalue()
 
 

@@ -23,12 +23,12 @@ from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
-from swe_sphere.studies.sweep.runspec import RunSpec, Schedule
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.users_code import users_fingerprint
 
 if TYPE_CHECKING:
-    from swe_sphere.steppers import Stepper
+    pass
 
 __all__ = ["ReferenceRuns", "TotalReference", "choose_reference", "sweep_sources"]
 
@@ -165,28 +165,26 @@ class ReferenceRuns:
         A run of twice the step tells by Richardson's rule how large its own error in time is; the
         rows of both hold these errors, and those that `total` finds.
         """
-        kind = _stepper(stepper)
-        limit = min(space.stable_dt(kind), LONGEST * space.gravity_limit)
+        integrator = self._integrator(space, stepper)
+        limit = min(integrator.stable_dt, LONGEST * space.gravity_limit)
         twice = self._schedule.steps(2.0 * part * limit)
-        coarse, fine = (self._spec(space, stepper, steps) for steps in (twice, _halved(twice)))
+        coarse, fine = (integrator.planned(x, "converged") for x in (twice, _halved(twice)))
         if self._kept(fine) is None:
-            self._compare(coarse, fine, kind.order, total)
+            self._compare(coarse, fine, integrator.kind.order, total)
         return self._kept(fine) or {}
 
     def finer(self, space: Discretisation) -> History:
         """A run on a finer mesh, for the total error."""
         stepper, part = FINER
-        steps = self._schedule.steps(part * space.stable_dt(_stepper(stepper)))
-        spec = self._spec(space, stepper, steps)
+        integrator = self._integrator(space, stepper)
+        spec = integrator.run(part * integrator.stable_dt, "converged")
         if self._kept(spec) is None:
             self._keep(spec, self._runner.result(spec), [])
         return self._kept(spec) or {}
 
-    def _spec(self, space: Discretisation, stepper: str, steps: TimePlan) -> RunSpec:
-        chosen = {"stepper": stepper, "dt": steps.dt, "days": self._schedule.days}
-        config = space.config.model_copy(update=chosen)
-        days = self._schedule.report_days
-        return RunSpec(space, config, steps, "converged", days, self._references)
+    def _integrator(self, space: Discretisation, stepper: str) -> Integrator:
+        config = space.config.model_copy(update={"stepper": stepper})
+        return Integrator(space, config, self._schedule, self._references)
 
     def _compare(self, coarse: RunSpec, fine: RunSpec, order: int, total: TakeErrors) -> None:
         """Make both runs and keep what each says of the other."""
@@ -243,12 +241,6 @@ def _load(path: Path) -> History | None:
         return None
     days = found["report_day"].values.tolist()
     return {day: {name: fields[name][n] for name in KEPT} for n, day in enumerate(days)}
-
-
-def _stepper(name: str) -> type[Stepper]:
-    from swe_sphere.steppers import get_stepper
-
-    return get_stepper(name)
 
 
 def _halved(steps: TimePlan) -> TimePlan:

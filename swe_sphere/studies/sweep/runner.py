@@ -211,7 +211,7 @@ class Runner:
         self._watcher.begin(spec)
         compiled = self._warmed(spec)
         rhs_seconds = self._timed_rhs(spec)
-        watch = self._watches[spec.integrator]
+        watch = self._watches[spec.integrator.identity]
         result = execute(spec, self._interruption, time_limit, self._watcher.tick, watch)
         result.rhs_seconds = rhs_seconds
         if "compile_seconds" in result.numbers:
@@ -226,16 +226,16 @@ class Runner:
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason, numbers=result.numbers | spec.space.limits,
             errors=errors, rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
-            time_limit=self._time_limit, sources=self._sources | spec.sources,
+            time_limit=self._time_limit, sources=self._sources | spec.integrator.sources,
         )  # fmt: skip
         kept = self._known[spec.key, repeat] = self._store.add(record)
         return kept
 
     def _warmed(self, spec: RunSpec) -> float:
         """Seconds of compiling for this kind of run, in the first of which it is done."""
-        if spec.integrator in self._warm or spec.refusal is not None:
+        if spec.integrator.identity in self._warm or spec.refusal is not None:
             return 0.0
-        self._warm.add(spec.integrator)
+        self._warm.add(spec.integrator.identity)
         return warm_up(spec)
 
     def _timed_rhs(self, spec: RunSpec) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING, Literal
@@ -15,6 +15,7 @@ from swe_sphere.fingerprints import fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
+from swe_sphere.studies.ended import in_one_line
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.steps import dt_sequence
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
@@ -66,86 +67,15 @@ def free_steps(days: float, dt: float) -> TimePlan:
 
 
 @dataclass(frozen=True)
-class RunSpec:
-    """The settings of one run: plain values, but for the discretisation, which they name as well.
-
-    Two are equal where they ask for the same.
-    """
+class Integrator:
+    """Everything of a run but its step; two are equal where they ask for the same."""
 
     space: Discretisation = field(compare=False, repr=False)
     config: RunConfig
-    """Complete: mesh, precision, stepper and its options, the step dt [s] and the length."""
-    steps: TimePlan | None = field(compare=False)
-    """None where no step near the one wanted is possible."""
-    role: Role = "grid"
-    report_days: tuple[float, ...] = ()
-    """When errors are taken; none where the run is only to show whether it gets to the end."""
-    references: tuple[str, ...] = ()
-    """What its errors are taken against."""
-    refusal: str | None = None
-    """Why it cannot be run, where that is known beforehand."""
-
-    @property
-    def dt(self) -> float:
-        """The step [s]."""
-        return float(self.config.dt)
-
-    @property
-    def label(self) -> str:
-        """The setting in words."""
-        with_ = f" {self.config.preconditioner}" if self.config.preconditioner else ""
-        return f"{self.config.stepper}{with_}, {self.space.label}, dt {self.dt:.5g} s"
-
-    @property
-    def integrator(self) -> tuple[object, ...]:
-        """The same for all runs that differ in their step at most."""
-        return (self.space.identity, self.config.stepper, self.config.preconditioner)
-
-    @cached_property
-    def key(self) -> str:
-        """Name of all settings, files and code that matter for the result."""
-        return fingerprint([
-            self.space.identity, self.config.stepper, self._options, repr(self.dt),
-            self.config.days, self.report_days, self.references, self.sources,
-        ])  # fmt: skip
-
-    @cached_property
-    def _options(self) -> dict[str, object]:
-        """What the stepper is built with; as asked for where it takes no such options."""
-        try:
-            return self.space.options(self.config)
-        except ConfigError:
-            return {"preconditioner": self.config.preconditioner}
-
-    @cached_property
-    def sources(self) -> dict[str, str]:
-        """Fingerprints of the stepper and the preconditioner, where they are the user's own."""
-        chosen = self.config.preconditioner
-        return users_methods([self.config.stepper], [chosen] if chosen else [])
-
-    @property
-    def resolved(self) -> RunConfig:
-        """The configuration with the stepper of a file by name, and with its preconditioner."""
-        from swe_sphere.steppers import get_stepper
-
-        stepper, chosen = self.config.stepper, self._options.get("preconditioner")
-        named = get_stepper(stepper).name if is_user_file(stepper) else stepper
-        asked = self.config.preconditioner if self.refusal or not chosen else chosen
-        return self.config.model_copy(update={"stepper": named, "preconditioner": asked})
-
-    def report_steps(self) -> dict[int, float]:
-        """The report days by the steps after which they come."""
-        return {round(day * DAY / self.dt): day for day in self.report_days}
-
-
-@dataclass(frozen=True)
-class Integrator:
-    """Everything of a run but its step."""
-
-    space: Discretisation
-    config: RunConfig
+    """Mesh, precision, stepper and its options."""
     schedule: Schedule
-    references: tuple[str, ...]
+    references: tuple[str, ...] = ()
+    """What errors are taken against."""
 
     @property
     def kind(self) -> type[Stepper]:
@@ -160,6 +90,11 @@ class Integrator:
         with_ = f" {self.config.preconditioner}" if self.config.preconditioner else ""
         return f"{self.config.stepper}{with_}, {self.space.label}"
 
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """The same for all that compile and do the same."""
+        return (self.space.identity, self.config.stepper, self.config.preconditioner)
+
     @cached_property
     def refusal(self) -> str | None:
         """Why the stepper cannot run this scene, if it cannot."""
@@ -167,8 +102,21 @@ class Integrator:
             self.space.options(self.config)
             _ = self.stable_dt
         except ConfigError as error:
-            return " ".join(str(error).split())
+            return in_one_line(error)
         return None
+
+    @cached_property
+    def options(self) -> dict[str, object]:
+        """What the stepper is built with; as asked for where it cannot be."""
+        if self.refusal is not None:
+            return {"preconditioner": self.config.preconditioner}
+        return self.space.options(self.config)
+
+    @cached_property
+    def sources(self) -> dict[str, str]:
+        """Fingerprints of the stepper and the preconditioner, where they are the user's own."""
+        chosen = self.config.preconditioner
+        return users_methods([self.config.stepper], [chosen] if chosen else [])
 
     @property
     def stable_dt(self) -> float:
@@ -189,17 +137,18 @@ class Integrator:
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
         """The run with steps of dt [s], a little shorter where report times ask for it."""
         try:
-            steps, refusal = self.schedule.steps(dt), self.refusal
+            return self.planned(self.schedule.steps(dt), role)
         except ConfigError as error:
-            steps, refusal = None, str(error)
-        config = self._config(dt if steps is None else steps.dt)
-        days, references = self.schedule.report_days, self.references
-        return RunSpec(self.space, config, steps, role, days, references, refusal)
+            return RunSpec(self, dt, None, role, str(error))
+
+    def planned(self, steps: TimePlan, role: Role) -> RunSpec:
+        """The run with just these steps."""
+        return RunSpec(self, steps.dt, steps, role, self.refusal)
 
     def trial(self, dt: float) -> RunSpec:
         """A run with steps of exactly dt [s], only to see whether it gets to the end."""
-        steps = free_steps(self.schedule.days, dt)
-        return RunSpec(self.space, self._config(dt), steps, "stability")
+        alone = replace(self, schedule=Schedule(self.schedule.days, ()), references=())
+        return alone.planned(free_steps(self.schedule.days, dt), "stability")
 
     def grid(self, plan: SweepPlan) -> list[RunSpec]:
         """The runs that a plan asks for, without those that are the same after all."""
@@ -211,8 +160,56 @@ class Integrator:
             steps = [self.schedule.interval]
         return [*dict.fromkeys(map(self.run, steps))]
 
-    def _config(self, dt: float) -> RunConfig:
-        return self.config.model_copy(update={"dt": dt, "days": self.schedule.days})
+
+@dataclass(frozen=True)
+class RunSpec:
+    """One run; two are equal where they ask for the same."""
+
+    integrator: Integrator
+    dt: float
+    """The step [s]."""
+    steps: TimePlan | None = field(compare=False)
+    """None where no step near the one wanted is possible."""
+    role: Role = "grid"
+    refusal: str | None = field(default=None, compare=False)
+    """Why it cannot be run, where that is known beforehand."""
+
+    @property
+    def space(self) -> Discretisation:
+        """The scene on its mesh."""
+        return self.integrator.space
+
+    @property
+    def label(self) -> str:
+        """The setting in words."""
+        return f"{self.integrator.label}, dt {self.dt:.5g} s"
+
+    @cached_property
+    def config(self) -> RunConfig:
+        """The configuration, complete: with the step and the length."""
+        changes = {"dt": self.dt, "days": self.integrator.schedule.days}
+        return self.integrator.config.model_copy(update=changes)
+
+    @cached_property
+    def key(self) -> str:
+        """Name of all settings, files and code that matter for the result."""
+        of = self.integrator
+        return fingerprint([
+            of.space.identity, of.config.stepper, of.options, repr(self.dt), of.schedule.days,
+            of.schedule.report_days, of.references, of.sources,
+        ])  # fmt: skip
+
+    @property
+    def resolved(self) -> RunConfig:
+        """The configuration with the stepper of a file by name, and with its preconditioner."""
+        stepper, kind = self.config.stepper, self.integrator.kind
+        chosen = self.integrator.options.get("preconditioner") or self.config.preconditioner
+        named = kind.name if is_user_file(stepper) else stepper
+        return self.config.model_copy(update={"stepper": named, "preconditioner": chosen})
+
+    def report_steps(self) -> dict[int, float]:
+        """The report days by the steps after which they come."""
+        return {round(day * DAY / self.dt): day for day in self.integrator.schedule.report_days}
 
 
 def integrators(
