@@ -15,9 +15,9 @@ from sweeps import make_sweep, plausible_sweep
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.report import sweep_rankings, words, write_markdown, write_report
 from swe_sphere.studies.report.content import read_sections
+from swe_sphere.studies.report.drawing import save_svg
 from swe_sphere.studies.report.figures import error_diagrams, render
 from swe_sphere.studies.report.rows import metrics, read_rows
-from swe_sphere.studies.report.svg import save_svg
 
 ROOT = Path(__file__).parents[1]
 SMALL = dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift", "cpu_seconds"), np.nan)

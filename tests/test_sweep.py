@@ -17,7 +17,7 @@ from sweeps import assert_same_rows
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.errors import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.studies.sweep.sweep_plan import make_plan
@@ -75,7 +75,7 @@ def test_every_run_is_a_row_with_its_settings_and_costs(lauter):
     assert ((grid["peak_memory"] > 1e7) & (grid["peak_memory"] < 1e11)).all()
     assert dataset.attrs["scene"] == "lauter" and dataset.attrs["noise"] >= 0.0
     assert json.loads(dataset.attrs["plan"])["steppers"] == ["rk4", "tr-bdf2"]
-    xr.testing.assert_identical(read_dataset(folder / "sweep.nc"), dataset)
+    xr.testing.assert_identical(xr.load_dataset(folder / "sweep.nc"), dataset)
 
 
 def test_runs_are_interleaved(lauter):

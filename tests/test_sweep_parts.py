@@ -11,10 +11,9 @@ from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.studies.sweep.recipes import load_recipe, recipe_names
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, free_steps
 from swe_sphere.studies.sweep.steps import dt_sequence, longest_accurate, longest_working
-from swe_sphere.studies.sweep.sweep_plan import make_plan
+from swe_sphere.studies.sweep.sweep_plan import load_recipe, make_plan, recipe_names
 
 # --- plan
 

@@ -8,12 +8,13 @@ from operator import getitem
 from pathlib import Path
 
 import pytest
+import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
 from swe_sphere.studies.store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
-from swe_sphere.studies.sweep.dataset import read_dataset, write_dataset
+from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.record import runs_of
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
@@ -182,7 +183,7 @@ def test_a_kill_at_any_write_leaves_what_the_sweep_goes_on_from(tmp_path, monkey
             (folder / path).write_bytes(contents)
         before = finished(folder)
         if (folder / "sweep.nc").exists():
-            assert_same_rows(read_dataset(folder / "sweep.nc"), whole)
+            assert_same_rows(xr.load_dataset(folder / "sweep.nc"), whole)
         assert_same_rows(sweep("lauter", "rk4", out=folder, **TINY), whole)
         after = finished(folder)
         assert after[: len(before)] == before and len(set(after)) == len(after) == 3
@@ -205,7 +206,7 @@ def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_pa
     assert 5 < len(ends) < 30
     for end in ends[:-1]:
         assert_refused(*end)
-    assert_same_rows(read_dataset(tmp_path / "d" / "sweep.nc"), sweep("lauter", "rk4", **TINY))
+    assert_same_rows(xr.load_dataset(tmp_path / "d" / "sweep.nc"), sweep("lauter", "rk4", **TINY))
 
 
 @pytest.mark.parametrize("file", ["sweep.nc", "index.html"])

@@ -8,7 +8,7 @@ import pytest
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import load_config, make_config
-from swe_sphere.studies.sweep.recipes import load_recipe
+from swe_sphere.studies.sweep.sweep_plan import load_recipe
 from swe_sphere.testcases import get_scene
 
 LONG = "1" + 400 * "0"

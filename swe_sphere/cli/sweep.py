@@ -13,7 +13,7 @@ from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
-from swe_sphere.studies.sweep.recipes import Recipe, load_recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

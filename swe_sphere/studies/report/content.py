@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -16,21 +17,17 @@ from swe_sphere.studies.report.figures import Diagram, diagrams, error_diagrams
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import (
     MADE_FOR_OTHERS,
-    MODELLED,
-    REPEATABLE,
     Metric,
     Row,
     metrics,
     read_rows,
 )
-from swe_sphere.studies.report.table import Table, how_it_ended, largest_steps
+from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_steps
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["OneMesh", "Section", "read_sections", "sweep_rankings"]
-
-HIDDEN = ("title", "scene", "plan")
+__all__ = ["OneMesh", "Section", "attribute", "read_sections", "sweep_rankings"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class OneMesh:
     errors: list[tuple[Metric, list[Diagram]]]
     """Figures of each error, that of the first ranking first."""
     diagrams: list[Diagram]
-    losses: Table | None
+    losses: LargestSteps | None
     failures: list[tuple[Row, str]]
     """Runs that did not reach their end, and what to say on them."""
 
@@ -62,10 +59,19 @@ class Section:
     rows: list[Row]
     metrics: list[Metric]
     meshes: list[OneMesh]
-    trust: list[str]
-    """How far times and errors can be trusted."""
-    made: list[tuple[str, str]]
-    plan: str
+    attributes: Mapping[str, Any]
+    """Of the dataset."""
+
+    @property
+    def compared(self) -> list[Row]:
+        """The rows that stand for a setting."""
+        return [row for row in self.rows if row.compared]
+
+    @property
+    def spread(self) -> float:
+        """The largest relative spread of wall times; NaN where none is known."""
+        known = (row.wall_spread for row in self.compared)
+        return max((spread for spread in known if math.isfinite(spread)), default=math.nan)
 
     @property
     def headline(self) -> str:
@@ -133,7 +139,6 @@ def _rankings(
 def _section(
     name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any], levels: Sequence[float]
 ) -> Section:
-    plan = _parsed(attributes.get("plan", ""))
     return Section(
         name=_slug(name) or "sweep",
         title=name or scene or "sweep",
@@ -144,9 +149,7 @@ def _section(
             _mesh(where, members, _rankings(members, where, attributes, levels))
             for where, members in _meshes(rows)
         ],
-        trust=[text for text in (_times(rows, attributes), _converged(attributes)) if text],
-        made=[(n.replace("_", " "), _text(x)) for n, x in attributes.items() if n not in HIDDEN],
-        plan=plan if isinstance(plan, str) else json.dumps(plan, indent=1),
+        attributes=attributes,
     )
 
 
@@ -171,49 +174,13 @@ def _mesh(where: str, rows: list[Row], ranked: list[Ranking]) -> OneMesh:
     )
 
 
-def _times(rows: Sequence[Row], attributes: Mapping[Any, Any]) -> str:
-    """What steppers are ranked by, and how far that can be trusted."""
-    compared = [row for row in rows if row.compared]
-    spreads = [row.wall_spread for row in compared if math.isfinite(row.wall_spread)]
-    repeats = max((len(row.walls) for row in compared), default=0)
-    spread = f", which differ by up to {words.percent(max(spreads))}" if spreads else ""
-    several = f"up to {repeats} repeats" if repeats else "repeats"
-    wall = f"Wall times are medians of {several}{spread}"
-    noise = attributes.get("noise", math.nan)
-    if math.isfinite(noise):
-        wall += f"; right-hand sides timed in between spread over {words.percent(noise)}"
-    if any(row.cost_kind == MODELLED for row in compared):
-        return (
-            "Steppers are ranked by modelled times: counted work at the lowest prices found during "
-            f"the sweep, taken to be known to {words.percent(REPEATABLE)} or to what they still "
-            f"fell by over the later half of the runs. {wall}."
-        )
-    return f"{wall}. Steppers are ranked by them, only where they differ by more."
-
-
-def _converged(attributes: Mapping[Any, Any]) -> str:
-    own, step = (attributes.get(f"converged_{name}", math.nan) for name in ("check", "dt"))
-    if not math.isfinite(own) or not math.isfinite(step):
-        return ""
-    return (
-        f"Time errors are against a run at {words.step(step)} on the same mesh, whose own time "
-        f"error is about {words.error(own)} (Richardson): what is not well above that is noise."
-    )
-
-
-def _text(value: Any) -> str:
-    """An attribute as it is shown."""
-    value = _parsed(value)
+def attribute(value: Any) -> str:
+    """An attribute of a dataset as it is shown."""
+    with suppress(ValueError):
+        value = json.loads(value) if isinstance(value, str) else value
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {attribute(part)}" for name, part in value.items())
     return f"{value:.4g}" if isinstance(value, Real) else str(value)
-
-
-def _parsed(value: Any) -> Any:
-    try:
-        return json.loads(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
 
 
 def _slug(text: str) -> str:

@@ -6,13 +6,23 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from swe_sphere.studies.report.axes import SMALLEST, finish, mark_limits, name_curves, points
+from swe_sphere.studies.report.drawing import (
+    FAINT,
+    INK,
+    PAPER,
+    SMALLEST,
+    STYLE,
+    finish,
+    mark_limits,
+    name_curves,
+    points,
+)
 from swe_sphere.studies.report.palette import STATUS, Curve, curves, look
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, MODELLED, Metric, Row
 from swe_sphere.studies.report.statistics import Cost, candidates, cost, pareto
-from swe_sphere.studies.report.svg import FAINT, INK, PAPER, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,9 +70,8 @@ def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
     """What an error costs on one mesh, and how it depends on the step."""
     kind = next((row.cost_kind for row in rows), MODELLED)
     time = _against(rows, metric, f"{metric.name}_time", kind, cost, f"{kind} of the steps [s]")
-    work = _against(
-        rows, metric, f"{metric.name}_work", "work", _work, "CPU time [right-hand sides]"
-    )
+    name, unit = f"{metric.name}_work", "CPU time [right-hand sides]"
+    work = _against(rows, metric, name, "work", attrgetter("equivalents"), unit)
     step = _by_step(
         rows, f"{metric.name}_step", "Error against Δt", f"{metric.label}. {LIMITS}",
         _axis(metric), lambda row: row.error(metric),
@@ -91,10 +100,6 @@ def diagrams(rows: Sequence[Row]) -> list[Diagram]:
 
 def _axis(metric: Metric) -> str:
     return metric.label.split(" at day")[0]
-
-
-def _work(row: Row) -> float:
-    return row.equivalents
 
 
 def _per_step(name: str, row: Row) -> float:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping, Sequence
 from io import BytesIO
+from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.content import OneMesh, Section, read_sections
+from swe_sphere.studies.report.content import OneMesh, Section, attribute, read_sections
+from swe_sphere.studies.report.drawing import inline, save_svg
 from swe_sphere.studies.report.figures import Diagram, render
-from swe_sphere.studies.report.rows import Row
-from swe_sphere.studies.report.svg import inline, save_svg
+from swe_sphere.studies.report.rows import REPEATABLE, Row
+from swe_sphere.studies.report.statistics import BASELINE, SLACK
 from swe_sphere.studies.report.table import Column, cell, columns, csv_text, how_it_ended
 
 if TYPE_CHECKING:
@@ -136,10 +140,16 @@ def _tip(row: Row) -> str:
 
 def _rendered(template: str, values: Mapping[str, Any]) -> str:
     """A template filled in."""
+    filters = (_link_rows, attribute, json.loads, words.error, words.percent, words.step, _known)
     return rendered(
-        "swe_sphere.studies.report", template, _link_rows, **values, columns=columns, cell=cell,
-        cells=_cells,
+        "swe_sphere.studies.report", template, *filters, **values, columns=columns, cell=cell,
+        cells=_cells, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
     )  # fmt: skip
+
+
+def _known(value: Any) -> bool:
+    """Whether it is a number."""
+    return isinstance(value, Real) and isfinite(value)
 
 
 def _cells(shown: Sequence[Column], rows: Sequence[Row]) -> list[list[str]]:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from swe_sphere.studies.report.rows import Metric, Row
 
 __all__ = [
-    "FAILED", "Cost", "Plateau", "Threshold", "candidates", "cheapest", "cost", "largest_step",
-    "pareto", "plateau", "smallest", "targets", "threshold", "told_apart",
+    "BASELINE", "FAILED", "SLACK", "Cost", "Plateau", "Threshold", "candidates", "cheapest", "cost",
+    "largest_step", "pareto", "plateau", "smallest", "targets", "threshold", "told_apart",
 ]  # fmt: skip
 
 Cost = Callable[[Row], float]
@@ -156,6 +156,12 @@ class Threshold:
     """The explicit stepper's row, None where there is none."""
     converged: Row | None = None
     """The run converged in time, whose total error is that of the mesh; None where unknown."""
+
+    @property
+    def sources(self) -> dict[str, Row]:
+        """The rows by what they are."""
+        of = {"smallest": self.best, "converged in time": self.converged, BASELINE: self.baseline}
+        return {name: row for name, row in of.items() if row is not None}
 
 
 def threshold(

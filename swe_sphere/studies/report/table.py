@@ -12,36 +12,27 @@ from swe_sphere.studies.report import words
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
 from swe_sphere.studies.report.statistics import (
-    BASELINE,
     FAILED,
-    SLACK,
     Threshold,
     largest_step,
     threshold,
 )
 
 __all__ = [
-    "Cell", "Column", "Table", "cell", "columns", "csv_text", "how_it_ended", "largest_steps",
+    "Cell", "Column", "LargestSteps", "cell", "columns", "csv_text", "how_it_ended",
+    "largest_steps",
 ]  # fmt: skip
 
 Value = float | str
 
-RULE = (
-    f"A step is without loss of accuracy if its error is at most {SLACK:g} times the smallest of "
-    f"any stepper or {SLACK:g} times that of the run converged in time, or that of {BASELINE} at "
-    "its largest step; all shorter measured steps have to be without loss too. In brackets: "
-    "multiples of the gravity-wave and of the advective limit."
-)
-
 
 @dataclass(frozen=True)
-class Table:
-    """A table of texts."""
+class LargestSteps:
+    """A table of texts, and the errors that its columns are held against."""
 
     heads: list[str]
     lines: list[list[str]]
-    notes: list[str]
-    """What to read with it."""
+    limits: dict[Metric, Threshold]
 
 
 @dataclass(frozen=True)
@@ -133,7 +124,7 @@ _COSTS = (
 )
 
 
-def largest_steps(rows: Sequence[Row], found: Sequence[Metric]) -> Table | None:
+def largest_steps(rows: Sequence[Row], found: Sequence[Metric]) -> LargestSteps | None:
     """The table for the rows of one mesh: stable steps, and those without loss of accuracy.
 
     Errors are the total ones and those of the slow flow; time errors where there are no others,
@@ -144,13 +135,13 @@ def largest_steps(rows: Sequence[Row], found: Sequence[Metric]) -> Table | None:
     if not limits:
         return None
     heads = ["stepper", "largest completed step", "first failure"]
+    heads += [f"{m.symbol}, {m.title.split(',')[0]}" for m in limits]
     lines = [
         [curve.label, _longest(curve.rows), _failure(curve.rows)]
         + [_step(largest_step(curve.rows, m, limit.value)) for m, limit in limits.items()]
         for curve in curves(row for row in rows if row.role not in MADE_FOR_OTHERS)
     ]
-    heads += [f"{m.symbol}, {m.title.split(',')[0]}" for m in limits]
-    return Table(heads, lines, [RULE, *(_limit(metric, limit) for metric, limit in limits.items())])
+    return LargestSteps(heads, lines, limits)
 
 
 def _step(row: Row | None) -> str:
@@ -169,22 +160,6 @@ def _failure(rows: Sequence[Row]) -> str:
     failed = [row for row in rows if row.status in FAILED]
     row = min(failed, key=lambda r: r.dt, default=None)
     return f"{words.step(row.dt)}, {row.status} (row {row.number})" if row else "none"
-
-
-def _limit(metric: Metric, limit: Threshold) -> str:
-    """What the column of an error rests on."""
-    sources = {
-        "smallest": limit.best,
-        "converged in time": limit.converged,
-        BASELINE: limit.baseline,
-    }
-    told = [
-        f"{name} {words.error(row.error(metric), 2)} ({row.stepper}, {words.step(row.dt)}, "
-        f"row {row.number})"
-        for name, row in sources.items()
-        if row is not None
-    ]
-    return f"{metric.label}: at most {words.error(limit.value, 2)}; {'; '.join(told)}."
 
 
 def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:

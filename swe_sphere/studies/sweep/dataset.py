@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "read_dataset", "write_dataset"]
+__all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "write_dataset"]
 
 DATASET = "sweep.nc"
 
@@ -106,18 +106,6 @@ def write_dataset(folder: Path) -> xr.Dataset:
     dataset = build_dataset(header, records)
     write_whole(folder / DATASET, as_netcdf(dataset))
     return dataset
-
-
-def read_dataset(path: Path) -> xr.Dataset:
-    """The dataset of a sweep.nc, in memory; ConfigError if there is none."""
-    import xarray as xr
-
-    try:
-        return xr.load_dataset(path, engine="netcdf4")
-    except FileNotFoundError:
-        raise ConfigError(f"there is no file {path}") from None
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error}") from None
 
 
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:

@@ -23,11 +23,16 @@ from swe_sphere.studies.sweep.record import (
 )
 from swe_sphere.studies.sweep.references import ReferenceRuns, choose_reference, sweep_sources
 from swe_sphere.studies.sweep.runner import Runner
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, integrators
+from swe_sphere.studies.sweep.runspec import (
+    Integrator,
+    RunSpec,
+    Schedule,
+    integrators,
+    users_methods,
+)
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_errors import Evaluator
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.studies.sweep.users_code import users_methods
 from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 __all__ = ["Sweep"]

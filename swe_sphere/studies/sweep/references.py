@@ -23,9 +23,8 @@ from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.studies.sweep.users_code import users_fingerprint
 
 if TYPE_CHECKING:
     pass

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
+import sys
+import uuid
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, reduce
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import fingerprint
+from swe_sphere.fingerprints import file_fingerprint, fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
@@ -19,13 +22,18 @@ from swe_sphere.studies.ended import in_one_line
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.steps import dt_sequence
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.studies.sweep.users_code import users_methods
 from swe_sphere.user_file import is_user_file
 
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Integrator", "Role", "RunSpec", "Schedule", "free_steps", "integrators"]
+__all__ = [
+    "Integrator", "Role", "RunSpec", "Schedule", "free_steps", "integrators", "users_fingerprint",
+    "users_methods",
+]  # fmt: skip
+
+SESSION = uuid.uuid4().hex
+"""In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
 
 Role = Literal["grid", "target", "stability", "converged"]
@@ -235,3 +243,26 @@ def _configs(plan: SweepPlan, space: Discretisation) -> Iterator[RunConfig]:
             if "tolerance" in takes:
                 chosen["tolerance"] = plan.tolerance
             yield space.config.model_copy(update=chosen)
+
+
+def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:
+    """Fingerprints of those that are no part of the package, by what they are.
+
+    steppers, preconditioners: names, or files.  Raises ConfigError where there is none of a name.
+    """
+    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+    from swe_sphere.steppers import STEPPERS
+
+    kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
+    kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
+    return {
+        what: users_fingerprint(kind)
+        for what, kind in kinds.items()
+        if not kind.__module__.startswith("swe_sphere.")
+    }
+
+
+def users_fingerprint(item: object) -> str:
+    """That of the file that a function or class stands in; where there is none, of this process."""
+    file = getattr(sys.modules.get(item.__module__), "__file__", None)
+    return SESSION if file is None else file_fingerprint(Path(file))
