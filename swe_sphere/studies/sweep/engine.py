@@ -21,7 +21,7 @@ from swe_sphere.studies.sweep.record import (
     runs_of,
     stale_note,
 )
-from swe_sphere.studies.sweep.references import ReferenceRuns, choose_reference, sweep_sources
+from swe_sphere.studies.sweep.references import choose_reference, sweep_sources
 from swe_sphere.studies.sweep.runner import Runner
 from swe_sphere.studies.sweep.runspec import (
     Integrator,
@@ -75,8 +75,9 @@ class Sweep:
         self._note_plan(folder, header_of(plan, scene, self._sources))
         self._interruption = Interruption()
         self._runner = Runner(self._store, common, self._interruption, watcher, plan.time_limit)
-        runs = ReferenceRuns(self._runner, folder / CONVERGED, self._schedule, total.name)
-        self._evaluator = Evaluator(plan, self._spaces, total, runs)
+        self._evaluator = Evaluator(
+            plan, self._spaces, total, self._runner, self._schedule, folder / CONVERGED
+        )
 
     def _note_plan(self, folder: Path, header: Header) -> None:
         """Write down what is asked for; tell the user what there is and counts no more."""

@@ -47,10 +47,10 @@ class Errors(Record):
     linf: float | None
 
     @classmethod
-    def of(cls, kind: str, by_day: Mapping[float, Norms]) -> list[Errors]:
-        """Errors of fields by day."""
+    def of(cls, kind: str, by_day: Mapping[float, Norms], share: float = 1.0) -> list[Errors]:
+        """Errors of fields by day; share: by which they are multiplied."""
         return [
-            cls.model_validate({"kind": kind, "field": name, "day": day, **of})
+            cls(kind=kind, field=name, day=day, **{norm: share * x for norm, x in of.items()})  # type: ignore[arg-type]
             for day, errors in by_day.items()
             for name, of in errors.items()
         ]

@@ -1,15 +1,12 @@
-"""What errors are taken against: exact solutions, files, and runs made for it."""
+"""What the total errors of a sweep are taken against, and what all of it is made of."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
@@ -17,19 +14,13 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.scene_files import scene_sources
 from swe_sphere.simulation.setup import make_scene
-from swe_sphere.simulation.time_plan import TimePlan
-from swe_sphere.studies.errors import Norms, field_errors
-from swe_sphere.studies.store import as_netcdf
-from swe_sphere.studies.sweep.discretisation import Discretisation, History
-from swe_sphere.studies.sweep.record import Errors
-from swe_sphere.studies.sweep.runner import KEPT, Result, Runner, TakeErrors
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, users_fingerprint
+from swe_sphere.studies.sweep.runspec import users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     pass
 
-__all__ = ["ReferenceRuns", "TotalReference", "choose_reference", "sweep_sources"]
+__all__ = ["TotalReference", "choose_reference", "sweep_sources"]
 
 
 SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -137,116 +128,3 @@ def _shipped(scene: Scene, report_days: tuple[float, ...]) -> dict[float, Path]:
             found = {day: shipped_reference(label, day) for day in report_days}
             files |= {day: path for day, path in found.items() if path is not None}
     return files
-
-
-LONGEST = 2.8
-"""Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
-FINER = ("rk4", 0.85)
-"""Stepper of the finer run, and its step as a part of its stability limit."""
-
-
-class ReferenceRuns:
-    """Makes such runs, keeps their fields in the folder, and reads them again.
-
-    They have no time limit; where one fails there is a row that tells why, and no fields here.
-    """
-
-    def __init__(self, runner: Runner, folder: Path, schedule: Schedule, total: str) -> None:
-        """total: name of what the total errors are taken against."""
-        self._runner, self._folder, self._schedule = runner, folder, schedule
-        self._references = ("reference run", total)
-
-    def converged(
-        self, space: Discretisation, stepper: str, part: float, total: TakeErrors
-    ) -> History:
-        """A run converged in time: its step is that part of the stability limit.
-
-        A run of twice the step tells by Richardson's rule how large its own error in time is; the
-        rows of both hold these errors, and those that `total` finds.
-        """
-        integrator = self._integrator(space, stepper)
-        limit = min(integrator.stable_dt, LONGEST * space.gravity_limit)
-        twice = self._schedule.steps(2.0 * part * limit)
-        coarse, fine = (integrator.planned(x, "converged") for x in (twice, _halved(twice)))
-        if self._kept(fine) is None:
-            self._compare(coarse, fine, integrator.kind.order, total)
-        return self._kept(fine) or {}
-
-    def finer(self, space: Discretisation) -> History:
-        """A run on a finer mesh, for the total error."""
-        stepper, part = FINER
-        integrator = self._integrator(space, stepper)
-        spec = integrator.run(part * integrator.stable_dt, "converged")
-        if self._kept(spec) is None:
-            self._keep(spec, self._runner.result(spec), [])
-        return self._kept(spec) or {}
-
-    def _integrator(self, space: Discretisation, stepper: str) -> Integrator:
-        config = space.config.model_copy(update={"stepper": stepper})
-        return Integrator(space, config, self._schedule, self._references)
-
-    def _compare(self, coarse: RunSpec, fine: RunSpec, order: int, total: TakeErrors) -> None:
-        """Make both runs and keep what each says of the other."""
-        results = {spec: self._runner.result(spec) for spec in (coarse, fine)}
-        ours, right = results[coarse].snapshots, results[fine].snapshots
-        apart = {
-            day: field_errors(fine.space, ours[day], right[day])
-            for day in self._schedule.report_days
-            if day in ours and day in right
-        }
-        shares = {coarse: 1.0, fine: 1.0 / 2.0**order}
-        for spec, result in results.items():
-            share = shares[spec] / (1.0 - 2.0**-order)
-            errors = Errors.of("time", {day: _part(share, of) for day, of in apart.items()})
-            self._keep(spec, result, errors + total(spec.space, result.snapshots))
-
-    def _file(self, spec: RunSpec) -> Path:
-        return self._folder / f"{spec.key}.nc"
-
-    def _kept(self, spec: RunSpec) -> History | None:
-        """Its fields, none of a run that failed; None where it is yet to be made."""
-        known = self._runner.known(spec)
-        if known is None:
-            return None
-        return _load(self._file(spec)) if known.status == "completed" else {}
-
-    def _keep(self, spec: RunSpec, result: Result, errors: list[Errors]) -> None:
-        """Fields first: what there is a record of has been written."""
-        if result.status == "completed":
-            _save(self._file(spec), result.snapshots, spec.label)
-        if self._runner.known(spec) is None:
-            self._runner.keep(spec, result, errors)
-
-
-def _save(path: Path, history: History, label: str) -> None:
-    """Write u, v, h and vorticity (N,) at report days to a file; RunFailed if the disk refuses."""
-    import xarray as xr
-
-    fields = {
-        name: (("report_day", "node"), np.stack([of_day[name] for of_day in history.values()]))
-        for name in KEPT
-    }
-    write_whole(path, as_netcdf(xr.Dataset(fields, {"report_day": [*history]}, {"title": label})))
-
-
-def _load(path: Path) -> History | None:
-    """What `_save` wrote; None where there is no such file or it cannot be read."""
-    import xarray as xr
-
-    try:
-        found = xr.load_dataset(path, engine="netcdf4")
-        fields = {name: found[name].values for name in KEPT}
-    except (OSError, LookupError):
-        return None
-    days = found["report_day"].values.tolist()
-    return {day: {name: fields[name][n] for name in KEPT} for n, day in enumerate(days)}
-
-
-def _halved(steps: TimePlan) -> TimePlan:
-    return replace(
-        steps, dt=0.5 * steps.dt, steps=2 * steps.steps, frame_steps=2 * steps.frame_steps
-    )
-
-
-def _part(share: float, errors: Norms) -> Norms:
-    return {name: {n: share * x for n, x in norms.items()} for name, norms in errors.items()}

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from swe_sphere.durable import write_whole
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields
@@ -13,9 +19,12 @@ from swe_sphere.studies.errors import (
     field_errors,
     slow_errors,
 )
+from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors
-from swe_sphere.studies.sweep.references import ReferenceRuns, TotalReference
+from swe_sphere.studies.sweep.references import TotalReference
+from swe_sphere.studies.sweep.runner import KEPT, Result, Runner
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 __all__ = ["Evaluator"]
@@ -23,19 +32,30 @@ __all__ = ["Evaluator"]
 
 SHEDDING = ("williamson5", "williamson6")
 """Scenes whose start sheds gravity waves, so that depth alone does not rank steppers."""
+LONGEST = 2.8
+"""Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
+FINER = ("rk4", 0.85)
+"""Stepper of the finer run, and its step as a part of its stability limit."""
 
 
 class Evaluator:
-    """Takes the errors of runs; what they are taken against is made when it is first asked for."""
+    """Takes the errors of runs; what they are taken against is made when it is first asked for.
+
+    Runs made for it have no time limit.  Their fields are kept in the folder and read again; where
+    one fails there is a row that tells why, and no fields.
+    """
 
     def __init__(
         self,
         plan: SweepPlan,
         spaces: Discretisations,
         total: TotalReference,
-        runs: ReferenceRuns,
+        runner: Runner,
+        schedule: Schedule,
+        folder: Path,
     ) -> None:
-        self._plan, self._spaces, self._total, self._runs = plan, spaces, total, runs
+        self._plan, self._spaces, self._total = plan, spaces, total
+        self._runner, self._schedule, self._folder = runner, schedule, folder
         scene = spaces.all()[0].scene.name
         self._slow = (scene in SHEDDING) if plan.slow is None else plan.slow
         self._converged: dict[tuple[int, int], History] = {}
@@ -53,24 +73,51 @@ class Evaluator:
         converged = self.converged(space)
         days = [day for day in history if day in converged]
         kinds = {"time": field_errors} | ({"slow": slow_errors} if self._slow else {})
-        found = self.total_errors(space, history)
+        found = self._total_errors(space, history)
         for kind, errors in kinds.items():
             of_days = {day: errors(space, history[day], converged[day]) for day in days}
             found += Errors.of(kind, of_days)
         return found
 
+    # --- against the run converged in time
+
     def converged(self, space: Discretisation) -> History:
-        """Fields at report days of a run converged in time, on the same mesh in float64."""
+        """Fields at report days of a run converged in time, on the same mesh in float64.
+
+        A run of twice the step tells by Richardson's rule how large its own error in time is; the
+        rows of both hold these errors, and the total ones.
+        """
         key = (space.mesh.ne, space.mesh.np)
         if key not in self._converged:
-            exact = self._spaces.at(*key)
-            made = self._runs.converged(
-                exact, self._plan.converged_stepper, self._plan.converged_part, self.total_errors
-            )
-            self._converged[key] = made
+            integrator = self._integrator(self._spaces.at(*key), self._plan.converged_stepper)
+            limit = min(integrator.stable_dt, LONGEST * integrator.space.gravity_limit)
+            twice = self._schedule.steps(2.0 * self._plan.converged_part * limit)
+            once = replace(twice, dt=0.5 * twice.dt, steps=2 * twice.steps,
+                           frame_steps=2 * twice.frame_steps)  # fmt: skip
+            coarse, fine = (integrator.planned(steps, "converged") for steps in (twice, once))
+            if self._kept(fine) is None:
+                self._compare(coarse, fine)
+            self._converged[key] = self._kept(fine) or {}
         return self._converged[key]
 
-    def total_errors(self, space: Discretisation, history: History) -> list[Errors]:
+    def _compare(self, coarse: RunSpec, fine: RunSpec) -> None:
+        """Make both runs and keep what each says of the other."""
+        results = {spec: self._runner.result(spec) for spec in (coarse, fine)}
+        ours, right = results[coarse].snapshots, results[fine].snapshots
+        apart = {
+            day: field_errors(fine.space, ours[day], right[day])
+            for day in self._schedule.report_days
+            if day in ours and day in right
+        }
+        gain = 2.0**fine.integrator.kind.order
+        for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
+            errors = Errors.of("time", apart, share)
+            snapshots = results[spec].snapshots
+            self._keep(spec, results[spec], errors + self._total_errors(spec.space, snapshots))
+
+    # --- in total
+
+    def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
         """The total errors alone."""
         norms = {day: self._total_norms(space, day, fields) for day, fields in history.items()}
         return Errors.of("total", norms)
@@ -95,8 +142,64 @@ class Evaluator:
         if self._total.kind == "none":
             return None
         fine = self._spaces.at(self._total.finer, max(self._spaces.np))
-        history = self._runs.finer(fine)
+        history = self._finer(fine)
         return at_nodes(fine.mesh, history[day], space.mesh) if day in history else None
+
+    def _finer(self, space: Discretisation) -> History:
+        """Fields at report days of a run on a finer mesh."""
+        stepper, part = FINER
+        integrator = self._integrator(space, stepper)
+        spec = integrator.run(part * integrator.stable_dt, "converged")
+        if self._kept(spec) is None:
+            self._keep(spec, self._runner.result(spec), [])
+        return self._kept(spec) or {}
+
+    # --- runs made to be compared with
+
+    def _integrator(self, space: Discretisation, stepper: str) -> Integrator:
+        config = space.config.model_copy(update={"stepper": stepper})
+        return Integrator(space, config, self._schedule, ("reference run", self._total.name))
+
+    def _file(self, spec: RunSpec) -> Path:
+        return self._folder / f"{spec.key}.nc"
+
+    def _kept(self, spec: RunSpec) -> History | None:
+        """Its fields, none of a run that failed; None where it is yet to be made."""
+        known = self._runner.known(spec)
+        if known is None:
+            return None
+        return _load(self._file(spec)) if known.status == "completed" else {}
+
+    def _keep(self, spec: RunSpec, result: Result, errors: list[Errors]) -> None:
+        """Fields first: what there is a record of has been written."""
+        if result.status == "completed":
+            _save(self._file(spec), result.snapshots, spec.label)
+        if self._runner.known(spec) is None:
+            self._runner.keep(spec, result, errors)
+
+
+def _save(path: Path, history: History, label: str) -> None:
+    """Write u, v, h and vorticity (N,) at report days to a file; RunFailed if the disk refuses."""
+    import xarray as xr
+
+    fields = {
+        name: (("report_day", "node"), np.stack([of_day[name] for of_day in history.values()]))
+        for name in KEPT
+    }
+    write_whole(path, as_netcdf(xr.Dataset(fields, {"report_day": [*history]}, {"title": label})))
+
+
+def _load(path: Path) -> History | None:
+    """What `_save` wrote; None where there is no such file or it cannot be read."""
+    import xarray as xr
+
+    try:
+        found = xr.load_dataset(path, engine="netcdf4")
+        fields = {name: found[name].values for name in KEPT}
+    except (OSError, LookupError):
+        return None
+    days = found["report_day"].values.tolist()
+    return {day: {name: fields[name][n] for name in KEPT} for n, day in enumerate(days)}
 
 
 def _exact(space: Discretisation, day: float) -> Fields:
