@@ -10,8 +10,9 @@ from sweeps import make_sweep
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.report.answer import rankings
-from swe_sphere.studies.report.palette import curves, look
+from swe_sphere.studies.report.palette import STATUS, curves, look
 from swe_sphere.studies.report.rows import MODELLED, WALL, Metric, metrics, read_rows
 from swe_sphere.studies.report.statistics import (
     candidates,
@@ -353,6 +354,11 @@ def test_every_stepper_has_a_colour_and_a_marker_of_its_own():
         seen = [lab(found.colour, np.array(vision)) for found in looks]
         assert min(np.linalg.norm(a - b) for a, b in combinations(seen, 2)) > 12.0
     assert look("mine") == look("mine")
+
+
+def test_every_way_to_end_is_drawn_in_its_own_way():
+    assert STATUS.keys() == {*ENDS}
+    assert len({found.marker for found in STATUS.values()}) == len(STATUS)
 
 
 def test_curves_are_named_by_what_tells_them_apart():

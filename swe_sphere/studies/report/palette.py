@@ -33,7 +33,9 @@ STATUS = {
     "timed-out": Look("#E69F00", "s"),
     "solver-failed": Look("#CC79A7", "v"),
     "refused": Look("#7F7F7F", "_"),
+    "failed": Look("#56B4E9", "P"),
 }
+"""How the ends of runs are drawn."""
 
 
 def look(stepper: str) -> Look:
