@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swe_sphere.cli.explain import Stopped
+from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
 
@@ -61,9 +62,9 @@ def verify(
         "rows": [row.as_dict() for row in rows],
     }
     if files:
-        files[0].write_text(page(rows, _command(quick, scenes, out)), encoding="utf-8")
+        write_whole(files[0], page(rows, _command(quick, scenes, out)))
     for file in files[1:]:
-        file.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_whole(file, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     if runs is not None:
         runs.clear()
     typer.echo(json.dumps(result) if as_json else _conclusion(rows, files))
@@ -129,10 +130,8 @@ def _files(out: Path | None) -> list[Path]:
     if out is None:
         return []
     folder = out.parent if out.suffix == ".md" else out
-    try:
+    with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot write to {folder}: {error.strerror}") from None
     return [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
 
 
