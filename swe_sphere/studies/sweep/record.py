@@ -16,8 +16,8 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.comparison import Norms
 from swe_sphere.studies.ended import ENDS
-from swe_sphere.studies.errors import Norms
 from swe_sphere.studies.store import Record, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan

@@ -11,7 +11,7 @@ from swe_sphere.durable import write_whole
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.studies.errors import (
+from swe_sphere.studies.comparison import (
     Norms,
     OnGrid,
     at_nodes,

@@ -12,9 +12,9 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean
 from swe_sphere.simulation.evaluator import state_integrals
 from swe_sphere.simulation.snapshot import Fields
+from swe_sphere.studies.comparison import Norms, OnGrid, at_nodes, exact_fields, field_errors
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
-from swe_sphere.studies.errors import Norms, OnGrid, at_nodes, exact_fields, field_errors
 from swe_sphere.studies.store import Result
 from swe_sphere.studies.verify.case import CONVERGED
 
