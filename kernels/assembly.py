@@ -14,8 +14,8 @@ from typing import no_type_check
 import warp as wp
 
 CONTRIBUTORS = 4
-OPTIONS = {"max_unroll": 1, "cpu_compiler_flags": "-march=native -fno-slp-vectorize"}
-"""Packing the scattered loads of several fields into SIMD registers costs more than it gains."""
+OPTIONS = {"max_unroll": 1}
+"""Compiler flags are left alone: each set of them costs a process 3 s for Warp's own headers."""
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 """Places of a node's first field in the local tendencies, -1 for a contributor it lacks."""
 
