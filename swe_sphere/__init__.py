@@ -8,8 +8,8 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from swe_sphere.analysis.opening import open_run
     from swe_sphere.equations.scene import Scene
-    from swe_sphere.io.runfile import open_run
     from swe_sphere.mesh import Mesh
     from swe_sphere.simulation.simulation import Simulation
     from swe_sphere.steppers import list_steppers
@@ -31,7 +31,7 @@ _PLACES = {
     "Simulation": "simulation.simulation",
     "list_scenes": "testcases",
     "list_steppers": "steppers",
-    "open_run": "io.runfile",
+    "open_run": "analysis.opening",
     "sweep": "studies.sweep",
     "verify": "studies.verify",
 }

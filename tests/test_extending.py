@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from support import random_state, relative, tangent, tendency
 
+from swe_sphere.analysis.opening import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import read_checkpoint
-from swe_sphere.io.runfile import open_run
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config

@@ -14,6 +14,7 @@ NAMES = {
 }  # fmt: skip
 EXAMPLES = (
     *(f"swe_sphere:{name}" for name in sorted(NAMES)),
+    "swe_sphere.analysis.accessor:Analysis",
     "swe_sphere.simulation.callbacks:every",
     "swe_sphere.simulation.diagnostics:diagnostic",
 )

@@ -48,7 +48,7 @@ def test_python_started_in_the_source_tree_finds_all_of_the_package():
 
 LAYERS = (
     "kernels", "mesh", "operators", "equations", "testcases", "solvers", "steppers", "io",
-    "pictures", "simulation", "studies", "cli",
+    "pictures", "analysis", "simulation", "studies", "cli",
 )  # fmt: skip
 """Packages from the ground up; what lies in no package is below all of them."""
 FRONT = ("swe_sphere", "swe_sphere.__main__")

@@ -6,9 +6,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from swe_sphere.analysis.opening import open_run
 from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.runfile import RunFile, open_run
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.callbacks import every

@@ -11,7 +11,7 @@ from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import SERIES
 from swe_sphere.io.runfile import RunFile, reading
 
-KEPT = ("run_id", "start_step")
+KEPT = ("run_id", "start_step", "history")
 """Attributes that stay those of the run that is gone on with."""
 
 

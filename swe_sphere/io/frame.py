@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.io.layout import ON_NODES, STATIC_FIELDS, TRACER, frame_fields
+from swe_sphere.io.layout import MESH_ATTRIBUTES, ON_NODES, STATIC_FIELDS, TRACER, frame_fields
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.mesh import Mesh
 
@@ -50,11 +50,12 @@ def frame_dataset(
         name: (("time", "node"), fields[name][None], {**about, **ON_NODES})
         for name, about in known.items()
     }
-    for name, values in (("b", fields["b"]), ("area", mesh.area)):
+    for name, values in {"b": fields["b"], "f": fields["f"], "area": mesh.area}.items():
         data[name] = ("node", values, STATIC_FIELDS[name])
     degrees = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon)}
     units = {"lat": "degrees_north", "lon": "degrees_east"}
     points = {name: ("node", values, {"units": units[name]}) for name, values in degrees.items()}
     about_time = {"units": "s", "long_name": "time since the start"}
     coordinates = {"time": ("time", [time], about_time), **points}
-    return xr.Dataset(data, coordinates, dict(attributes))
+    parameters = {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
+    return xr.Dataset(data, coordinates, {**attributes, **parameters})

@@ -17,6 +17,7 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swe_sphere import __version__
 from swe_sphere.mesh import Mesh
 
 FRAME_FIELDS = {
@@ -41,6 +42,11 @@ TRACER = "q_"
 
 STATIC_FIELDS = {
     "b": {"standard_name": "surface_altitude", "long_name": "height of the bottom", "units": "m"},
+    "f": {
+        "standard_name": "coriolis_parameter",
+        "long_name": "Coriolis parameter",
+        "units": "s-1",
+    },
     "area": {
         "standard_name": "cell_area",
         "long_name": "quadrature weight of the node, its share of the sphere's area",
@@ -79,8 +85,8 @@ SUMMARY = "summary"
 SUMMARY_BYTES = 32 * 1024
 """Room for it."""
 
-LAYOUT_BYTES = 56
-"""Bytes per node that `add_layout` writes: lat, lon, area, b and the corners of one face."""
+LAYOUT_BYTES = 64
+"""Bytes per node that `add_layout` writes: lat, lon, area, b, f and the corners of one face."""
 
 
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
@@ -95,23 +101,24 @@ def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
 def add_layout(
     dataset: netCDF4.Dataset,
     mesh: Mesh,
-    bottom: ArrayLike | None,
+    constants: Mapping[str, ArrayLike],
     fields: Mapping[str, Mapping[str, str]],
     diagnostics: Mapping[str, Mapping[str, str]],
     samples: int,
 ) -> None:
     """Define everything, and write what does not change.
 
-    fields: those of every frame with their attributes.  diagnostics: the series, with attributes
-    where they are the user's own, each with room for so many samples; none: there is no dimension
-    for them either.
+    constants: height of the bottom "b" [m] and Coriolis parameter "f" [s-1] at the nodes, zero
+    where absent.  fields: those of every frame with their attributes.  diagnostics: the series,
+    with attributes where they are the user's own, each with room for so many samples; none: there
+    is no dimension for them either.
 
     Raises ValueError if a series is called like something else in the file.
     """
     quads = mesh.quads()
     dataset.setncatts({
         "Conventions": "CF-1.11 UGRID-1.0",
-        "source": "swe_sphere: spectral elements on the cubed sphere",
+        "source": f"swe_sphere {__version__}: spectral elements on the cubed sphere",
         SUMMARY: " " * SUMMARY_BYTES,
     })  # fmt: skip
     dataset.setncatts({name: attribute(getattr(mesh, name)) for name in MESH_ATTRIBUTES})
@@ -124,7 +131,7 @@ def add_layout(
     for name, attributes in (COORDINATES | STATIC_FIELDS).items():
         nodal = attributes | ({} if name in COORDINATES else ON_NODES)
         dataset.createVariable(name, "f8", ("node",)).setncatts(nodal)
-    _fill(dataset, mesh, quads, np.zeros(mesh.size) if bottom is None else bottom)
+    _fill(dataset, mesh, quads, constants)
 
 
 def _add_topology(dataset: netCDF4.Dataset, mesh: Mesh) -> None:
@@ -174,12 +181,17 @@ def _add_series(
 
 
 def _fill(
-    dataset: netCDF4.Dataset, mesh: Mesh, quads: NDArray[np.integer[Any]], bottom: ArrayLike
+    dataset: netCDF4.Dataset,
+    mesh: Mesh,
+    quads: NDArray[np.integer[Any]],
+    constants: Mapping[str, ArrayLike],
 ) -> None:
     dataset["mesh"][...] = dataset["sphere"][...] = 0  # their attributes are what counts
     dataset["face_nodes"][:] = quads
     dataset["lat"][:], dataset["lon"][:] = np.degrees(mesh.lat), np.degrees(mesh.lon)
-    dataset["area"][:], dataset["b"][:] = mesh.area, bottom
+    dataset["area"][:] = mesh.area
+    for name in ("b", "f"):
+        dataset[name][:] = constants.get(name, 0.0)
 
 
 def attribute(value: object) -> Any:

@@ -20,6 +20,7 @@ from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoi
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.earlier_frames import EarlierFrames
 from swe_sphere.io.growing import GrowingFile
+from swe_sphere.io.history import history
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
@@ -46,7 +47,7 @@ class FrameWriter:
     file that is there goes on, under its run_id; its frames and samples before that time are
     copied first, and it stays in its place until the new file has as many frames.  own: attributes
     (long_name, units) of diagnostics of the user's own, of which `own_fields` are in every frame
-    and the others in the series.
+    and the others in the series.  coriolis (N,) [s-1]: the Coriolis parameter, zero where None.
 
     Raises ConfigError if the file cannot be made, if another run writes it, if there is no room
     for a first frame, or if the run in it cannot be gone on with.  Every method raises RunFailed if
@@ -65,16 +66,21 @@ class FrameWriter:
         append_from: float | None = None,
         own: Mapping[str, Mapping[str, str]] | None = None,
         own_fields: Iterable[str] = (),
+        coriolis: ArrayLike | None = None,
     ) -> None:
         self.path = Path(path)
         self._place = self.path.resolve() if self.path.is_symlink() else self.path
-        self._mesh, self._bottom, self._samples = mesh, bottom, samples
+        self._mesh, self._samples = mesh, samples
+        constants = {"b": bottom, "f": coriolis}
+        self._constants = {k: values for k, values in constants.items() if values is not None}
         self._earlier = None if append_from is None else EarlierFrames(self.path, append_from)
         self._own = dict(own or {})
         self._fields = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         values = {**attributes, "run_id": uuid.uuid4().hex}
+        done = "" if self._earlier is None else str(self._earlier.attributes.get("history", ""))
         if self._earlier is not None:
             values |= self._earlier.attributes
+        values["history"] = history(f"run {attributes.get('scene', '')}", done)
         self._attributes = {name: attribute(value) for name, value in values.items()}
         self._growing: GrowingFile | None = None
         self._in_place = False
@@ -184,7 +190,9 @@ class FrameWriter:
             dataset.set_fill_off()
             dataset.setncatts(self._attributes)
             series = {name: self._own.get(name, {}) for name in self._series}
-            add_layout(dataset, self._mesh, self._bottom, self._fields, series, self._samples)
+            add_layout(
+                dataset, self._mesh, self._constants, self._fields, series, self._samples
+            )
         growing = GrowingFile(self._file, SERIES)
         growing.set_text(SUMMARY, json.dumps({"completed": False}))
         if self._earlier is not None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -21,9 +21,6 @@ from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 POINTS = 20_000
 """Points evaluated at once: bounds the memory of the interpolation matrix."""
@@ -182,26 +179,3 @@ class RunFile(Nodal):
                 if variable.dimensions == (SERIES,)
             }
         return found.pop(SERIES, np.zeros(0)), found
-
-
-def open_run(path: str | os.PathLike[str]) -> xr.Dataset:
-    """The file of a run as an xarray dataset: fields on (time, node), series of diagnostics.
-
-    Times are seconds since the start; what the summary of the run says is among the attributes.
-
-    Examples:
-        >>> from swe_sphere import Simulation, open_run
-        >>> sim = Simulation("williamson2", ne=2, np=4, dt=3600)
-        >>> summary = sim.run(days=1, every=6, out="quick.nc")
-        >>> run = open_run("quick.nc")
-        >>> run.h.dims, run.sizes["time"], run.attrs["completed"]
-        (('time', 'node'), 5, True)
-
-    Raises:
-        ConfigError: the file is missing, damaged or of another kind.
-    """
-    import xarray as xr
-
-    found = RunFile(path).attributes
-    with xr.open_dataset(path, decode_times=False) as dataset:
-        return dataset.load().assign_attrs(found)

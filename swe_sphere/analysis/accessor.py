@@ -1,0 +1,195 @@
+"""The xarray accessor `ds.swe`: what can be made of the fields of a run.
+
+It is there for datasets from `swe_sphere.open_run` and `Simulation.to_xarray`, and for all others
+once this module is imported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
+from swe_sphere.analysis.on_grid import on_grid, on_nodes
+from swe_sphere.analysis.regrid import Points, regridder
+from swe_sphere.analysis.runs import holding, mesh_of, planet_of, seconds
+from swe_sphere.analysis.spectra import grid_for, spectra, truncation
+from swe_sphere.analysis.streamfunction import Poisson
+from swe_sphere.arrays import Array
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.integrals import integrals
+from swe_sphere.io.layout import DIAGNOSTICS
+from swe_sphere.io.norms import norms
+from swe_sphere.io.runfile import TOLERANCE
+from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.mesh import Interpolator, Mesh
+
+SPECTRA = {
+    "rotational_energy": ("kinetic energy of the rotational wind", "m2 s-2"),
+    "divergent_energy": ("kinetic energy of the divergent wind", "m2 s-2"),
+    "enstrophy": ("half the mean square of the relative vorticity", "s-2"),
+}
+
+
+@xr.register_dataset_accessor("swe")  # type: ignore[no-untyped-call]
+class Analysis:
+    """What can be made of the fields (time, node) of a run, or of one of its frames (node).
+
+    Fields on other grids, potential vorticity, streamfunction and spectra are computed when they
+    are asked for where the dataset is of dask arrays (`open_run(path, chunks={"time": 1})`), frame
+    by frame; integrals and errors at once, one frame in memory at a time.
+
+    Every method raises ConfigError if the dataset is not of a run, or lacks a field.
+
+    Examples:
+        >>> from swe_sphere import Simulation
+        >>> state = Simulation("williamson2", ne=4, np=6).to_xarray()
+        >>> grid = state.swe.to_latlon(19, 36)
+        >>> grid.h.dims, float(grid.u.sel(lat=0.0, lon=40.0).round(2)[0])
+        (('time', 'lat', 'lon'), 38.61)
+        >>> energy = state.swe.spectrum(degree=8).rotational_energy.isel(time=0)
+        >>> int(energy.idxmax())
+        1
+    """
+
+    def __init__(self, data: xr.Dataset) -> None:
+        self._data = data
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh of the run."""
+        return mesh_of(self._data)
+
+    def to_latlon(
+        self, rows: int = 181, columns: int = 360, conservative: bool = False
+    ) -> xr.Dataset:
+        """All fields on evenly spaced latitudes and longitudes: (..., lat, lon).
+
+        The values are those of the polynomials in the elements at the points.  With conservative
+        they are means over the cells, whose sum keeps the area mean of every scalar to round-off.
+        An odd number of rows has a row on each pole.
+        """
+        return self.to_grid(lat_lon(rows, columns), conservative)
+
+    def to_gaussian(self, n: int, conservative: bool = False) -> xr.Dataset:
+        """All fields on the 2n Gauss latitudes and 4n longitudes; see `to_latlon`."""
+        return self.to_grid(gaussian(n), conservative)
+
+    def to_grid(self, grid: Grid, conservative: bool = False) -> xr.Dataset:
+        """All fields on a grid of `swe_sphere.analysis.grids`; see `to_latlon`."""
+        return on_grid(self._data, regridder(self.mesh, grid, conservative))
+
+    def zonal_mean(self, rows: int = 181) -> xr.Dataset:
+        """Means of all fields along circles of latitude: (..., lat)."""
+        fine = self.to_latlon(rows, 4 * truncation(self.mesh))
+        kept = fine.drop_vars(["lon_bnds", "cell_area"])
+        means = kept.mean("lon", keep_attrs=True)
+        for variable in means.data_vars.values():
+            variable.attrs["cell_methods"] = "longitude: mean"
+        return means
+
+    def spectrum(self, degree: int | None = None) -> xr.Dataset:
+        """Kinetic energy [m2 s-2] and enstrophy [s-2] by spherical wavenumber: (..., wavenumber).
+
+        Energy is that of the rotational and of the divergent wind; their sums over the wavenumbers
+        are means over the sphere.  degree: the highest wavenumber, by default 2 ne (np - 1), whose
+        wave has two nodes.
+        """
+        degree = truncation(self.mesh) if degree is None else degree
+        if degree < 1:
+            raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
+        at = Points(self.mesh, grid_for(degree))
+
+        def transformed(u: Array, v: Array) -> Array:
+            return spectra(*at.wind(u, v), degree, self.mesh.radius)
+
+        sizes = {"kind": len(SPECTRA), "wavenumber": degree + 1}
+        found = on_nodes(transformed, sizes, *holding(self._data, "u", "v"))
+        parts = {
+            name: found.isel(kind=k).assign_attrs(long_name=text, units=units)
+            for k, (name, (text, units)) in enumerate(SPECTRA.items())
+        }
+        about = {"long_name": "spherical wavenumber", "units": "1"}
+        return xr.Dataset(parts, {"wavenumber": ("wavenumber", np.arange(degree + 1), about)})
+
+    def potential_vorticity(self) -> xr.DataArray:
+        """Potential vorticity (ζ + f) / h [m-1 s-1] at the nodes."""
+        vorticity, f, h = holding(self._data, "vorticity", "f", "h")
+        about = {"long_name": "potential vorticity", "units": "m-1 s-1"}
+        return ((vorticity + f) / h).rename("potential_vorticity").assign_attrs(about)
+
+    def streamfunction(self) -> xr.DataArray:
+        """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes."""
+        u, v = holding(self._data, "u", "v")
+        found = on_nodes(Poisson(self.mesh), {"node": self.mesh.size}, u, v)
+        about = {"standard_name": "atmosphere_horizontal_streamfunction", "units": "m2 s-1",
+                 "long_name": "streamfunction"}  # fmt: skip
+        return found.rename("streamfunction").assign_attrs(about)
+
+    def integrals(self) -> xr.Dataset:
+        """Mass, energy, potential enstrophy, extremes, ... at every time: (time,).
+
+        As in the series of the run's file; see `swe_sphere.io.integrals`.
+        """
+        planet, mesh = planet_of(self._data), self.mesh
+        names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
+        rows = []
+        for k in range(self._times.size):
+            frame = self._frame(k, names)
+            rows.append(integrals(mesh, planet, **frame))
+        series = {name: [row[name] for row in rows] for name in rows[0]}
+        about = {k: dict(zip(("long_name", "units"), DIAGNOSTICS[k], strict=True)) for k in series}
+        return self._series({k: ("time", values, about[k]) for k, values in series.items()})
+
+    def error_norms(
+        self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")
+    ) -> xr.Dataset:
+        """l1, l2 and linf of this run against another, taken for right, at all common times.
+
+        Norms are those of Williamson et al. (1992), at the nodes and with the weights of the other
+        run, whose mesh may be any.  Names are l1_h, l2_h, ..., linf_wind; fields: also "surface",
+        "vorticity", tracers, ....
+
+        Raises ConfigError if the runs have no time in common.
+        """
+        theirs = Analysis(other)
+        pairs = [
+            (k, j) for k, ours in enumerate(self._times) for j, right in enumerate(theirs._times)
+            if abs(ours - right) <= TOLERANCE
+        ]  # fmt: skip
+        if not pairs:
+            raise ConfigError("the two runs have no frame at one time")
+        same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
+        points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
+        found: dict[str, list[float]] = {}
+        for k, j in pairs:
+            ours, right = self._frame(k), theirs._frame(j)
+            for field in fields:
+                here = derive(ours, field) if points is None else evaluate(points, ours, field)
+                errors = norms(theirs.mesh.area, here, derive(right, field))
+                for norm, value in errors.items():
+                    found.setdefault(f"{norm}_{field}", []).append(value)
+        return self._series({k: ("time", v) for k, v in found.items()}, [k for k, _ in pairs])
+
+    @cached_property
+    def _times(self) -> Array:
+        return seconds(self._data)
+
+    def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
+        """Numbers at the times of the frames, or at some of them."""
+        times = self._times[slice(None) if which is None else which]
+        about = {"long_name": "time since the start", "units": "s"}
+        return xr.Dataset(values, {"time": ("time", times, about)})
+
+    def _frame(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
+        """Fields (N,) of one frame, those of the names that are there."""
+        data = self._data.isel(time=k) if "time" in self._data.dims else self._data
+        wanted = data.data_vars if names is None else names
+        return {
+            str(name): data[name].values for name in wanted
+            if name in data and data[name].dims == ("node",)
+        }  # fmt: skip

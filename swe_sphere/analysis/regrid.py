@@ -1,0 +1,135 @@
+"""Spectral-element fields on grids of latitudes and longitudes: point values or cell means."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+
+from swe_sphere.analysis.grids import Grid
+from swe_sphere.arrays import Array
+from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.sphere import frame
+
+TILE = 20_000
+"""Points evaluated at once."""
+MOST_ENTRIES = 16_000_000
+"""Matrices with no more entries than this are kept (200 MB); others are made anew when needed."""
+FEWEST = 3
+"""Gauss points of a cell in either direction, and one more for every node that it spans."""
+
+
+class Points:
+    """Values at the points of a grid, of the polynomials that a field is in each element."""
+
+    def __init__(self, mesh: Mesh, grid: Grid) -> None:
+        self.mesh, self.grid = mesh, grid
+        self._keep = grid.lat.size * grid.lon.size * mesh.np**2 <= MOST_ENTRIES
+        self._kept: list[Interpolator] = []
+
+    def scalar(self, field: Array) -> Array:
+        """A field (..., N) at the points: (..., M, K)."""
+        rows = field.reshape(-1, self.mesh.size).T
+        values = np.concatenate([tile.matrix @ rows for tile in self._tiles()])
+        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Eastward and northward wind at the points, (..., M, K) each, of that at the nodes."""
+        pairs = zip(*(x.reshape(-1, self.mesh.size) for x in (u, v)), strict=True)
+        found = np.stack([
+            np.concatenate([tile.wind(*pair) for tile in self._tiles()], axis=-1) for pair in pairs
+        ], axis=1)  # fmt: skip
+        east, north = found.reshape(2, *u.shape[:-1], *self.grid.shape)
+        return east, north
+
+    def _tiles(self) -> Iterator[Interpolator]:
+        """Interpolators to the points, some of them at a time, in order."""
+        if self._kept:
+            yield from self._kept
+            return
+        lon, lat = (x.ravel() for x in self.grid.points)
+        made = []
+        for start in range(0, lon.size, TILE):
+            part = slice(start, start + TILE)
+            tile = Interpolator(self.mesh, lon[part], lat[part])
+            made += [tile] if self._keep else []
+            yield tile
+        self._kept = made
+
+
+class CellMeans:
+    """Means over the cells of a grid, by Gauss quadrature of the polynomials in the elements.
+
+    Of scalars the area mean over the sphere is that over the mesh, to round-off, and constants
+    stay what they are: what quadrature leaves is spread evenly over the globe.  All samples of a
+    cell are weighed in one matrix, which is kept.
+    """
+
+    def __init__(self, mesh: Mesh, grid: Grid) -> None:
+        self.mesh, self.grid = mesh, grid
+        self._shares = np.repeat(grid.zones / grid.lon.size, grid.lon.size)
+
+    def scalar(self, field: Array) -> Array:
+        """Means of a field (..., N): (..., M, K)."""
+        rows = field.reshape(-1, self.mesh.size).T
+        values: Array = self._scalar @ rows
+        values += self.mesh.area @ rows / self.mesh.area.sum() - self._shares @ values
+        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Means of eastward and northward wind, (..., M, K) each, of that at the nodes."""
+        both = np.concatenate([x.reshape(-1, self.mesh.size) for x in (u, v)], axis=1).T
+        shape = (*u.shape[:-1], *self.grid.shape)
+        east, north = ((matrix @ both).T.reshape(shape) for matrix in self._vector)
+        return east, north
+
+    @cached_property
+    def _scalar(self) -> sparse.csr_array:
+        """Quadrature of scalars, (M K, N)."""
+        return sparse.vstack([means @ at.matrix for means, at, _ in self._rows()]).tocsr()
+
+    @cached_property
+    def _vector(self) -> list[sparse.csr_array]:
+        """Quadrature of the eastward and of the northward wind, (M K, 2 N) each."""
+        parts = [_turned(means, at, units) for means, at, units in self._rows()]
+        return [sparse.vstack(column).tocsr() for column in zip(*parts, strict=True)]
+
+    def _rows(self) -> Iterator[tuple[sparse.csr_array, Interpolator, Array]]:
+        """Row after row of cells: their means of samples, the samples, and the frames there."""
+        count, width = self.grid.lon.size, 2.0 * np.pi / self.grid.lon.size
+        spacing = self.mesh.spacing()[0] / self.mesh.radius
+        samples = FEWEST + int(max(width, np.diff(self.grid.edges).max()) / spacing)
+        nodes, weights = np.polynomial.legendre.leggauss(samples)
+        lon = (self.grid.lon[:, None] + 0.5 * width * nodes)[:, None, :]
+        share = np.outer(weights, weights).ravel() / 4.0
+        means = sparse.kron(sparse.eye_array(count), share[None, :]).tocsr()
+        for low, high in pairwise(np.sin(self.grid.edges)):
+            lat = np.arcsin(0.5 * (low + high) + 0.5 * (high - low) * nodes)[None, :, None]
+            points = [x.ravel() for x in np.broadcast_arrays(lon, lat)]
+            yield means, Interpolator(self.mesh, *points), np.stack(frame(*points))
+
+
+def _turned(
+    means: sparse.csr_array, at: Interpolator, units: Array
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Means of the components along east and north of a wind (2 N) in the frames of the nodes."""
+    own = [sparse.diags_array(x) for x in np.concatenate([at.mesh.east.T, at.mesh.north.T])]
+
+    def along(unit: Array) -> sparse.csr_array:
+        parts = [means @ sparse.diags_array(x) @ at.matrix for x in unit.T]
+        blocks = [sum(p @ o for p, o in zip(parts, own[k : k + 3], strict=True)) for k in (0, 3)]
+        return sparse.hstack(blocks).tocsr()
+
+    return along(units[0]), along(units[1])
+
+
+Regridder = Points | CellMeans
+"""Brings fields from the nodes of a mesh to a grid."""
+
+
+def regridder(mesh: Mesh, grid: Grid, conservative: bool = False) -> Regridder:
+    """The one for values at points, or for means that conserve."""
+    return CellMeans(mesh, grid) if conservative else Points(mesh, grid)

@@ -1,0 +1,125 @@
+"""Files of runs on grids of latitudes and longitudes, frame by frame."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import netCDF4
+import xarray as xr
+
+from swe_sphere.analysis.grids import parse_grid
+from swe_sphere.analysis.on_grid import on_grid
+from swe_sphere.analysis.regrid import Regridder, regridder
+from swe_sphere.durable import clear_errors, part_of
+from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.io.history import history
+from swe_sphere.io.layout import SERIES
+from swe_sphere.io.runfile import RunFile
+
+COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
+
+
+def regrid_file(
+    path: Path,
+    grid: str,
+    out: Path,
+    conservative: bool = False,
+    fields: Sequence[str] = (),
+    overwrite: bool = False,
+) -> Path:
+    """Bring the frames of a run to a grid, one after the other: netCDF-4, compressed, or Zarr.
+
+    grid: latlon:ROWSxCOLUMNS or gaussian:N.  out: ends in .nc, or in .zarr, which needs the package
+    zarr; it gets its name when it is whole.  conservative: means over cells in the place of values
+    at points; see `CellMeans`.  fields: the variables wanted, all where empty; the wind as
+    a whole.
+
+    In memory are a frame and its picture on the grid, and the matrix of the map where that is
+    smaller than 200 MB or conservative.
+
+    Returns out.  Raises ConfigError if the file is not of a run or lacks a field, if there is no
+    such grid, or if `out` is there already or cannot be written.
+    """
+    found = RunFile(path)
+    if found.bottom.ndim != 1:
+        raise ConfigError(f"{path} is on a grid already: give the file of a run")
+    if found.times.size == 0:
+        raise ConfigError(f"{path} holds no frame yet")
+    bring = regridder(found.mesh, parse_grid(grid), conservative)
+    _check_place(out, overwrite)
+    part = part_of(out)
+    with (
+        xr.open_dataset(path, decode_times=False) as data,
+        clear_errors(f"cannot write {out}"),
+    ):
+        chosen = _chosen(data, fields)
+        before = str(data.attrs.get("history", ""))
+        chosen.attrs["history"] = history(f"regrid {path.name} --grid {grid}", before)
+        try:
+            write = _write_zarr if out.suffix == ".zarr" else _write_netcdf
+            write(part, _frames(chosen, bring))
+            _remove(out)
+            part.replace(out)
+        finally:
+            _remove(part)
+    return out
+
+
+def _check_place(out: Path, overwrite: bool) -> None:
+    if out.suffix not in (".nc", ".zarr"):
+        raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
+    if out.exists() and not overwrite:
+        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
+    if out.suffix == ".zarr" and find_spec("zarr") is None:
+        raise ConfigError(f"{out} needs the package zarr: pip install zarr")
+
+
+def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
+    """The fields asked for, with the series of diagnostics; only what lies on the nodes counts."""
+    there = [str(name) for name in data.data_vars if "node" in data[name].dims]
+    for name in fields:
+        if name not in there:
+            raise unknown_name("field", name, there)
+    series = [name for name in data.data_vars if data[name].dims == (SERIES,)]
+    # east and north of one place are not those of the next: the wind goes as a whole
+    whole = ["u", "v"] if {"u", "v"} & set(fields) else []
+    return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
+
+
+def _frames(data: xr.Dataset, bring: Regridder) -> Iterator[xr.Dataset]:
+    """Frame after frame on the grid; the series come with the first."""
+    series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
+    data = data.drop_dims(SERIES, errors="ignore")
+    changing = [name for name in data.data_vars if "time" in data[name].dims]
+    for k in range(data.sizes["time"]):
+        if k:
+            yield on_grid(data[changing].isel(time=[k]).load(), bring)
+        else:
+            yield on_grid(data.isel(time=[k]).load(), bring).merge(series)
+
+
+def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:
+    first = next(frames)
+    encoding = {name: COMPRESSION for name in first.data_vars if first[name].ndim > 1}
+    first.to_netcdf(path, "w", format="NETCDF4", encoding=encoding, unlimited_dims=["time"])
+    with netCDF4.Dataset(path, "a") as file:
+        for k, frame in enumerate(frames, start=1):
+            for name in ("time", *frame.data_vars):
+                file[str(name)][k] = frame[name].values[0]
+
+
+def _write_zarr(path: Path, frames: Iterator[xr.Dataset]) -> None:
+    next(frames).to_zarr(path, mode="w", consolidated=False)
+    for frame in frames:
+        changing = frame.drop_vars([n for n in frame.variables if "time" not in frame[n].dims])
+        changing.to_zarr(path, append_dim="time", consolidated=False)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

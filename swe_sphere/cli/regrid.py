@@ -1,0 +1,35 @@
+"""`swe-sphere regrid`: the frames of a run on a grid of latitudes and longitudes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def regrid(
+    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    grid: Annotated[
+        str, typer.Option(metavar="latlon:ROWSxCOLUMNS|gaussian:N", help="The grid.")
+    ] = "latlon:181x360",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.nc|FILE.zarr", help="The result (beside: FILE_GRID.nc)."),
+    ] = None,
+    conservative: Annotated[
+        bool, typer.Option("--conservative", help="Cell means that keep the integrals.")
+    ] = False,
+    fields: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Variables wanted (all).")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
+) -> None:
+    """Bring the frames of a run to a grid of latitudes and longitudes."""
+    from swe_sphere.analysis.regrid_file import regrid_file
+
+    place = out or file.with_name(f"{file.stem}_{grid.replace(':', '')}.nc")
+    wanted = [name.strip() for name in (fields or "").split(",") if name.strip()]
+    typer.echo(regrid_file(file, grid, place, conservative, wanted, overwrite))

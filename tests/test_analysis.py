@@ -1,0 +1,301 @@
+"""`ds.swe`: other grids, spectra, streamfunctions, integrals and errors, against known fields."""
+
+import re
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.special import sph_harm_y
+
+from swe_sphere.analysis.accessor import Analysis
+from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
+from swe_sphere.analysis.opening import open_run
+from swe_sphere.analysis.regrid import CellMeans, Points
+from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.frame import frame_dataset
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.norms import area_mean
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import EARTH
+
+SPEED = 40.0
+DEGREE, ORDER = 5, 3
+
+
+def wave(lon, lat):
+    """A real spherical harmonic of degree 5 and order 3, from scipy."""
+    return np.sqrt(2.0) * sph_harm_y(DEGREE, ORDER, 0.5 * np.pi - lat, lon).real
+
+
+def depth(lon, lat):
+    return 5000.0 + 300.0 * np.sin(lat) ** 2 + 100.0 * wave(lon, lat)
+
+
+def rotation(mesh):
+    """Solid-body rotation about the axis."""
+    return {
+        "u": SPEED * np.cos(mesh.lat), "v": 0.0 * mesh.lat, "h": depth(mesh.lon, mesh.lat),
+        "vorticity": 2.0 * SPEED / mesh.radius * np.sin(mesh.lat), "divergence": 0.0 * mesh.lat,
+        "b": 100.0 * np.cos(mesh.lon) * np.cos(mesh.lat),
+        "f": 2.0 * EARTH.rotation * np.sin(mesh.lat),
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return Mesh.build(4, 8, stretch=1.3, centre=(0.7, 0.4), spin=0.3)
+
+
+@pytest.fixture(scope="module")
+def data(mesh):
+    return frame_dataset(mesh, rotation(mesh), 3600.0, {"planet": {"gravity": 10.0}}, {})
+
+
+@pytest.fixture(scope="module")
+def run(mesh, tmp_path_factory):
+    """A file of three frames, of which the depth grows."""
+    path = tmp_path_factory.mktemp("analysis") / "run.nc"
+    fields = rotation(mesh)
+    with FrameWriter(path, mesh, {"scene": "solid"}, fields["b"], coriolis=fields["f"]) as writer:
+        for k in range(3):
+            writer.write(600.0 * k, fields | {"h": fields["h"] + k}, {"mass": float(k)})
+        writer.finish({"completed": True})
+    return path
+
+
+@pytest.mark.parametrize("grid", [lat_lon(45, 90), lat_lon(30, 60), gaussian(12)])
+def test_points_are_the_polynomials_of_the_elements(data, grid):
+    found = data.swe.to_grid(grid).isel(time=0)
+    lon, lat = grid.points
+    np.testing.assert_allclose(found.h, depth(lon, lat), rtol=0.0, atol=2e-4)
+    np.testing.assert_allclose(found.u, SPEED * np.cos(lat), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(found.v, 0.0, rtol=0.0, atol=1e-6)
+    assert found.h.attrs == {"long_name": "depth of the fluid", "units": "m"}
+    total = 4.0 * np.pi * EARTH.radius**2
+    assert found.cell_area.sum().item() == pytest.approx(total, rel=1e-12)
+    assert (found.lat_bnds[1:, 0].values == found.lat_bnds[:-1, 1].values).all()
+    assert ((found.lat >= found.lat_bnds[:, 0]) & (found.lat <= found.lat_bnds[:, 1])).all()
+
+
+@pytest.mark.parametrize("grid", [lat_lon(19, 36), gaussian(40)])
+def test_cell_means_keep_the_integral_and_constants(mesh, grid):
+    """Of any field, a rough one too; means of a smooth one are those of fine quadrature."""
+    means, area = CellMeans(mesh, grid), grid.zones[:, None] / grid.lon.size
+    rough = np.random.default_rng(1).normal(size=(2, mesh.size))
+    found = means.scalar(rough)
+    for k in range(2):
+        assert (area * found[k]).sum() == pytest.approx(area_mean(mesh.area, rough[k]), abs=1e-13)
+    np.testing.assert_allclose(means.scalar(np.ones(mesh.size)), 1.0, rtol=0.0, atol=1e-12)
+    smooth = means.scalar(wave(mesh.lon, mesh.lat))
+    low, high = np.sin(grid.edges[:-1]), np.sin(grid.edges[1:])
+    s, _ = np.polynomial.legendre.leggauss(20)
+    lat = np.arcsin(0.5 * (low + high)[:, None] + 0.5 * (high - low)[:, None] * s)
+    _, weights = np.polynomial.legendre.leggauss(20)
+    width = 2.0 * np.pi / grid.lon.size
+    along = np.cos(ORDER * grid.lon) * np.sinc(ORDER * width / (2.0 * np.pi))
+    exact = np.outer(0.5 * wave(0.0, lat) @ weights, along)
+    np.testing.assert_allclose(smooth, exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+
+
+def test_means_of_the_wind_go_by_the_vector(mesh):
+    grid = lat_lon(19, 36)
+    u, v = CellMeans(mesh, grid).wind(SPEED * np.cos(mesh.lat), 0.0 * mesh.lat)
+    zones, edges = 2.0 * grid.zones, grid.edges
+    mean = np.diff(0.5 * edges + 0.25 * np.sin(2.0 * edges)) / zones
+    np.testing.assert_allclose(u, np.broadcast_to(SPEED * mean[:, None], u.shape), rtol=1e-3)
+    np.testing.assert_allclose(v, 0.0, rtol=0.0, atol=1e-5)
+
+
+def test_matrices_that_are_too_large_to_keep_are_made_anew(mesh, monkeypatch):
+    field = wave(mesh.lon, mesh.lat)
+    kept = Points(mesh, gaussian(8))
+    monkeypatch.setattr("swe_sphere.analysis.regrid.MOST_ENTRIES", 0)
+    monkeypatch.setattr("swe_sphere.analysis.regrid.TILE", 100)
+    anew = Points(mesh, gaussian(8))
+    for _ in range(2):
+        np.testing.assert_array_equal(anew.scalar(field), kept.scalar(field))
+    assert (len(kept._kept) > 0, anew._kept) == (True, [])
+
+
+def test_a_solid_rotation_has_its_spectrum(data):
+    """All its energy, the mean of (u² + v²) / 2 = U² / 3, is at wavenumber 1."""
+    found = data.swe.spectrum(degree=12).isel(time=0)
+    expected = np.zeros(13)
+    expected[1] = SPEED**2 / 3.0
+    np.testing.assert_allclose(found.rotational_energy, expected, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(found.divergent_energy, 0.0, rtol=0.0, atol=1e-12)
+    enstrophy = 0.5 * (2.0 * SPEED / EARTH.radius) ** 2 / 3.0
+    assert found.enstrophy[1].item() == pytest.approx(enstrophy, rel=1e-6)
+
+
+def gradient(mesh, lon, lat):
+    """Slopes of the wave along east and north [m-1], by central differences of scipy's values."""
+    d = 1e-5
+    north = (wave(lon, lat + d) - wave(lon, lat - d)) / (2.0 * d)
+    east = (wave(lon + d, lat) - wave(lon - d, lat)) / (2.0 * d * np.cos(lat))
+    return east / mesh.radius, north / mesh.radius
+
+
+def test_a_harmonic_of_the_streamfunction_and_one_of_the_potential(mesh):
+    """V = k × ∇ψ + ∇χ of one harmonic: energy n (n + 1) / a² times half its mean square each."""
+    east, north = gradient(mesh, mesh.lon, np.clip(mesh.lat, -1.5706, 1.5706))
+    psi, chi = 3e7, 1e7
+    fields = rotation(mesh) | {"u": -psi * north + chi * east, "v": psi * east + chi * north}
+    made = frame_dataset(mesh, fields, 0.0, {}, {}).swe
+    found = made.spectrum(degree=12).isel(time=0)
+    mean = DEGREE * (DEGREE + 1) / mesh.radius**2 / (4.0 * np.pi) / 2.0
+    for name, size in (("rotational_energy", psi), ("divergent_energy", chi)):
+        assert found[name][DEGREE].item() == pytest.approx(size**2 * mean, rel=1e-4)
+        assert found[name].sum().item() == pytest.approx(size**2 * mean, rel=1e-4)
+    function = made.streamfunction().isel(time=0)
+    exact = psi * wave(mesh.lon, mesh.lat)
+    np.testing.assert_allclose(function, exact, rtol=0.0, atol=1e-4 * np.abs(exact).max())
+
+
+def test_streamfunction_of_a_solid_rotation(data, mesh):
+    found = data.swe.streamfunction()
+    assert found.dims == ("time", "node") and found.attrs["units"] == "m2 s-1"
+    exact = -SPEED * mesh.radius * np.sin(mesh.lat)
+    np.testing.assert_allclose(found[0], exact, rtol=0.0, atol=1e-7 * SPEED * mesh.radius)
+
+
+def test_zonal_means_know_no_waves(data):
+    found = data.swe.zonal_mean(37).isel(time=0)
+    lat = np.radians(found.lat)
+    np.testing.assert_allclose(found.u, SPEED * np.cos(lat), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(found.h, 5000.0 + 300.0 * np.sin(lat) ** 2, rtol=0.0, atol=1e-4)
+    assert found.h.attrs["cell_methods"] == "longitude: mean"
+
+
+def test_potential_vorticity_and_integrals(data, mesh):
+    fields = rotation(mesh)
+    absolute = 2.0 * (SPEED / mesh.radius + EARTH.rotation) * np.sin(mesh.lat)
+    found = data.swe.potential_vorticity()
+    np.testing.assert_allclose(found[0], absolute / fields["h"], rtol=1e-12, atol=1e-25)
+    numbers = data.swe.integrals()
+    assert numbers.time.values.tolist() == [3600.0]
+    h, b = fields["h"], fields["b"]
+    energy = area_mean(mesh.area, 0.5 * h * fields["u"] ** 2 + 5.0 * ((h + b) ** 2 - b**2))
+    assert numbers.energy.item() == pytest.approx(energy, rel=1e-12)
+    enstrophy = area_mean(mesh.area, absolute**2 / (2.0 * h))
+    assert numbers.potential_enstrophy.item() == pytest.approx(enstrophy, rel=1e-12)
+    assert numbers.mass.attrs["units"] == "m"
+
+
+def test_errors_against_a_run_on_another_mesh(data, mesh):
+    other = Mesh.build(3, 6)
+    theirs = frame_dataset(other, rotation(other), 3600.0, {}, {})
+    assert float(data.swe.error_norms(theirs).linf_wind.item()) < 1e-6
+    theirs["h"] *= 1.01
+    found = data.swe.error_norms(theirs, ["h"])
+    assert sorted(found) == ["l1_h", "l2_h", "linf_h"]
+    assert found.l2_h.item() == pytest.approx(0.01 / 1.01, rel=1e-4)
+    assert (data.swe.error_norms(data).to_array() == 0.0).all()
+    with pytest.raises(ConfigError, match="no frame at one time"):
+        data.swe.error_norms(data.assign_coords(time=[0.0]))
+
+
+def test_frames_are_computed_when_they_are_asked_for(run):
+    pytest.importorskip("dask")
+    lazy, eager = open_run(run, chunks={"time": 1}).swe, open_run(run).swe
+    for make in (
+        lambda ds: ds.to_latlon(19, 36).u, lambda ds: ds.streamfunction(),
+        lambda ds: ds.potential_vorticity(), lambda ds: ds.spectrum(6).enstrophy,
+    ):  # fmt: skip
+        later = make(lazy)
+        assert later.chunks is not None
+        assert later.shape[0] == 3
+        xr.testing.assert_equal(later.compute(), make(eager))
+
+
+def test_what_is_not_of_a_run(data, mesh):
+    with pytest.raises(ConfigError, match="not of a run"):
+        Analysis(data.swe.to_latlon(19, 36)).spectrum()
+    with pytest.raises(ConfigError, match="part of the nodes"):
+        _ = data.isel(node=slice(10)).swe.mesh
+    with pytest.raises(ConfigError, match="does not hold f"):
+        data.drop_vars("f").swe.potential_vorticity()
+    with pytest.raises(ConfigError, match="wavenumber 1"):
+        data.swe.spectrum(0)
+
+
+@pytest.mark.parametrize(
+    "name", ["latlon:1x4", "latlon:181", "gaussian:0", "latlon:99999x99999", "r360x180", ""]
+)
+def test_grids_that_are_none(name):
+    with pytest.raises(ConfigError, match="grid"):
+        parse_grid(name)
+
+
+@pytest.mark.parametrize("conservative", [False, True])
+def test_a_file_is_regridded_frame_by_frame(run, tmp_path, conservative):
+    out = regrid_file(run, "latlon:19x36", tmp_path / "grid.nc", conservative)
+    with xr.open_dataset(out, decode_times=False) as found:
+        expected = open_run(run).swe.to_latlon(19, 36, conservative)
+        for name in ("h", "u", "v", "vorticity", "b", "f", "cell_area", "lat_bnds"):
+            np.testing.assert_allclose(found[name], expected[name], rtol=1e-13, atol=1e-20)
+        assert found.time.values.tolist() == [0.0, 600.0, 1200.0]
+        assert found.mass.values.tolist() == [0.0, 1.0, 2.0]
+        assert found.h.encoding["zlib"]
+        first, second = found.attrs["history"].splitlines()
+        assert "regrid run.nc --grid latlon:19x36" in first and "run solid" in second
+    assert [path.name for path in tmp_path.iterdir()] == ["grid.nc"]
+
+
+def test_a_file_becomes_a_zarr_store(run, tmp_path):
+    pytest.importorskip("zarr")
+    out = regrid_file(run, "gaussian:5", tmp_path / "grid.zarr", fields=["h", "u"])
+    found = xr.open_zarr(out, decode_times=False, consolidated=False)
+    expected = open_run(run).swe.to_gaussian(5)
+    assert set(found.data_vars) == {"u", "v", "h", "mass", "lat_bnds", "lon_bnds"}
+    np.testing.assert_allclose(found.u, expected.u, rtol=1e-14)
+    np.testing.assert_allclose(found.h, expected.h, rtol=1e-14)
+    assert found.h.shape == (3, 10, 20)
+
+
+def test_memory_does_not_grow_with_the_number_of_frames(tmp_path):
+    mesh, peaks = Mesh.build(2, 4), []
+    fields = rotation(mesh)
+    for frames in (2, 12):
+        path = tmp_path / f"{frames}.nc"
+        with FrameWriter(path, mesh, {}) as writer:
+            for k in range(frames):
+                writer.write(60.0 * k, fields)
+        regrid_file(path, "latlon:60x120", tmp_path / "warm.nc", overwrite=True)
+        tracemalloc.start()
+        regrid_file(path, "latlon:60x120", tmp_path / "grid.nc", overwrite=True)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]
+
+
+def test_files_that_are_not_regridded(run, tmp_path):
+    grid = regrid_file(run, "latlon:4x4", tmp_path / "grid.nc")
+    before = grid.read_bytes()
+    for path, out, fields, reason in (
+        (grid, "b.nc", (), "on a grid already"),
+        (run, "grid.nc", (), "is there already"),
+        (run, "b.nc", ("temperature",), "unknown field"),
+        (run, "b.txt", (), "ending in .nc or .zarr"),
+        (run, "missing/b.nc", (), "cannot write"),
+        (tmp_path / "none.nc", "b.nc", (), "there is no file"),
+    ):
+        with pytest.raises(ConfigError, match=reason) as error:
+            regrid_file(path, "latlon:4x4", tmp_path / out, fields=fields)
+        assert "\n" not in str(error.value)
+    assert grid.read_bytes() == before
+
+
+def test_the_page_of_the_analysis_runs(tmp_path, monkeypatch):
+    """Shortened, on a coarse mesh."""
+    page = (Path(__file__).parents[1] / "docs" / "analysis.md").read_text()
+    (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    pytest.importorskip("dask")
+    monkeypatch.chdir(tmp_path)
+    found: dict = {}
+    exec(text.replace("ne=8, np=6", "ne=2, np=4").replace("days=0.5, every=6", "days=0.1"), found)
+    assert found["energy"].sum("wavenumber").compute().max() > 100.0
+    assert found["gauss"].h.shape[1:] == (64, 128)
