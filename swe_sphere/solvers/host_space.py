@@ -35,7 +35,7 @@ class HostVectors:
         self._weighted = np.empty(self.n)
         self._strip = np.empty((0, 0))
         self._products = np.empty(64)
-        self._views: dict[tuple[int, int], Floats] = {}
+        self._views: dict[tuple[int, int, int], Floats] = {}
         self._double = self.dtype == np.float64
         self._sum = np.empty(self.n, self.dtype)
 
@@ -43,9 +43,9 @@ class HostVectors:
         """The memory of a Warp array as numpy array of the same shape.
 
         `wp.array.numpy` takes 3 us a call.  The views kept here own nothing: one is only ever used
-        for a living array of the same address and size.
+        for a living array of the same address, size and dimensions.
         """
-        view = self._views.get((x.ptr, x.size))
+        view = self._views.get((x.ptr, x.size, x.ndim))
         return self._new_view(x) if view is None or x.dtype is not self.real else view
 
     def _new_view(self, x: wp.array) -> Floats:
@@ -55,7 +55,7 @@ class HostVectors:
             self._views.clear()
         memory = (ctypes.c_char * (x.size * self.dtype.itemsize)).from_address(x.ptr)
         view = np.frombuffer(memory, self.dtype).reshape(x.shape)
-        self._views[x.ptr, x.size] = view
+        self._views[x.ptr, x.size, x.ndim] = view
         return view
 
     def copy(self, source: wp.array, target: wp.array) -> None:

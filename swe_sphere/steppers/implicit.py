@@ -9,17 +9,14 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import SolverFailed
 from swe_sphere.solvers.forcing_term import EisenstatWalker
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.solving import SolvingStepper
+from swe_sphere.steppers.in_parts import SteppedInParts
 
-SMALLEST_PART = 64
-"""A step that cannot be solved is halved, and halved again, down to this part of it."""
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
 """Basis vectors kept by GMRES, and the memory they may take [bytes]."""
@@ -73,7 +70,7 @@ class StageProblem:
         self.space.axpby(1.0, d, -self.tau, out)
 
 
-class ImplicitStepper(SolvingStepper):
+class ImplicitStepper(SteppedInParts):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
     family = "implicit"
@@ -86,8 +83,6 @@ class ImplicitStepper(SolvingStepper):
         preconditioner: str = "helmholtz",
     ) -> None:
         super().__init__(model, dt, tolerance)
-        self.tolerance = self.loosest
-        """That of the step last attempted."""
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
         self.newton = NewtonKrylov(
@@ -97,13 +92,8 @@ class ImplicitStepper(SolvingStepper):
             max_krylov=2 * KRYLOV_SIZE,
             forcing=LINEAR if model.scene.linear else FORCING,
         )
-        self.counters = dict.fromkeys(
-            ("newton_iterations", "krylov_iterations", "rejected_steps"), 0
-        )
-        self.new = model.zeros()
+        self.counters |= {"newton_iterations": 0, "krylov_iterations": 0}
         self._units = self._unit_masses()
-        waves = model.scene.effect("pressure-gradient") is not None
-        self._needs_depth = waves and not model.scene.linear
         self._allocate(model)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
@@ -143,10 +133,7 @@ class ImplicitStepper(SolvingStepper):
         return StageProblem(self.model, self.space, preconditioner)
 
     def attempt(self, t: float, dt: float) -> str | None:
-        """Write the state one step dt [s] after `state`, at t [s], to `new`.
-
-        Returns what is wrong with it, in words; nothing else has changed before `accept`.
-        """
+        """Write the state one step dt [s] after `state`, at t [s], to `new`; see there."""
         failure = self.step_to(t, dt, self.new)
         return failure.message if failure else self._fault()
 
@@ -162,11 +149,6 @@ class ImplicitStepper(SolvingStepper):
     def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
         """As `step_to`, with the tolerance set."""
 
-    def accept(self, dt: float) -> None:
-        """Make `new`, a step of dt [s] on, the present state, and remember how fast it moved."""
-        self.motion.accept(self.state, self.new, dt)
-        self.space.copy(self.new, self.state)
-
     def share_solver(self, other: "ImplicitStepper") -> None:
         """Solve with the preconditioner, the Krylov basis and the motion of another; it counts."""
         self.problem, self.newton, self.motion = other.problem, other.newton, other.motion
@@ -175,35 +157,6 @@ class ImplicitStepper(SolvingStepper):
     def tighten(self, tolerance: float) -> None:
         """Take this tolerance from now on."""
         self.loosest = tolerance
-
-    def _advance(self) -> None:
-        """One step, in as many equal parts as the solver needs."""
-        done, parts = 0, 1
-        while done < parts:
-            dt = self.dt / parts
-            fault = self.attempt(self.time + done * dt, dt)
-            if fault is None:
-                self.accept(dt)
-                done += 1
-            else:
-                self.counters["rejected_steps"] += 1
-                done, parts = 2 * done, 2 * parts
-                self._give_up_below(parts, fault)
-
-    def _give_up_below(self, parts: int, fault: str) -> None:
-        if parts > SMALLEST_PART:
-            raise SolverFailed(
-                f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
-                f"{parts // 2} parts: {fault}; choose a smaller --dt"
-            )
-
-    def _fault(self) -> str | None:
-        """What is wrong with the new state: gravity waves need a positive depth."""
-        if not self._needs_depth:
-            return None
-        end = self.model.fluid_size
-        lowest = float(self.new.numpy()[end - self.model.mesh.size : end].min())
-        return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
 
     def _solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
         """Solve x - tau F(x, t) = rhs from the guess x."""

@@ -21,8 +21,9 @@ __all__ = ["RECOMMENDED", "STEPPERS", "Combiner", "Family", "Marker", "Stepper"]
 RECOMMENDED = "tr-bdf2"
 """The fully implicit scheme that the measurements recommend."""
 
-Family = Literal["explicit", "imex", "implicit"]
-"""What is treated implicitly: nothing, linear gravity waves, or everything."""
+Family = Literal["explicit", "imex", "exponential", "implicit"]
+"""What is treated implicitly: nothing, linear gravity waves, nothing but what is linear exactly, or
+everything."""
 
 Marker = str | tuple[int, Literal[1], int]
 """A marker of matplotlib: a letter, or a star's points, 1, and its turn [degrees]."""

@@ -1,0 +1,172 @@
+"""Linear equations whose sources are polynomials in time, solved by a Krylov method.
+
+w' = A w + sum_k t^(k-1)/(k-1)! u_k from w(0) = 0 comes at t = T to sum_k T^k phi_k(T A) u_k: all
+products of an exponential integrator in one.  With w_j, the j-th derivative of w at a time s, found
+by p products with A, the solution goes on as
+
+    w(s + t) = sum_(j<p) t^j/j! w_j + t^p phi_p(t A) w_p
+
+(Niesen & Wright 2012, doi:10.1145/2168773.2168781), of which only the last term needs a Krylov
+basis.  As in KIOPS (Gaudreault, Rainwater & Tokman 2018) the basis is made by incomplete
+orthogonalisation, an estimate of the error says when it is large enough, or how far the largest one
+reaches, and the rest is done in further steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.solvers.linear_result import Operator
+from swe_sphere.solvers.short_basis import ShortBasis
+from swe_sphere.solvers.small_exponential import SmallMatrix
+from swe_sphere.solvers.vector_space import VectorSpace
+
+__all__ = ["ExponentialResult", "KrylovExponential", "Sources"]
+
+Array = NDArray[np.float64]
+
+SIZE = 100
+"""Vectors of a basis: functions of a larger matrix cost more than the products they save."""
+FIRST_LOOK = 5
+SHORTER = 0.85
+"""Part of a time to which the largest basis does not reach that is tried next."""
+SHORTEST = 1e-4
+"""Part of the whole time below which a step of a solve is a failure."""
+
+
+class Sources:
+    """u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
+
+    The products with A in them cost a solve nothing.  d_1 is not read.
+    """
+
+    def __init__(self, space: VectorSpace, terms: int) -> None:
+        moved, plain = space.stack(terms), space.stack(terms)
+        self.moved, self.plain = ([stack[k] for k in range(terms)] for stack in (moved, plain))
+        self.moved_from, self.plain_from = (
+            [stack[k:] for k in range(terms)] for stack in (moved, plain)
+        )
+
+
+@dataclass(frozen=True)
+class ExponentialResult:
+    """The end of a solve: Krylov vectors and steps it took, and what went wrong, if anything."""
+
+    iterations: int
+    steps: int
+    fault: str | None = None
+
+
+@dataclass
+class _Solve:
+    """A solve under way: to `length` [s], with an error of at most `tolerance` in the norm."""
+
+    operator: Operator
+    sources: Sources
+    terms: int
+    length: float
+    tolerance: float
+    done: float = 0.0
+    iterations: int = 0
+    steps: int = 0
+
+    def end(self, fault: str | None = None) -> ExponentialResult:
+        """The result."""
+        return ExponentialResult(self.iterations, self.steps, fault)
+
+
+class KrylovExponential:
+    """Solver with room for `size` basis vectors; keep it, it allocates once."""
+
+    def __init__(self, space: VectorSpace, terms: int, size: int = SIZE) -> None:
+        """terms: most terms of the sources."""
+        self.space, self.size = space, size
+        self._basis = ShortBasis(space, size + 1)
+        self._derivatives = space.stack(max(1, terms - 1))
+        self._work = space.zeros()
+
+    def solve(
+        self,
+        operator: Operator,
+        sources: Sources,
+        terms: int,
+        length: float,
+        tolerance: float,
+        out: wp.array,
+    ) -> ExponentialResult:
+        """out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance [norm of out].
+
+        A tolerance that the arithmetic cannot reach, 0 included, is met by an error of round-off
+        size.  After a fault `out` has no meaning.
+        """
+        p = _Solve(operator, sources, terms, length, tolerance)
+        self.space.clear(out)
+        while p.done < length:
+            size = self._differentiate(p, out)
+            if not math.isfinite(size):
+                return p.end("the slopes are not finite")
+            found = self._reach(p, size, length - p.done)
+            if found is None:
+                return p.end(f"the Krylov process does not converge ({p.iterations} vectors)")
+            t, coefficients = found
+            powers = [t**j / math.factorial(j) for j in range(1, terms)]
+            self.space.combine(out, self._derivatives, powers, out)
+            self.space.combine(out, self._basis.stack, coefficients, out)
+            p.done = length if t == length - p.done else p.done + t
+            p.steps += 1
+        return p.end()
+
+    def _differentiate(self, p: _Solve, w: wp.array) -> float:
+        """The first derivatives of w at the present time; the last is a basis' first vector."""
+        space, sources, last = self.space, p.sources, w
+        for j in range(p.terms):
+            powers = [p.done**k / math.factorial(k) for k in range(p.terms - j)]
+            final = j + 1 == p.terms
+            target = self._basis.rows[0] if final else self._derivatives[j]
+            if j == 0 and p.done == 0.0:
+                space.copy(sources.plain[0], target)
+            else:
+                space.combine(last, sources.moved_from[j], powers, self._work)
+                p.operator(self._work, target)
+                space.combine(target, sources.plain_from[j], powers, target)
+            last = target
+        return space.norm(last)
+
+    def _reach(self, p: _Solve, size: float, rest: float) -> tuple[float, Array] | None:
+        """How far a basis gets, and the coefficients of its vectors; None where it does not."""
+        if size == 0.0:
+            return rest, np.zeros(0)
+        self._basis.start(size)
+        small, look, rows = SmallMatrix(self.size), FIRST_LOOK, self._basis.rows
+        for k in range(self.size):
+            p.operator(rows[k], rows[k + 1])
+            p.iterations += 1
+            above, below = self._basis.extend(k + 1)
+            if not math.isfinite(below):
+                return None
+            small.append(above, below)
+            if k + 1 >= min(look, self.size) or below == 0.0:
+                coefficients = self._look(p, small, size, rest)
+                if coefficients is not None:
+                    return rest, coefficients
+                look = small.next_look(rest)
+        t = min(SHORTER * rest, self.size / small.radius())
+        while t > SHORTEST * p.length:
+            coefficients = self._look(p, small, size, t)
+            if coefficients is not None:
+                return t, coefficients
+            t *= SHORTER
+        return None
+
+    def _look(self, p: _Solve, small: SmallMatrix, size: float, t: float) -> Array | None:
+        """The coefficients of the solution after t, if its error is small enough."""
+        coefficients, error = small.phi(p.terms, t)
+        least = self.space.epsilon * t**p.terms / math.factorial(p.terms)
+        if not error <= max(p.tolerance * t / p.length / size, least):
+            return None
+        return size * coefficients

@@ -1,0 +1,199 @@
+"""Exponential multistep methods: linear motion exactly, the rest by what it was in steps before."""
+
+from math import factorial
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
+from swe_sphere.steppers.in_parts import SteppedInParts
+
+Array = NDArray[np.float64]
+
+STAGE = 0.75
+"""Where the one-step method has its second stage, in time steps."""
+DRIFT = np.array([-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4])
+"""Weights of values at quarters of a step in the derivative at its beginning, of fourth order."""
+WORTHLESS = 0.3
+"""What a solve leaves is no less than so many round-offs of the state."""
+
+
+class ExponentialMultistep(SteppedInParts):
+    """An exponential propagation iterative (EPI) method of several steps, as its weights.
+
+    x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
+    steps before, phi_k those of dt J with the exact J at x (Tokman 2006,
+    doi:10.1016/j.jcp.2005.08.032).  Explicit dependence on time is a further variable: R_i has
+    - dF/dt (t_i - t), and dt^2 phi_2 dF/dt joins.  The first steps, and those of another length than
+    the one before, are taken by a method of one step and two stages, fourth order (Luan 2017,
+    doi:10.1016/j.apnum.2016.10.006, exprb42).  `tolerance`: as for `SolvingStepper`, of the error
+    of the Krylov solver in a step.
+    """
+
+    family = "exponential"
+    weights: ClassVar[tuple[tuple[float, ...], ...]] = ()
+    """w_ki: rows for k = 2, 3, ..., columns for i = 1, 2, ..."""
+    default_tolerance = 1e-6
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        past = len(cls.weights[0]) if cls.weights else 0
+        cls.vectors = 28 + 4 * past
+        cls.error_constant = abs(_remainder(cls.weights, cls.order))
+
+    def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
+        super().__init__(model, dt, tolerance)
+        self.counters |= {"krylov_iterations": 0, "krylov_steps": 0}
+        space, past = self.space, len(self.weights[0]) if self.weights else 0
+        terms = max(3, 1 + len(self.weights))
+        self._solver, self._sources = KrylovExponential(space, terms), Sources(space, terms)
+        self._jacobian = model.jacobian()
+        self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
+        self._has_drift = not model.scene.autonomous
+        self._states = [model.zeros() for _ in range(past)]
+        self._slopes = [model.zeros() for _ in range(past)]
+        self._known, self._spacing = 0, 0.0
+        self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self._known, self._spacing = 0, 0.0
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Infinite: the step is limited by accuracy alone."""
+        return np.inf
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs."""
+        return super().state_dict() | {"past": np.array([self._known, self._spacing])}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
+        self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
+
+    def _remembered(self) -> dict[str, wp.array]:
+        states = {f"state_{i}": array for i, array in enumerate(self._states, 1)}
+        slopes = {f"slope_{i}": array for i, array in enumerate(self._slopes, 1)}
+        return {"state": self.state} | states | slopes
+
+    def attempt(self, t: float, dt: float) -> str | None:
+        """Write the state one step dt [s] after `state`, at t [s], to `new`; see there."""
+        self.tolerance = self._goal(dt)
+        self.model.tendency(self.state, t, self._slope)
+        self._jacobian.update(self.state, t)
+        self._prepare_sources(t, dt)
+        known = self._known == len(self._states) and self._spacing in (0.0, dt)
+        fault = self._multistep(dt) if known or not self.weights else self._one_step(t, dt)
+        return fault or self._fault()
+
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and the present one that before it."""
+        for arrays, value in ((self._states, self.state), (self._slopes, self._slope)):
+            if arrays:
+                arrays.insert(0, arrays.pop())
+                self.space.copy(value, arrays[0])
+        self._known = min(len(self._states), 1 + (self._known if dt == self._spacing else 0))
+        self._spacing = dt
+        super().accept(dt)
+
+    def _multistep(self, dt: float) -> str | None:
+        space, sources = self.space, self._sources
+        for i in range(len(self._states)):
+            for past, present, change in (
+                (self._states[i], self.state, self._moved[i]),
+                (self._slopes[i], self._slope, self._bent[i]),
+            ):
+                space.copy(past, change)
+                space.axpy(-1.0, present, change)
+            if self._has_drift:
+                space.axpy((i + 1) * dt, self._drift, self._bent[i])
+        for k, row in enumerate(self.weights, 1):
+            c = np.array(row) / dt**k
+            space.combine(sources.moved[k], self._moved, -c, sources.moved[k])
+            space.combine(sources.plain[k], self._bent, c, sources.plain[k])
+        return self._propagate(dt, dt, max(1 + len(self.weights), 1 + self._has_drift))
+
+    def _one_step(self, t: float, dt: float) -> str | None:
+        """x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
+        space, moved, bent = self.space, self._sources.moved[2], self._sources.plain[2]
+        fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift)
+        if fault is not None:
+            return fault
+        weight = 2.0 / (STAGE * dt) ** 2
+        self.model.tendency(self.new, t + STAGE * dt, bent)
+        space.axpby(-weight, self._slope, weight, bent)
+        if self._has_drift:
+            space.axpy(-weight * STAGE * dt, self._drift, bent)
+        space.copy(self.state, moved)
+        space.axpby(-weight, self.new, weight, moved)
+        return self._propagate(dt, dt, 3)
+
+    def _propagate(self, length: float, dt: float, terms: int) -> str | None:
+        """new = state + the solution of the linear equations after `length`; or what is wrong."""
+        space = self.space
+        least = WORTHLESS * space.epsilon * space.norm(self.state) if self.loosest > 0.0 else 0.0
+        goal = max(self.tolerance * self.motion.rate * dt, least)
+        result = self._solver.solve(
+            self._jacobian, self._sources, terms, length, goal, self.new
+        )
+        self.counters["krylov_iterations"] += result.iterations
+        self.counters["krylov_steps"] += result.steps
+        space.axpy(1.0, self.state, self.new)
+        return result.fault
+
+    def _prepare_sources(self, t: float, dt: float) -> None:
+        """F and dF/dt, for a wind or forcing that changes; nothing else yet."""
+        space, sources = self.space, self._sources
+        space.copy(self._slope, sources.plain[0])
+        for array in (*sources.moved[1:], *sources.plain[1:]):
+            space.clear(array)
+        for quarter, weight in enumerate(DRIFT * 4.0 / dt if self._has_drift else ()):
+            self.model.tendency(self.state, t + quarter * dt / 4.0, self._work)
+            space.axpy(float(weight), self._work, sources.plain[1])
+        space.copy(sources.plain[1], self._drift)
+
+
+def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:
+    """C in the error C dt^(p + 1) of a step for a remainder R = t^p/p!, p = order, where J = 0."""
+    found = 1.0 / factorial(order + 1)
+    for k, row in enumerate(weights, 2):
+        values = sum(w * (-i) ** order for i, w in enumerate(row, 1))
+        found -= values / (factorial(k) * factorial(order))
+    return found
+
+
+class EPI2(ExponentialMultistep):
+    """EPI2: second order, one solve a step, exact for linear equations (exponential Rosenbrock-Euler)."""
+
+    name, order = "epi2", 2
+    style = ("#0B7A75", "v")
+
+
+class EPI3(ExponentialMultistep):
+    """EPI3: third order, two steps."""
+
+    name, order = "epi3", 3
+    style = ("#12A39B", "^")
+    weights = ((2 / 3,),)
+
+
+class EPI4(ExponentialMultistep):
+    """EPI4: fourth order, three steps."""
+
+    name, order = "epi4", 4
+    style = ("#3CC8BF", "s")
+    weights = ((-3 / 10, 3 / 40), (32 / 5, -11 / 10))
+
+
+class EPI5(ExponentialMultistep):
+    """EPI5: fifth order, four steps."""
+
+    name, order = "epi5", 5
+    style = ("#8AE3DC", "D")
+    weights = ((-4 / 5, 2 / 5, -4 / 45), (12.0, -9 / 2, 8 / 9), (3.0, 0.0, -1 / 3))
