@@ -21,9 +21,9 @@ from swe_sphere.equations.effects import (
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, Stepper
 
-EXPLICIT, IMEX, IMPLICIT = (
+EXPLICIT, IMEX, EXPONENTIAL, IMPLICIT = (
     tuple(name for name, cls in STEPPERS.items() if cls.family == family)
-    for family in ("explicit", "imex", "implicit")
+    for family in ("explicit", "imex", "exponential", "implicit")
 )
 
 EFFECTS = {

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import make_scene, random_state, relative
+from support import EXPONENTIAL, make_scene, random_state, relative
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere.equations import Model
@@ -34,6 +34,7 @@ SOLVES = {
 }
 """Nonlinear solves a step."""
 NEWTON = tuple(name for name, solves in SOLVES.items() if solves)
+ALL = (*SOLVES, *EXPONENTIAL)
 SHAPES = ("element", "node")
 
 
@@ -77,7 +78,7 @@ def test_mass_is_kept_to_round_off(after_a_day, name: str) -> None:
     assert abs(after_a_day[name]["mass"]) < 1e-13
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_mass_is_kept_by_inexact_solves(small_mountain, name: str) -> None:
     last = advance(name, small_mountain, HOUR, 12, tolerance=0.1).state
     start = invariants(small_mountain, small_mountain.initial_state())["mass"]
@@ -169,7 +170,7 @@ def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
     assert relative(inviscid.state.numpy(), pair[1], 3) > 1e-2
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_restart_is_exact_to_the_last_bit(name: str) -> None:
     """Interrupted at any step, with dissipation, at an odd start time and a depth that changes."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
@@ -189,7 +190,7 @@ def test_restart_is_exact_to_the_last_bit(name: str) -> None:
             assert value.tobytes() == memories[-1][key].tobytes(), key
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_step_in_two_halves_is_two_steps_of_half_the_size(
     small_mountain, monkeypatch, name: str
 ) -> None:
@@ -220,7 +221,7 @@ def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: st
     assert relative(stepper.state.numpy(), fine.numpy(), 3) < 0.5
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
     """A fluid whose depth is negative somewhere has no gravity waves but an explosion."""
     base = get_scene("williamson2")
@@ -238,7 +239,7 @@ def test_hopeless_steps_end_the_run_with_one_line(name: str) -> None:
     assert stepper.counters["rejected_steps"] == 7
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_starting_again_forgets_the_past(small_mountain, name: str) -> None:
     """Set-ups of a preconditioner too, even when they would still serve."""
     state = small_mountain.initial_state().numpy()
@@ -272,7 +273,7 @@ def test_jacobian_of_coupled_stages_is_exact(small_mountain) -> None:
     assert relative(product, 0.5 * (sides[0] - sides[1]), 6) < 1e-9
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) -> None:
     """Lengths times 0.03, times times 0.7: the same flow, as the solver should see it."""
     length, time = 0.03, 0.7
@@ -310,7 +311,7 @@ def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain
         stepper.step()
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_rosenbrock_and_others_notice_states_that_are_not_numbers(
     small_mountain, name: str
 ) -> None:
@@ -322,7 +323,7 @@ def test_rosenbrock_and_others_notice_states_that_are_not_numbers(
         stepper.step()
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_tolerance_zero_solves_to_round_off(small_mountain, name: str) -> None:
     exact, tight = (
         advance(name, small_mountain, HOUR, 3, tolerance=tolerance).state.numpy()
@@ -333,7 +334,7 @@ def test_tolerance_zero_solves_to_round_off(small_mountain, name: str) -> None:
 
 
 def test_tolerances_out_of_range_are_refused(small_mountain) -> None:
-    for name in SOLVES:
+    for name in ALL:
         for tolerance in (-1.0, 1.0, np.nan):
             with pytest.raises(ConfigError, match="tolerance"):
                 STEPPERS[name](small_mountain, HOUR, tolerance=tolerance)
@@ -349,7 +350,7 @@ def test_prescribed_wind_takes_one_newton_iteration_a_solve(name: str) -> None:
     assert relative(stepper.state.numpy(), reference) < (0.3 if name == "implicit-euler" else 0.05)
 
 
-@pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.parametrize("name", ALL)
 def test_float32_follows_float64(small_mountain, name: str) -> None:
     single = Model(small_mountain.mesh, small_mountain.scene, precision="float32")
     ours, exact = (advance(name, m, HOUR, 5).state.numpy() for m in (single, small_mountain))

@@ -42,7 +42,7 @@ SHORTEST = 1e-4
 class Sources:
     """u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
 
-    The products with A in them cost a solve nothing.  d_1 is not read.
+    The products with A in them cost a solve nothing.  d_1 has to stay 0.
     """
 
     def __init__(self, space: VectorSpace, terms: int) -> None:
@@ -155,7 +155,7 @@ class KrylovExponential:
                 if coefficients is not None:
                     return rest, coefficients
                 look = small.next_look(rest)
-        t = min(SHORTER * rest, self.size / small.radius())
+        t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))
         while t > SHORTEST * p.length:
             coefficients = self._look(p, small, size, t)
             if coefficients is not None:

@@ -42,7 +42,8 @@ class SmallMatrix:
         matrix[:m, :m] = t * self._entries[:m, :m]
         matrix[0, m] = 1.0
         matrix[range(m, m + order), range(m + 1, m + order + 1)] = 1.0
-        found = sl.expm(matrix)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = sl.expm(matrix)
         last = t * self._entries[m, m - 1] * found[m - 1, m + order]
         return t**order * np.append(found[:m, m + order - 1], last), t**order * abs(float(last))
 
