@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import factorial
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import warp as wp
 from support import EXPONENTIAL, advance, make_scene, random_state, relative
 
 from swe_sphere.equations import Model
-from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.krylov_exponential import ExponentialResult, KrylovExponential, Sources
@@ -115,8 +113,9 @@ def test_waves_take_little_more_vectors_than_the_angle_they_turn() -> None:
 
 
 def test_what_cannot_be_solved_is_said() -> None:
-    result, *_ = solve(1e12 * matrix("any"), 2, 1e-6, size=5, length=1.0)
-    assert result.fault is not None and "does not converge" in result.fault
+    with np.errstate(over="ignore", invalid="ignore"):
+        result, *_ = solve(1e12 * matrix("any"), 2, 1e-6, size=5, length=1.0)
+    assert result.fault == "the Krylov process does not converge (5 vectors)"
     result, *_ = solve(np.where(np.eye(N) > 0.0, np.nan, 1.0), 2, 1e-6) if False else (None,)
 
 

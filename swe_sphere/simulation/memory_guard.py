@@ -25,6 +25,8 @@ SPECTRUM = 25
 """Vectors of wind and depth, in float64, while the stability limit is found."""
 KRYLOV = 14
 """Vectors of an ordinary Krylov basis, preconditioned ones included."""
+EXPONENTIAL_KRYLOV = 50
+"""Vectors of one at an automatic step."""
 
 
 class _Size:
@@ -60,6 +62,8 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     preconditioner = PRECONDITIONERS.find(config.preconditioner or "helmholtz")
     if kind.family == "imex":
         stepping += elimination_memory(ne, np, 8) + preconditioner.memory_estimate(ne, np)
+    elif kind.family == "exponential":
+        stepping += EXPONENTIAL_KRYLOV * size.vector
     elif kind.family == "implicit":
         one = KRYLOV * size.vector
         one += preconditioner.memory_estimate(ne, np) if scene.wind is None else 0.0

@@ -113,7 +113,7 @@ class Prepared:
         asked = None if config.dt == "auto" else config.dt
         if config.adaptive is not None and asked is None:
             return longest_step(config, days)
-        accurate = accurate_step(self.mesh, self.initial.fields)
+        accurate = accurate_step(self._kind, self.mesh, self.initial.fields)
         return choose_step(asked, days, self.stable_dt, self._kind.safety, accurate)
 
     def _new_stepper(self, dt: float) -> Stepper:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,12 +17,6 @@ if TYPE_CHECKING:
     from swe_sphere.arrays import Array
     from swe_sphere.mesh import Mesh
     from swe_sphere.steppers import Stepper
-
-COURANT = 2.0
-"""Advective Courant number of an automatic step without a stability limit."""
-
-LONGEST = 3600.0
-"""An automatic step without a stability limit is no longer than this [s]."""
 
 AT_REST = 1e7
 """A limit above this [s] is that of a fluid at rest, whose wind is yet to come: it is none."""
@@ -39,7 +33,7 @@ class StepChoice:
 
 
 def choose_step(
-    asked: float | None, days: float, stable_dt: float, safety: float, accurate: float
+    asked: float | None, days: float, stable_dt: float, safety: float, accurate: StepChoice
 ) -> StepChoice:
     """The step asked for [s], else one within the stability limit or, without one, an accurate one.
 
@@ -50,8 +44,7 @@ def choose_step(
         return StepChoice(asked, "as given")
     if stable_dt < AT_REST:
         return StepChoice(min(safety * stable_dt, days * DAY), f"{safety:g} of the stability limit")
-    rule = f"advective Courant number {COURANT:g}, at most {LONGEST:g} s"
-    return StepChoice(min(accurate, days * DAY), rule)
+    return replace(accurate, dt=min(accurate.dt, days * DAY))
 
 
 def longest_step(config: RunConfig, days: float) -> StepChoice:
@@ -60,13 +53,14 @@ def longest_step(config: RunConfig, days: float) -> StepChoice:
     return StepChoice(min(interval, days * DAY), "time between frames, in which steps adapt")
 
 
-def accurate_step(mesh: Mesh, fields: dict[str, Array]) -> float:
-    """Step [s] that takes the fastest wind u, v (N,) [m s-1] over `COURANT` of the finest spacings.
+def accurate_step(kind: type[Stepper], mesh: Mesh, fields: dict[str, Array]) -> StepChoice:
+    """The step in which the fastest wind u, v (N,) [m s-1] passes so many of the finest spacings.
 
-    It is `LONGEST` at the most.
+    The number is the stepper's `courant`, and the step its `longest` at the most.
     """
-    wind = float(np.hypot(fields["u"], fields["v"]).max())
-    return min(LONGEST, COURANT * mesh.spacing()[0] / wind) if wind > 0.0 else LONGEST
+    wind, longest = float(np.hypot(fields["u"], fields["v"]).max()), kind.longest
+    dt = min(longest, kind.courant * mesh.spacing()[0] / wind) if wind > 0.0 else longest
+    return StepChoice(dt, f"advective Courant number {kind.courant:g}, at most {longest:g} s")
 
 
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:

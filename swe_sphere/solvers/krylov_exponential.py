@@ -6,29 +6,23 @@ by p products with A, the solution goes on as
 
     w(s + t) = sum_(j<p) t^j/j! w_j + t^p phi_p(t A) w_p
 
-(Niesen & Wright 2012, doi:10.1145/2168773.2168781), of which only the last term needs a Krylov
+(Niesen & Wright 2012, phipm), of which only the last term needs a Krylov
 basis.  As in KIOPS (Gaudreault, Rainwater & Tokman 2018) the basis is made by incomplete
 orthogonalisation, an estimate of the error says when it is large enough, or how far the largest one
 reaches, and the rest is done in further steps.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.solvers.linear_result import Operator
 from swe_sphere.solvers.short_basis import ShortBasis
 from swe_sphere.solvers.small_exponential import SmallMatrix
 from swe_sphere.solvers.vector_space import VectorSpace
-
-__all__ = ["ExponentialResult", "KrylovExponential", "Sources"]
-
-Array = NDArray[np.float64]
 
 SIZE = 100
 """Vectors of a basis: functions of a larger matrix cost more than the products they save."""

@@ -1,17 +1,9 @@
 """A Krylov basis by short recurrences: each vector is orthogonal to the few before it alone."""
 
-from __future__ import annotations
-
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swe_sphere.arrays import Array
 from swe_sphere.solvers.vector_space import VectorSpace
-
-__all__ = ["ShortBasis"]
-
-Array = NDArray[np.float64]
 
 WINDOW = 2
 """Vectors that a new one is made orthogonal to: all that count for a skew operator, as that of

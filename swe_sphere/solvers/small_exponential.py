@@ -1,16 +1,11 @@
 """Functions of the small matrix of a Krylov basis, and how far it reaches."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import scipy.linalg as sl
-from numpy.typing import NDArray
 
-__all__ = ["SmallMatrix"]
-
-Array = NDArray[np.float64]
+from swe_sphere.arrays import Array
 
 APART = 16
 """Looks at the error are a part of the basis apart: one over this, of the vectors there are."""
@@ -24,7 +19,7 @@ class SmallMatrix:
         self.columns = 0
 
     def append(self, above: Array, below: float) -> None:
-        """Add a column: the entries up to the diagonal, of which the first are 0, and that below."""
+        """Add a column: its last entries down to the diagonal, others being 0, and that below."""
         j = self.columns
         self._entries[j + 1 - len(above) : j + 1, j] = above
         self._entries[j + 1, j] = below
@@ -33,9 +28,9 @@ class SmallMatrix:
     def phi(self, order: int, t: float) -> tuple[Array, float]:
         """Coefficients (m + 1,) of t^order phi_order(t A) v_0, and an estimate of the error.
 
-        phi_k of t H and the next one from one exponential (Sidje 1998, doi:10.1145/285861.285868,
-        theorem 1): the latter's last entry, times the last of H, is the error of the basis of m
-        vectors, and here the coefficient of one vector more.
+        phi_k of t H and the one after it come from one exponential (Sidje 1998, Expokit): the last
+        entry of the latter, times the last of H, is about the error of the basis of m vectors, and
+        here the coefficient of one vector more.
         """
         m = self.columns
         matrix = np.zeros((m + order + 1, m + order + 1))

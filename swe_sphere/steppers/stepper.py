@@ -22,8 +22,8 @@ RECOMMENDED = "tr-bdf2"
 """The fully implicit scheme that the measurements recommend."""
 
 Family = Literal["explicit", "imex", "exponential", "implicit"]
-"""What is treated implicitly: nothing, linear gravity waves, nothing but what is linear exactly, or
-everything."""
+"""What is stepped explicitly, implicitly or exactly: all is explicit, linear gravity waves are
+implicit, the linear part is exact, all is implicit."""
 
 Marker = str | tuple[int, Literal[1], int]
 """A marker of matplotlib: a letter, or a star's points, 1, and its turn [degrees]."""
@@ -61,6 +61,10 @@ class Stepper(ABC):
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
     safety: ClassVar[float] = 0.85
     """Part of the stability limit that an automatic step uses: winds grow during a run."""
+    courant: ClassVar[float] = 2.0
+    """Advective Courant number of an automatic step without a stability limit."""
+    longest: ClassVar[float] = 3600.0
+    """An automatic step without a stability limit is no longer than this [s]."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

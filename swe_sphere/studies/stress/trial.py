@@ -143,7 +143,7 @@ class Table(_Asked):
 
 
 def named(words: tuple[str, ...]) -> list[str]:
-    """Steppers by name: of a family "explicit", "imex" or "implicit", of "all", or single ones."""
+    """Steppers by name: of a family, of "all", or single ones."""
     from swe_sphere.steppers import STEPPERS, get_stepper
 
     found: dict[str, None] = {}
