@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -12,6 +13,8 @@ FOLDERS = {
     "swe_sphere.kernels": ROOT / "kernels",
     "swe_sphere.testcases": ROOT / "testcases",
 }
+
+PRIVATE = re.compile("_(?!_)")
 
 Graph = Mapping[str, set[str]]
 
@@ -65,3 +68,27 @@ def _reached(graph: Graph, name: str) -> Iterator[str]:
             seen.add(module)
             yield module
             left += graph[module]
+
+
+def reaches_inside(text: str) -> list[str]:
+    """Where a source takes a private attribute of what is neither itself nor of its own class."""
+    tree, found = ast.parse(text), []
+    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    own = {node: _private_names(cls) for cls in classes for node in ast.walk(cls)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Attribute) or not PRIVATE.match(node.attr):
+            continue
+        if ast.unparse(node.value) not in ("self", "cls", "super()"):
+            found += [] if node.attr in own.get(node, ()) else [ast.unparse(node)]
+    return found
+
+
+def _private_names(cls: ast.ClassDef) -> set[str]:
+    """What the class defines, and sets of itself."""
+    nodes = [*ast.walk(cls)]
+    methods = {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
+    return methods | {
+        node.attr
+        for node in nodes
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "self"
+    }

@@ -5,7 +5,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from imports import circles, import_graph, imports
+from imports import circles, import_graph, imports, reaches_inside, sources
 
 import swe_sphere
 
@@ -81,3 +81,23 @@ def test_a_circle_is_found():
     assert circles(graph) == [{"b", "c"}]
     text = "def f():\n    from a import b\nif TYPE_CHECKING:\n    from a.c import D\nimport e"
     assert imports(text, dict.fromkeys(("a", "a.b", "a.c", "e"))) == {"a.b", "a.c", "e"}
+
+
+def test_nothing_reaches_into_the_private_parts_of_another_class():
+    found = {name: reaches_inside(path.read_text()) for name, path in sources().items()}
+    assert {name: places for name, places in found.items() if places} == {}
+
+
+def test_who_reaches_inside_is_found():
+    text = """
+class A:
+    def __init__(self, other):
+        self._a, other._a, other._b = 1, 2, 3
+        other.__dict__
+    @classmethod
+    def f(cls):
+        cls._c, super()._d
+def g(a):
+    return a.b._a
+"""
+    assert sorted(reaches_inside(text)) == ["a.b._a", "other._b"]
