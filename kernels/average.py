@@ -1,6 +1,5 @@
 """Averages of the energy's gradient between two states, node by node."""
 
-import functools
 from types import SimpleNamespace
 from typing import no_type_check
 
@@ -51,16 +50,3 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
         base[k] = h
 
     return SimpleNamespace(kernel=average, structure=constants)
-
-
-@functools.cache
-def mean_kernel(real: type) -> wp.Kernel:
-    """Kernel (first, last, mean), all (n,): mean = (first + last) / 2."""
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
-    def mean(first: wp.array(dtype=real), last: wp.array(dtype=real), mean: wp.array(dtype=real)):
-        i = wp.tid()
-        mean[i] = real(0.5) * (first[i] + last[i])
-
-    return mean

@@ -6,8 +6,9 @@ from swe_sphere.equations.effects import PointwiseEffect
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.average import average_kernel, mean_kernel
+from swe_sphere.kernels.average import average_kernel
 from swe_sphere.kernels.pointwise import Pointwise
+from swe_sphere.kernels.vectors import axpby_kernel
 from swe_sphere.operators import TendencyOperator
 
 NEEDED = ("momentum-advection", "pressure-gradient")
@@ -38,9 +39,9 @@ class PoissonTendency:
         self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
         if scene.bottom:
             self._constants.bottom = model.parameters["bottom"]
-        self._halve = mean_kernel(mesh.real)
+        self._combine = axpby_kernel(mesh.real)
         self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
-        model.launch.load(self._average.kernel, self._halve)
+        model.launch.load(self._average.kernel, self._combine)
 
     @staticmethod
     def fits(model: Model) -> bool:
@@ -64,6 +65,7 @@ class PoissonTendency:
         self._operator(self._mean, out)
         tracers = model.tracers
         if tracers is not None:
-            first, last = first[tracers.first :], last[tracers.first :]
-            model.launch(self._halve, first.size, first, last, self._masses)
+            wp.copy(self._masses, first[tracers.first :])
+            last = last[tracers.first :]
+            model.launch(self._combine, last.size, 0.5, last, 0.5, self._masses)
             tracers.carry(self._base, self._mean, out)

@@ -15,7 +15,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
-from swe_sphere.operators.diagnose import divergence, vorticity
 
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
@@ -128,16 +127,6 @@ class Model:
             f"q_{name}": fields[f"hq_{name}"] / fields["h"] for name in self.scene.tracers or ()
         }
         return fields | ratios
-
-    def vorticity(self, state: wp.array, t: float = 0.0) -> Array:
-        """Relative vorticity on the nodes (N,) [s-1]."""
-        fields = self.fields(state, t)
-        return vorticity(self.mesh, fields["u"], fields["v"])
-
-    def divergence(self, state: wp.array, t: float = 0.0) -> Array:
-        """Divergence of the wind on the nodes (N,) [s-1]."""
-        fields = self.fields(state, t)
-        return divergence(self.mesh, fields["u"], fields["v"])
 
     # --- right-hand sides
 

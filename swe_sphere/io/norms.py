@@ -22,27 +22,19 @@ def area_mean(area: Array, values: Array) -> float:
     return float(np.sum(area * values) / np.sum(area))
 
 
-def l1(area: Array, numeric: ArrayLike, exact: ArrayLike) -> float:
-    """Normalised mean error; numeric, exact: scalars (N,) or vectors (2, N)."""
-    difference, size = _lengths(area, numeric, exact)
-    return area_mean(area, difference) / (area_mean(area, size) or 1.0)
-
-
-def l2(area: Array, numeric: ArrayLike, exact: ArrayLike) -> float:
-    """Normalised root-mean-square error; numeric, exact: scalars (N,) or vectors (2, N)."""
-    difference, size = _lengths(area, numeric, exact)
-    return float(np.sqrt(area_mean(area, difference**2) / (area_mean(area, size**2) or 1.0)))
-
-
-def linf(area: Array, numeric: ArrayLike, exact: ArrayLike) -> float:
-    """Normalised largest error; numeric, exact: scalars (N,) or vectors (2, N)."""
-    difference, size = _lengths(area, numeric, exact)
-    return float(np.max(difference) / (np.max(size) or 1.0))
-
-
 def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]:
-    """The three norms as {"l1", "l2", "linf"}; arguments as for `l1`."""
-    return {norm.__name__: norm(area, numeric, exact) for norm in (l1, l2, linf)}
+    """The mean, the root-mean-square and the largest error, normalised: "l1", "l2" and "linf".
+
+    numeric, exact: scalars (N,) or vectors (2, N).
+    """
+    ours, theirs = (np.asarray(x, dtype=float).reshape(-1, area.size) for x in (numeric, exact))
+    error, size = np.linalg.norm(ours - theirs, axis=0), np.linalg.norm(theirs, axis=0)
+    square = area_mean(area, error**2) / (area_mean(area, size**2) or 1.0)
+    return {
+        "l1": area_mean(area, error) / (area_mean(area, size) or 1.0),
+        "l2": float(np.sqrt(square)),
+        "linf": float(np.max(error) / (np.max(size) or 1.0)),
+    }
 
 
 def errors(
@@ -70,9 +62,3 @@ def errors(
 
 def _wind(fields: Mapping[str, ArrayLike]) -> Array:
     return np.stack([np.asarray(fields["u"]), np.asarray(fields["v"])])
-
-
-def _lengths(area: Array, numeric: ArrayLike, exact: ArrayLike) -> tuple[Array, Array]:
-    """Lengths (N,) of the error and of the exact value."""
-    ours, theirs = (np.asarray(x, dtype=float).reshape(-1, area.size) for x in (numeric, exact))
-    return np.linalg.norm(ours - theirs, axis=0), np.linalg.norm(theirs, axis=0)

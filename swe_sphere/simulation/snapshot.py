@@ -33,10 +33,12 @@ class Snapshot:
     @cached_property
     def all_fields(self) -> Fields:
         """The fields with vorticity and divergence [s-1], each (N,)."""
+        from swe_sphere.operators.diagnose import divergence, vorticity  # imports Warp
+
+        mesh, u, v = self._model.mesh, self.fields["u"], self.fields["v"]
         return self.fields | {
-            "vorticity": self._model.vorticity(self._state, self.time),
-            "divergence": self._model.divergence(self._state, self.time),
-        }
+            "vorticity": vorticity(mesh, u, v), "divergence": divergence(mesh, u, v),
+        }  # fmt: skip
 
     @cached_property
     def with_constants(self) -> Fields:
