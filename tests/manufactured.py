@@ -8,7 +8,7 @@ import numpy as np
 from cartesian import Cartesian
 from support import EXPLICIT, make_scene
 
-from swe_sphere.equations.effects import Forcing
+from swe_sphere.equations.effects import Forcing, Hyperviscosity
 from swe_sphere.mesh import Mesh
 
 MESH = Mesh.build(2, 4, spin=0.3)
@@ -37,9 +37,14 @@ def _dcos(phase: float) -> float:
     return -OMEGA * np.sin(phase)
 
 
-def manufactured(*names: str):
-    """The scene whose forcing makes `answer` the exact solution in time on `MESH`."""
+def manufactured(*names: str, nu: float | None = None):
+    """The scene whose forcing makes `answer` the exact solution in time on `MESH`.
+
+    nu: a hyperviscosity [m4 s-1] to take instead of that of the scene.
+    """
     unforced = make_scene(*names)
+    if nu is not None:
+        unforced = unforced.with_effect(Hyperviscosity(nu))
     check = Cartesian(MESH, unforced)
 
     def forcing(lon, lat, t):

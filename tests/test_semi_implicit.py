@@ -173,7 +173,7 @@ def test_its_filter_leaves_first_order_in_the_limit(moving) -> None:
 
 def test_semi_implicit_solves_its_equation(small_mesh) -> None:
     """(I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x-, then Williams' filter, to round-off."""
-    model, dt = Model(small_mesh, make_scene(*WAVES, "viscosity")), 900.0
+    model, dt = Model(small_mesh, make_scene(*WAVES, "drag")), 900.0
     stepper = STEPPERS["semi-implicit"](model, dt, tolerance=1e-12)
     stepper.start(model.initial_state())
     for _ in range(3):

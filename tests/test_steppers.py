@@ -68,8 +68,8 @@ def test_leapfrog_filter_leaves_first_order_in_the_limit(moving) -> None:
     [(0.1, 0.7, {}), (0.04, 1.0, {"strength": 0.04, "share": 1.0}), (0.0, 0.7, {"strength": 0.0})],
 )
 def test_leapfrog_filters_as_williams_does(small_mesh, strength, share, options) -> None:
-    """Williams (2009), eqs. 7-9, ν = 0.1, α = 0.7, with dissipation from the filtered past."""
-    model = Model(small_mesh, make_scene("advection", "pressure", "rotation", "viscosity"))
+    """Williams (2009), eqs. 7-9, ν = 0.1, α = 0.7, with drag from the filtered past."""
+    model = Model(small_mesh, make_scene("advection", "pressure", "rotation", "drag"))
     stepper, dt = STEPPERS["leapfrog"](model, 200.0, **options), 200.0
     past = random_state(model)
     first = advance("rk4", model, model.device_mesh.upload(past), dt, dt)
@@ -166,7 +166,7 @@ def test_time_dependent_wind_is_taken_at_the_stages() -> None:
 
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_viscosity_decays_a_harmonic(name: str) -> None:
-    """exp(-ν l(l+1)/a² t), in leapfrog too, where it is taken at the past level."""
+    """exp(-ν l(l+1)/a² t)."""
     mesh = Mesh.build(2, 8)
     degree, value, _, rotated = harmonic(mesh, "xyz")
     model = Model(mesh, make_scene("viscosity").with_effect(Viscosity(1e7)))

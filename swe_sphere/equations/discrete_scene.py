@@ -1,7 +1,7 @@
 """A scene on a mesh and a device: what all components of its right-hand side are made of."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -46,6 +46,13 @@ class DiscreteScene:
     def size(self) -> int:
         """Length of a state."""
         return len(self.names) * self.mesh.size
+
+    def inviscid(self) -> "DiscreteScene":
+        """This one without effects that diffuse, with the same arrays."""
+        effects = tuple(effect for effect in self.scene.effects if not effect.diffuses)
+        other = replace(self, scene=replace(self.scene, effects=effects))
+        vars(other)["parameters"] = self.parameters
+        return other
 
     def zeros(self) -> wp.array:
         """A state of zeros."""

@@ -1,5 +1,8 @@
 """The right-hand side of a scene on a mesh and a device."""
 
+import copy
+from functools import cached_property
+
 import numpy as np
 import warp as wp
 
@@ -8,8 +11,8 @@ from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.scene import Scene, State
-from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
-from swe_sphere.equations.tendencies import TendencyComponent
+from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
+from swe_sphere.equations.tendencies import TendencyComponent, acting
 from swe_sphere.equations.tracer_equations import TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
@@ -67,8 +70,9 @@ class Model:
         self._wind = PrescribedFields(made, "wind", "uv", scene.steady_wind)
         self._forcing = PrescribedFields(made, "forcing", made.fluid, scene.steady_forcing)
         self.set_time(0.0)  # a function that fails does so before anything is computed
-        self._components: dict[str, TendencyComponent] = {}
-        self.component("all")
+        self._components: dict[tuple[object, ...], TendencyComponent] = {}
+        if not self.diffusive:  # else a stepper may want it without diffusion
+            self.component("all")
         self.tracers = TracerEquations(made) if scene.tracers else None
         self.limiter = None if self.tracers is None else self.tracers.limiter()
         """What steppers have to apply to the state after every step, if anything."""
@@ -82,6 +86,22 @@ class Model:
     def dissipative(self) -> bool:
         """Whether the scene has an effect that damps."""
         return any(effect.dissipation for effect in self.scene.effects)
+
+    @property
+    def diffusive(self) -> bool:
+        """Whether the scene has viscosity or hyperviscosity."""
+        return any(effect.diffuses for effect in self.scene.effects)
+
+    @cached_property
+    def inviscid(self) -> "Model":
+        """This model without viscosity and hyperviscosity, which shares all arrays and counts."""
+        if not self.diffusive:
+            return self
+        other = copy.copy(self)
+        other.discrete = self.discrete.inviscid()
+        other.scene, other._components = other.discrete.scene, {}
+        other.tracers = self.tracers and self.tracers.inviscid()
+        return other
 
     # --- states
 
@@ -160,6 +180,18 @@ class Model:
         """That of wind and depth alone, also for vectors that hold nothing else."""
         self.component("dissipative")(state, out)
 
+    def diffusion(self, state: wp.array, out: wp.array) -> None:
+        """What viscosity and hyperviscosity do; the scene has one of them."""
+        self.component("diffusive")(state, out)
+        if self.tracers is not None:
+            self.tracers.diffuse(state, out)
+
+    @cached_property
+    def diffusion_radius(self) -> float:
+        """Largest rate at which they damp [s-1], the same for all states."""
+        operator = self.component("diffusive")
+        return spectral_radius(self.discrete, self.initial_state(), operator, reach=1.0)
+
     def jacobian(self) -> Jacobian:
         """A Jacobian to be kept and brought to one state after the other by its `update`."""
         if self._exact:
@@ -196,11 +228,11 @@ class Model:
 
     def component(self, name: str) -> TendencyComponent:
         """The named component of the right-hand side, compiled when first called for."""
-        if not self.dissipative and name == "conservative":
-            name = "all"
-        if name not in self._components:
-            self._components[name] = TendencyComponent(self.discrete, name)
-        return self._components[name]
+        effects = tuple(effect.name for effect in acting(self.scene, name))
+        key = (name == "tangent", *effects)
+        if key not in self._components:
+            self._components[key] = TendencyComponent(self.discrete, name)
+        return self._components[key]
 
 
 def _check_depth(name: str, flow: State, mesh: Mesh) -> None:

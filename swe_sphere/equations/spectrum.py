@@ -37,11 +37,11 @@ def estimate_spectrum(
     [F(u+d) - F(u-d)]/2, exact for a d of any size where F is a quadratic polynomial of the state;
     else d is small.  Raises ConfigError where the right-hand side is not finite.
     """
-    wave = _radius(discrete, state, waves, _reach(discrete, dissipative=False))
+    wave = spectral_radius(discrete, state, waves, _reach(discrete, dissipative=False))
     damping = 0.0
     if dissipation is not None:
         reach = _reach(discrete, dissipative=True)
-        damping = _radius(discrete, state, dissipation, reach)
+        damping = spectral_radius(discrete, state, dissipation, reach)
     discrete.launch.forget()
     return Spectrum(wave, damping)
 
@@ -54,7 +54,14 @@ def _reach(discrete: DiscreteScene, dissipative: bool) -> float:
     return float(np.cbrt(np.finfo(discrete.device_mesh.numpy_real).eps))
 
 
-def _radius(discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float) -> float:
+def spectral_radius(
+    discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
+) -> float:
+    """Largest modulus of the eigenvalues [s-1] of an operator's derivative, to about 1 %.
+
+    reach: size of the differences, relative to the state; any where the operator is quadratic.
+    Raises ConfigError where it is not finite.
+    """
     product = _scaled_product(discrete, state, operator, reach)
     start = np.random.default_rng(0).standard_normal(discrete.fluid_size)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -32,7 +32,7 @@ def pointwise_terms(discrete: DiscreteScene, component: str) -> Pointwise:
     """The terms without derivatives, which are added as DSS is made."""
     scene, flags = discrete.scene, _flags(discrete.scene, component)
     tangent = "tangent" in flags
-    effects = [e for e in _acting(scene, component) if isinstance(e, PointwiseEffect)]
+    effects = [e for e in acting(scene, component) if isinstance(e, PointwiseEffect)]
     return Pointwise(
         rotation="rotation" in flags and "wind" not in flags,
         forcing="forcing" in flags,
@@ -41,20 +41,22 @@ def pointwise_terms(discrete: DiscreteScene, component: str) -> Pointwise:
     )
 
 
-def _acting(scene: Scene, component: str) -> list[Effect]:
+def acting(scene: Scene, component: str) -> list[Effect]:
     """The effects that a component takes in."""
     if component == "all":
         return [*scene.effects]
     if component == "tangent":
         return [effect for effect in scene.effects if not effect.constant]
+    if component == "diffusive":
+        return [effect for effect in scene.effects if effect.diffuses]
     damps = component == "dissipative"
     return [effect for effect in scene.effects if effect.dissipation == damps]
 
 
 def _flags(scene: Scene, component: str) -> set[str]:
-    flags = {flag for effect in _acting(scene, component) for flag in effect.terms}
+    flags = {flag for effect in acting(scene, component) for flag in effect.terms}
     flags |= {flag for effect in scene.effects for flag in effect.everywhere}
-    own = {"dissipative": {"still"}, "tangent": {"tangent"}}
+    own = {"dissipative": {"still"}, "diffusive": {"still"}, "tangent": {"tangent"}}
     return flags | own.get(component, set())
 
 
@@ -133,9 +135,10 @@ class TermsOperator:
 class TendencyComponent(TermsOperator):
     """One component of a right-hand side, by name.
 
-    "all", "conservative" and "dissipative", which add up to all, and "tangent", the derivative of
-    all at the state it is put `at`.  Of linearised dynamics all components are such derivatives, at
-    one base, and what they are applied to is the difference of the state to it.
+    "all", "conservative" and "dissipative", which add up to all, "diffusive", what has weak
+    Laplacians of the latter, and "tangent", the derivative of all at the state it is put `at`.  Of
+    linearised dynamics all components are such derivatives, at one base, and what they are applied
+    to is the difference of the state to it.
     """
 
     def __init__(self, discrete: DiscreteScene, name: str) -> None:

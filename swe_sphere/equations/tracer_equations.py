@@ -1,5 +1,7 @@
 """Passive tracers: the blocks of mass hq that a state carries behind wind and depth."""
 
+import copy
+
 import numpy as np
 import warp as wp
 
@@ -42,6 +44,12 @@ class TracerEquations:
         self._transport = TracerTransport(self._mesh, self._launch, self.count)
         terms = element_terms(discrete.scene, "dissipative")
         self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
+
+    def inviscid(self) -> "TracerEquations":
+        """These equations without diffusion; kernels and work arrays are shared."""
+        other = copy.copy(self)
+        other._diffusion = None
+        return other
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
         """What the whole right-hand side does to tracers at the state x."""

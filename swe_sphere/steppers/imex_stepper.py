@@ -75,7 +75,7 @@ class ImexStepper(SolvingStepper):
 
         With the Coriolis force in it: to take that implicitly does not lengthen stable steps.
         """
-        return GravityWaves(model).explicit_spectrum(state, t)
+        return GravityWaves(model.inviscid).explicit_spectrum(state, t)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

@@ -16,12 +16,14 @@ from swe_sphere.steppers.stepper import Combiner, Stepper
 class Leapfrog(Stepper):
     """Leapfrog with Robert-Asselin-Williams filter: one right-hand side a step, started by rk4.
 
-    Williams 2009 (doi:10.1175/2009MWR2724.1).  Dissipation is taken at the past level, where it is
-    stable.  Another filter than the usual one (strength 0: none) is for comparison with other
-    models at a given step: `stable_dt` is that of the usual one.
+    Williams 2009 (doi:10.1175/2009MWR2724.1).  Drag and relaxation are taken at the past level,
+    where they are stable; diffusion acts over the two steps from there.  Another filter than the
+    usual one (strength 0: none) is for comparison with other models at a given step: `stable_dt` is
+    that of the usual one.
     """
 
     name, order = "leapfrog", 2
+    diffusion_steps = 2
     vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
@@ -53,6 +55,8 @@ class Leapfrog(Stepper):
         if self.model.dissipative:
             self.model.dissipative_tendency(self._previous, self._damping[0])
             self._add_damping(self._slope, self._slope)
+        if self.diffusion is not None:
+            self.diffusion.join(self._previous, self._slope)
         self.model.launch(
             self._kernel, self.model.size, self._previous, self.state, self._slope,
             2.0 * self.dt, self._displacement, self._share,

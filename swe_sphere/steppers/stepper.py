@@ -14,6 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.registry import Registry
+from swe_sphere.steppers.diffusion import Diffusion
 from swe_sphere.user_file import users_code
 
 __all__ = ["RECOMMENDED", "STEPPERS", "Combiner", "Family", "Marker", "Stepper"]
@@ -41,6 +42,9 @@ class Stepper(ABC):
     """Time integrator of a model with a fixed step dt [s].
 
     The stepper owns the state; `state_dict` returns all it needs to go on from there bit for bit.
+    Unless it is implicit its `model` has no viscosity and no hyperviscosity: `diffusion` steps
+    them, and `step` has it act after even steps and before odd ones, which is Strang's splitting of
+    two steps and of second order.
     Raises ConfigError for a step that is not positive and finite.
     """
 
@@ -59,6 +63,8 @@ class Stepper(ABC):
     """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
     coupled_stages: ClassVar[int] = 1
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
+    diffusion_steps: ClassVar[int | None] = None
+    """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
     safety: ClassVar[float] = 0.85
     """Part of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -76,6 +82,10 @@ class Stepper(ABC):
     def __init__(self, model: Model, dt: float) -> None:
         if not (np.isfinite(dt) and dt > 0.0):
             raise ConfigError(f"the time step must be positive and finite, not {dt} s")
+        self.diffusion: Diffusion | None = None
+        if model.diffusive and self.family != "implicit":
+            self.diffusion = Diffusion(model, dt * (self.diffusion_steps or 1))
+            model = model.inviscid
         self.model, self.dt = model, float(dt)
         self.state: wp.array = model.zeros()
         self.steps = 0
@@ -94,8 +104,13 @@ class Stepper(ABC):
 
     def step(self) -> None:
         """Move `state` forward by dt."""
+        apart = self.diffusion if self.diffusion_steps is None else None
+        if apart and self.steps % 2:
+            apart.act(self.state)
         with users_code():
             self._advance()
+        if apart and not self.steps % 2:
+            apart.act(self.state)
         if self.model.limiter is not None:
             self.model.limiter(self.state)
         self.steps += 1
@@ -106,12 +121,18 @@ class Stepper(ABC):
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
         """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for."""
-        return model.spectrum(state, t)
+        return model.inviscid.spectrum(state, t)
 
     @classmethod
     @abstractmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
+
+    @classmethod
+    def order_in(cls, model: Model) -> int:
+        """Its order for a model: two at the most where it has diffusion split off."""
+        split = model.diffusive and cls.family != "implicit"
+        return min(cls.order, 2) if split else cls.order
 
     def costs(self) -> dict[str, float]:
         """What the steps so far have taken: counts, and seconds where the name says so."""

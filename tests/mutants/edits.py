@@ -116,8 +116,8 @@ SCHEMES = (
         "semi-implicit: waves 1 % too fast on the right",
         "swe_sphere/steppers/semi_implicit.py",
         ("stepper-semi-implicit",),
-        "self.space.axpy(1.0, self._linear, self._slope)\n        if",
-        "self.space.axpy(1.01, self._linear, self._slope)\n        if",
+        "self.space.axpy(1.0, self._linear, self._slope)\n        if self.model",
+        "self.space.axpy(1.01, self._linear, self._slope)\n        if self.model",
     ),
     Edit(
         "stage times of Runge-Kutta a step late",

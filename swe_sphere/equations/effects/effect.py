@@ -50,6 +50,11 @@ class Effect:
     it at the past level."""
 
     @property
+    def diffuses(self) -> bool:
+        """Whether it takes weak Laplacians: explicit steppers step such effects apart."""
+        return bool(self.terms & {"diffusion", "biharmonic"})
+
+    @property
     def degree(self) -> int | None:
         """Of the polynomial of the state that it is, but for derivatives in space; None if it is
         none."""

@@ -108,6 +108,10 @@ class Discretisation:
             self._radii[how] = (spectrum.wave, spectrum.dissipation)
         return kind.stable_dt(*self._radii[how])
 
+    def order(self, kind: type[Stepper]) -> int:
+        """Order in time of a stepper here."""
+        return kind.order_in(self._sim.model)
+
     def options(self, config: RunConfig) -> dict[str, Any]:
         """What the stepper of a run is built with."""
         from swe_sphere.steppers import get_stepper

@@ -1,0 +1,119 @@
+"""Viscosity and hyperviscosity stepped apart: their own method, and what it leaves of a stepper."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manufactured import DURATION, MESH, answer, manufactured, tight
+from numpy.polynomial import legendre
+from support import EXPLICIT, IMEX, advance, make_scene, random_state, relative, tendency
+
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Hyperviscosity
+from swe_sphere.kernels import Terms
+from swe_sphere.mesh import Mesh
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.leapfrog import Leapfrog
+
+NU = 1e19
+"""Damps fast enough for the splitting to make the largest errors."""
+SOME = ("rk4", "ars343", "leapfrog", "semi-implicit")
+"""Of each way to have diffusion stepped."""
+
+
+@pytest.fixture(scope="module")
+def damped() -> Model:
+    """With a known solution in time."""
+    return Model(MESH, manufactured("pressure", "hyperviscosity", nu=NU))
+
+
+def decayed(modes: np.ndarray, reach: float) -> np.ndarray:
+    """What is left of modes (n,), rates times step, after a step of RKL2 (Meyer et al., eq. 15)."""
+    stages = 2
+    while 0.75 * (stages**2 + stages - 2) / 2 < reach:
+        stages += 1
+    b = (stages**2 + stages - 2) / (2 * stages * (stages + 1))
+    ends = 1.0 - 4.0 * modes / (stages**2 + stages - 2)
+    return 1.0 - b + b * legendre.legval(ends, np.eye(stages + 1)[stages])
+
+
+@pytest.mark.parametrize("reach", [0.5, 2.5, 40.0])
+def test_every_mode_decays_by_the_polynomial_of_the_method(reach: float) -> None:
+    """And so by e^-z where z is small, by a fifth at least where it is the largest."""
+    model = Model(Mesh.build(1, 4), make_scene("pressure", "hyperviscosity"))
+    dt = reach / model.diffusion_radius
+    rates, result = np.empty((2, model.size, model.size))
+    method, out = Diffusion(model, dt), model.zeros()
+    for column, unit in enumerate(np.eye(model.size)):
+        state = model.device_mesh.upload(unit)
+        model.diffusion(state, out)
+        rates[:, column] = out.numpy()
+        method.act(state)
+        result[:, column] = state.numpy()
+    values, modes = np.linalg.eig(-dt * rates)
+    expected = (modes * decayed(values, reach)) @ np.linalg.inv(modes)
+    assert np.abs(result - expected).max() < 1e-10
+    slow = np.abs(values) < 0.02
+    assert np.abs(decayed(values, reach) - np.exp(-values))[slow].max() < 1e-5
+    assert np.abs(decayed(values, reach))[np.abs(values) > 0.5 * reach].max() < 0.8
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_steppers_are_of_second_order_with_it(damped: Model, name: str, monkeypatch) -> None:
+    """Exact in time is known; the filters switched off."""
+    monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
+    exact, scale = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size)
+    errors = []
+    for dt in (225.0, 112.5):
+        last = advance(name, damped, damped.initial_state(), dt, DURATION, **tight(name))
+        errors.append(float(np.abs((last.state.numpy() - exact) / scale).max()))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("name", ["leapfrog", "semi-implicit"])
+def test_leapfrog_leaves_a_steady_state_alone_whatever_the_step(name: str) -> None:
+    """Where diffusion and all else cancel; but its first step, which another method takes."""
+    thick = make_scene("pressure", "forcing", "hyperviscosity").with_effect(Hyperviscosity(NU))
+    thick = replace(thick, forcing=lambda lon, lat, t: np.split(balance, 3), steady_forcing=True)
+    state, balance = random_state(Model(MESH, make_scene("pressure")), 3), np.zeros(3 * MESH.size)
+    balance = -tendency(Model(MESH, thick), state)
+    stepper = STEPPERS[name](Model(MESH, thick), 1200.0, **tight(name))
+    stepper.start(stepper.model.device_mesh.upload(state))
+    stepper.step()
+    stepper.load_state_dict(stepper.state_dict() | {"state": state, "previous": state}, 1)
+    for _ in range(20):
+        stepper.step()
+    assert relative(stepper.state.numpy(), state, 3) < 1e-10
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_mass_is_kept_to_round_off(name: str) -> None:
+    scene = make_scene("pressure", "hyperviscosity").with_effect(Hyperviscosity(NU))
+    model = Model(MESH, scene)
+    state = model.device_mesh.upload(random_state(model))
+    last = advance(name, model, state, 300.0, 60000.0).state.numpy()
+    masses = [np.sum(MESH.area * x[-MESH.size :]) for x in (state.numpy(), last)]
+    assert abs(masses[1] / masses[0] - 1.0) < 1e-13
+
+
+@pytest.mark.parametrize("name", [*EXPLICIT, *IMEX])
+def test_it_limits_no_step(name: str) -> None:
+    """The limit is that without it, and dynamics are compiled without its terms."""
+    scene = make_scene("pressure")
+    plain, kind = Model(MESH, scene), STEPPERS[name]
+    thick = Model(MESH, scene.with_effect(Hyperviscosity(100.0 * NU)))
+    state = plain.device_mesh.upload(random_state(plain))
+    found = kind.spectrum(thick, state)
+    assert found == kind.spectrum(plain, state) and kind.order_in(thick) == 2
+    stepper = kind(thick, 0.9 * kind.stable_dt(found.wave))
+    assert stepper.diffusion.evaluations > 5
+    assert stepper.model.component("all").operator.terms == Terms(pressure=True)
+    rest = np.concatenate([np.zeros(2 * MESH.size), np.full(MESH.size, 1000.0)])
+    noise = 1e-3 * (random_state(thick) - random_state(thick, 2))
+    stepper.start(thick.device_mesh.upload(rest + noise))
+    for _ in range(50):
+        stepper.step()
+    assert np.abs(stepper.state.numpy() - rest).max() < 2.0 * np.abs(noise).max()
