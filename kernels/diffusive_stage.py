@@ -8,9 +8,10 @@ import warp as wp
 
 @functools.cache
 def diffusive_stage_kernel(real: type) -> wp.Kernel:
-    """Kernel (x, cx, y, cy, z, cz, rate, cr, first, cf, change, cc, out): their linear combination.
+    """Kernel (x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y), vectors (n,).
 
-    All vectors (n,); `out` may be any of them.
+    change = cl last + cb before + cr rate + cf first + cs slope and y = x + change; both may be any
+    of what they are made of.
     """
     vector = wp.array(dtype=real)
 
@@ -18,21 +19,22 @@ def diffusive_stage_kernel(real: type) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def diffusive_stage(
         x: vector,
-        cx: real,
-        y: vector,
-        cy: real,
-        z: vector,
-        cz: real,
+        last: vector,
+        cl: real,
+        before: vector,
+        cb: real,
         rate: vector,
         cr: real,
         first: vector,
         cf: real,
+        slope: vector,
+        cs: real,
         change: vector,
-        cc: real,
-        out: vector,
+        y: vector,
     ):
         i = wp.tid()
-        kept = cx * x[i] + cy * y[i] + cz * z[i]
-        out[i] = kept + (cr * rate[i] + cf * first[i] + cc * change[i])
+        d = cl * last[i] + cb * before[i] + (cr * rate[i] + cf * first[i] + cs * slope[i])
+        y[i] = x[i] + d
+        change[i] = d
 
     return diffusive_stage

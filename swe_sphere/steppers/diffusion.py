@@ -20,18 +20,16 @@ Stage = tuple[float, float, float, float]
 
 
 def legendre_stages(reach: float) -> list[Stage]:
-    """Coefficients of the second and all later stages for a rate times step of up to `reach`.
+    """Coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
 
-    For Y_j = mu Y_(j-1) + nu Y_(j-2) + (1 - mu - nu) Y_0 + rate dt F(Y_(j-1)) + first dt F(Y_0)
-    they are (mu, nu, rate, first); the first stage is Euler's, of a third of the next stage's rate
-    over its mu.
+    For the changes d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
     """
     stages = 2
     while 0.5 * REACH * (stages**2 + stages - 2) < reach:
         stages += 1
     unit = 4.0 / (stages**2 + stages - 2)
     b = [1 / 3, 1 / 3, *((j**2 + j - 2) / (2 * j * (j + 1)) for j in range(2, stages + 1))]
-    found = []
+    found = [(0.0, 0.0, unit / 3.0, 0.0)]
     for j in range(2, stages + 1):
         mu = (2 * j - 1) / j * b[j] / b[j - 1]
         nu = -(j - 1) / j * b[j] / b[j - 2]
@@ -44,48 +42,49 @@ class Diffusion:
 
     def __init__(self, model: Model, dt: float) -> None:
         self._model, self._dt = model, dt
-        self._later = legendre_stages(dt * model.diffusion_radius)
-        self._nothing, self._first, self._rate = (model.zeros() for _ in range(3))
-        self._stages = model.zeros(), model.zeros()
+        stages = legendre_stages(dt * model.diffusion_radius)
+        self._stages = [(mu, nu, dt * a, dt * b) for mu, nu, a, b in stages]
+        self._nothing, self._first, self._rate, self._stage = (model.zeros() for _ in range(4))
+        self._changes = model.zeros(), model.zeros()
         self._kernel = diffusive_stage_kernel(model.device_mesh.real)
         model.launch.load(self._kernel)
 
     @property
     def evaluations(self) -> int:
         """Of D in a step."""
-        return 1 + len(self._later)
+        return len(self._stages)
 
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
-        self._step(state, self._nothing, state, 0.0, 1.0)
+        last, _ = self._changes
+        self._step(state, self._nothing, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
         """Make of the slope of all else, held from `past` on, the mean slope of both together.
 
         Where D(past) and the slope cancel nothing is left of it: steady states stay.
         """
-        self._step(past, slope, slope, 1.0, 1.0 / self._dt)
+        self._step(past, slope, 1.0 / self._dt, slope, self._stage)
 
     def _step(
-        self, x: wp.array, slope: wp.array, out: wp.array, less: float, scale: float
+        self, x: wp.array, slope: wp.array, scale: float, change: wp.array, y: wp.array
     ) -> None:
-        """out = scale (Y - less x) after a step from x."""
-        dt, first, rate, (last, spare) = self._dt, self._first, self._rate, self._stages
+        """change = scale (Y - x) and y = x + change after a step from x.
+
+        Stages are kept as changes: rounded factors of the state itself would add to its mass.
+        """
+        first, stage, (last, before) = self._first, self._stage, self._changes
+        last.zero_()
+        before.zero_()
         self._model.diffusion(x, first)
-        (mu, _, euler, _), *_ = self._later
-        euler *= dt / (3.0 * mu)
-        self._combine(x, 1.0, x, 0.0, x, 0.0, first, euler, first, 0.0, slope, euler, last)
-        before, left = x, len(self._later)
-        for mu, nu, a, b in self._later:
-            self._model.diffusion(last, rate)
-            left -= 1
-            keep, by, target = (0.0, 1.0, spare) if left else (less, scale, out)
-            a, b = by * dt * a, by * dt * b
-            self._combine(
-                x, by * (1.0 - mu - nu - keep), last, by * mu, before, by * nu, rate, a, first, b,
-                slope, a + b, target,
-            )  # fmt: skip
-            before, last, spare = last, target, last
+        rate = first
+        *stages, end = self._stages
+        for mu, nu, a, b in stages:
+            self._combine(x, last, mu, before, nu, rate, a, first, b, slope, a + b, before, stage)
+            last, before, rate = before, last, self._rate
+            self._model.diffusion(stage, rate)
+        mu, nu, a, b = (scale * c for c in end)
+        self._combine(x, last, mu, before, nu, rate, a, first, b, slope, a + b, change, y)
 
     def _combine(self, *terms: wp.array | float) -> None:
         self._model.launch(self._kernel, self._model.size, *terms)
