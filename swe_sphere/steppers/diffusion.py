@@ -10,8 +10,6 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.diffusive_stage import diffusive_stage_kernel
 
-__all__ = ["Diffusion", "legendre_stages"]
-
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
 damped at its end."""
