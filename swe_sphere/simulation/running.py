@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -25,15 +24,6 @@ if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
 
 
-@dataclass
-class _Seen:
-    """A state, and the numbers taken of it so far."""
-
-    snapshot: Snapshot
-    numbers: dict[str, float] | None = None
-    own: tuple[dict[str, float], Fields] | None = None
-
-
 class Running(Prepared):
     """What can be seen of a simulation, whose stepper `begin` makes when it is first needed."""
 
@@ -52,7 +42,9 @@ class Running(Prepared):
         self._carried: dict[str, float] = {}
         self._before: dict[str, int] = {}
         self._own = OwnDiagnostics(lambda text: None)
-        self._seen: _Seen | None = None
+        self._snapshot: Snapshot | None = None
+        self._numbers: dict[str, float] | None = None
+        self._own_found: tuple[dict[str, float], Fields] | None = None
 
     def begin(self, plan: TimePlan | None = None, also: Sequence[Fraction] = ()) -> None:
         """Plan the steps up to the end; what has been stepped already keeps its length of steps.
@@ -84,7 +76,8 @@ class Running(Prepared):
         """Build the stepper, and put it at the start or where the restart stands."""
         supplied, checkpoint = self._supplied, self._checkpoint
         state = self.model.initial_state()
-        self._before, self._seen = dict(self.model.counters), None
+        self._before = dict(self.model.counters)
+        self.forget()
         with users_code():
             self._stepper = stepper = supplied.instance or self._new_stepper(dt)
             if checkpoint is not None:
@@ -124,15 +117,10 @@ class Running(Prepared):
     @property
     def snapshot(self) -> Snapshot:
         """The state as it stands, with its fields as arrays (N,)."""
-        return self._now.snapshot
-
-    @property
-    def _now(self) -> _Seen:
-        """What is known of the state as it stands."""
-        if self._seen is None or self._seen.snapshot.steps != self.steps:
-            snapshot = Snapshot(self.model, self.stepper.state, self.time, self.steps)
-            self._seen = _Seen(snapshot)
-        return self._seen
+        if self._snapshot is None or self._snapshot.steps != self.steps:
+            self._snapshot = Snapshot(self.model, self.stepper.state, self.time, self.steps)
+            self._numbers = self._own_found = None
+        return self._snapshot
 
     @cached_property
     def _evaluator(self) -> Evaluator:
@@ -144,7 +132,7 @@ class Running(Prepared):
 
     def forget(self) -> None:
         """Let go of the fields of the state, which take room while steps are taken."""
-        self._seen = None
+        self._snapshot = None
 
     @property
     def diagnostics(self) -> dict[str, float]:
@@ -152,10 +140,10 @@ class Running(Prepared):
 
         Raises RunFailed where a diagnostic of the user's own fails.
         """
-        seen = self._now
-        if seen.numbers is None:
-            seen.numbers = self._evaluator(seen.snapshot) | self._own_now()[0]
-        return seen.numbers
+        snapshot = self.snapshot
+        if self._numbers is None:
+            self._numbers = self._evaluator(snapshot) | self._own_now()[0]
+        return self._numbers
 
     @property
     def own_fields(self) -> Fields:
@@ -163,11 +151,11 @@ class Running(Prepared):
         return self._own_now()[1]
 
     def _own_now(self) -> tuple[dict[str, float], Fields]:
-        seen = self._now
-        if seen.own is None:
-            seen.own = {}, {}  # for those that ask for the whole state
-            seen.own = self._own(self)
-        return seen.own
+        _ = self.snapshot  # a new one forgets what the last one came to
+        if self._own_found is None:
+            self._own_found = {}, {}  # for those that ask for the whole state
+            self._own_found = self._own(self)
+        return self._own_found
 
     def reference_errors(self) -> dict[str, float]:
         """Errors of the state against the reference of the configuration, if it has one."""

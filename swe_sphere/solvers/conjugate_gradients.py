@@ -14,8 +14,6 @@ import warp as wp
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearSolve, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["ConjugateGradients"]
-
 # The residual of the recurrence is not believed below this many round-offs of the terms of the true
 # one, and a residual of so few round-offs that no longer falls is as small as it gets.
 UNTRUSTED, MOST_ROUNDOFFS = 1e4, 1e3

@@ -6,8 +6,6 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.vectors import axpby_kernel, combine_rows_kernel, products_kernel
 
-__all__ = ["DeviceVectors"]
-
 # Sums are cut in this many blocks, added up on the host in a fixed order.
 BLOCKS = 64
 BLOCK_THREADS = 256

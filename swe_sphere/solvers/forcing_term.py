@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from swe_sphere.errors import ConfigError
 
-__all__ = ["EisenstatWalker", "Forcing"]
-
 Forcing = Callable[[float, float | None, float | None, float], float]
 """The relative tolerance eta of the next linear solve, |F + J d| <= eta |F|, from |F_k|, |F_(k-1)|,
 eta_(k-1) (None at the first) and the norm that Newton is to reach."""

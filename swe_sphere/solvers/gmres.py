@@ -18,8 +18,6 @@ from swe_sphere.solvers.least_squares import HessenbergLeastSquares
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearSolve, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["FlexibleGMRES"]
-
 # Below this many round-offs of the terms that cancel in it, the residual of the Arnoldi process is
 # not believed: it goes on falling where the true one cannot.
 UNTRUSTED = 1e4

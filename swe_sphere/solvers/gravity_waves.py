@@ -24,8 +24,6 @@ from swe_sphere.solvers.preconditioners.inner import Multilevel, schur_operator
 from swe_sphere.solvers.tracer_waves import TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["CORIOLIS", "GravityWaveSolver", "GravityWaves", "reference_depth"]
-
 CORIOLIS = ("explicit", "implicit")
 """Where the Coriolis force may be taken."""
 DEEPEST = 0.8

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 
-__all__ = ["HostVectors"]
-
 Floats = NDArray[np.floating]
 
 # Columns converted to float64 at a time when the vectors are float32: a strip of a stack stays in

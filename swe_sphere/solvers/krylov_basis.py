@@ -5,8 +5,6 @@ import math
 from swe_sphere.arrays import Array
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["OrthonormalBasis"]
-
 # A second pass is due at the latest when the first left less than this part of a vector.
 REMAINDER = 0.1
 

@@ -7,8 +7,6 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 
-__all__ = ["HessenbergLeastSquares"]
-
 # Columns that lower the residual by less than this part are not used.
 GAIN = 1e-6
 

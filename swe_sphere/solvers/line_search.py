@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from swe_sphere.errors import ConfigError
 
-__all__ = ["Backtracking", "Search"]
-
 
 @dataclass(frozen=True)
 class Search:

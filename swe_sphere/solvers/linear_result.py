@@ -10,8 +10,6 @@ import warp as wp
 
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["KrylovSolver", "LinearResult", "LinearSolve", "Operator", "Status"]
-
 # An operator reads its first vector and writes its second.
 Operator = Callable[[wp.array, wp.array], None]
 

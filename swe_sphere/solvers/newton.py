@@ -17,8 +17,6 @@ from swe_sphere.solvers.line_search import Backtracking, Search
 from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["NewtonHistory", "NewtonKrylov", "NewtonResult", "Problem"]
-
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
 ROUNDOFFS = 1e3
 # What a solve at least makes of the residual of its guess: guesses that are taken as they are, step

@@ -7,8 +7,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.operators.transport_operator import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 
-__all__ = ["TracerWaves"]
-
 
 class TracerWaves:
     """L_hq(V) = -H div(q V), the tracers' rows of L, with the mixing ratios q of one state.

@@ -18,8 +18,6 @@ from swe_sphere.operators.work import Work
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
 
-__all__ = ["VectorSpace"]
-
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None,
     "project": lambda stack, count, v: count,

@@ -13,8 +13,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stepper import STEPPERS, Stepper
 
-__all__ = ["MEASURES", "EnergyDrift", "LocalError", "Measure", "make_measure"]
-
 ROUNDOFFS = 10.0
 """Changes of the energy by fewer round-offs of it are no drift."""
 

@@ -17,8 +17,6 @@ from swe_sphere.registry import Registry
 from swe_sphere.steppers.diffusion import Diffusion
 from swe_sphere.user_file import users_code
 
-__all__ = ["RECOMMENDED", "STEPPERS", "Combiner", "Family", "Marker", "Stepper"]
-
 RECOMMENDED = "tr-bdf2"
 """The fully implicit scheme that the measurements recommend."""
 
