@@ -301,8 +301,10 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     again = Store(path, quick=False)
     assert again.has(name, "abc")
     assert not again.has(name, "xyz")
-    again.add(result(name, "passed", "", "abc", l2_v=0.002))
-    again.write()
+    with again.unfinished():
+        again.add(result(name, "passed", "", "abc", l2_v=0.002))
+        with pytest.raises(ConfigError, match="another process"), store.unfinished():
+            pass
     text, numbers = path.read_text(), json.loads((tmp_path / "page.json").read_text())
     assert "no water" in text
     assert "| passed | l2_v 0.002 |" in text

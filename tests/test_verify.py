@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
-from swe_sphere.studies.store import Store
+from swe_sphere.studies.store import Store, locked
 from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases
 from swe_sphere.studies.verify.case import read_cases
 from swe_sphere.studies.verify.measure import Measure, measure
@@ -251,6 +251,10 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     assert begun == [*begun[:3], begun[2]]
     there = sorted(path.name for path in tmp_path.iterdir())
     assert there == ["verification.json", "verification.md"]
+    with locked(tmp_path / "verification.runs"), pytest.raises(SystemExit) as end:
+        main([*line, "--resume"])
+    assert end.value.code == 2
+    assert "another process" in capsys.readouterr().err
 
 
 def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch) -> None:

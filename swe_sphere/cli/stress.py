@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,7 +47,8 @@ def stress(
     if store is not None and resume:
         trials = [trial for trial in trials if not store.has(trial.name, trial.fingerprint)]
     try:
-        results = _run(trials, store, quiet=as_json)
+        with nullcontext() if store is None else store.unfinished():
+            results = _run(trials, store, quiet=as_json)
     except Interrupted as error:
         raise Stopped(f"{error}; --resume goes on after the last trial") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
@@ -66,8 +68,6 @@ def _names(text: str | None) -> list[str]:
 def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
     from swe_sphere.studies.stress import try_out
 
-    if store is not None:
-        store.write()
     results = []
     for count, trial in enumerate(trials, 1):
         label = f"[{count}/{len(trials)}] {trial.name}"
@@ -77,8 +77,6 @@ def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
         if not quiet:
             typer.echo(f"{_clear()}{label}: {_told(result)}")
         results.append(result)
-    if store is not None:
-        store.write()
     return results
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,36 +40,57 @@ def verify(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
-    from swe_sphere.studies.store import Store
-    from swe_sphere.studies.verify import Measure, choose, page
+    from swe_sphere.studies.verify import choose
 
     names = [name.strip() for name in scenes.split(",")] if scenes else []
     chosen = {case.name for case in choose(names)}
     files = _files(out)
-    runs = Store(files[0].with_suffix(".runs"), Measure) if files else None
-    if runs is not None and not resume:
-        runs.clear()
     try:
-        rows = _run(chosen, quick, as_json, runs)
+        with _kept(files, resume) as runs:
+            rows = _run(chosen, quick, as_json, runs)
+            if not rows:
+                raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
+            result = _result(rows, quick)
+            _write(files, rows, result, _command(quick, scenes, out))
     except Interrupted as error:
         hint = "; --resume goes on after the last run" if files else ""
         raise Stopped(f"{error}{hint}") from None
-    if not rows:
-        raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
-    result = {
+    typer.echo(json.dumps(result) if as_json else _conclusion(rows, files))
+    return 0 if result["passed"] else 1
+
+
+def _result(rows: Sequence[Row], quick: bool) -> dict[str, object]:
+    return {
         "passed": all(row.passed for row in rows),
         "quick": quick,
         "seconds": sum(row.seconds for row in rows),
         "rows": [row.as_dict() for row in rows],
     }
+
+
+@contextmanager
+def _kept(files: Sequence[Path], resume: bool) -> Iterator[Store[Measure] | None]:
+    """Where runs are kept until the page is written; resume: whether those there count."""
+    from swe_sphere.studies.store import Store
+    from swe_sphere.studies.verify import Measure
+
+    if not files:
+        yield None
+        return
+    runs = Store(files[0].with_suffix(".runs"), Measure)
+    with runs.unfinished():
+        if not resume:
+            runs.records.clear()
+        yield runs
+
+
+def _write(files: Sequence[Path], rows: Sequence[Row], result: object, command: str) -> None:
+    from swe_sphere.studies.verify import page
+
     if files:
-        write_whole(files[0], page(rows, _command(quick, scenes, out)))
+        write_whole(files[0], page(rows, command))
     for file in files[1:]:
         write_whole(file, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-    if runs is not None:
-        runs.clear()
-    typer.echo(json.dumps(result) if as_json else _conclusion(rows, files))
-    return 0 if result["passed"] else 1
 
 
 def _run(

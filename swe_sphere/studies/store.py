@@ -67,13 +67,21 @@ class Store(Generic[R]):
         self.records.append(self._form.model_validate_json(text))
         return self.records[-1]
 
-    def clear(self) -> None:
-        """Take away all records, and the folder if nothing else is in it."""
-        for path in self.folder.glob("[0-9]*.json"):
-            path.unlink()
-        with suppress(OSError):
-            self.folder.rmdir()
-        self.records.clear()
+    @contextmanager
+    def unfinished(self) -> Iterator[None]:
+        """Hold the folder while a study goes on.
+
+        When the block ends well all has been written elsewhere, and the folder goes.  Raises
+        ConfigError where another process holds it.
+        """
+        with locked(self.folder):
+            try:
+                yield
+                for path in self.folder.glob("[0-9]*.json"):
+                    path.unlink()
+            finally:
+                with suppress(OSError):  # it holds runs
+                    self.folder.rmdir()
 
 
 def read_record(path: Path, form: type[R]) -> R:

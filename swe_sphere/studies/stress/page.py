@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from swe_sphere.durable import write_whole
@@ -112,9 +113,19 @@ class Store:
         self._results[result.name] = self._runs.add(result)
         write_whole(self._page, page(self._results, self._quick))
 
-    def write(self) -> None:
-        """Write the page and all results into one file; RunFailed if the disk refuses."""
+    @contextmanager
+    def unfinished(self) -> Iterator[None]:
+        """Hold the place; page and numbers are written when the block begins and when it ends.
+
+        Raises:
+            RunFailed: the disk refuses.
+        """
+        with self._runs.unfinished():
+            self._write()
+            yield
+            self._write()
+
+    def _write(self) -> None:
         write_whole(self._page, page(self._results, self._quick))
         results = Results(quick=self._quick, results=self._results)
         write_whole(self._numbers, results.as_text())
-        self._runs.clear()
