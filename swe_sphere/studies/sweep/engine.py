@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from itertools import zip_longest
 from pathlib import Path
 
 from swe_sphere.durable import write_whole
@@ -213,14 +214,12 @@ class Sweep:
         return math.inf if value is None else value
 
 
-def _ordered(runs: list[RunSpec]) -> list[RunSpec]:
+def _ordered(runs: Iterable[RunSpec]) -> list[RunSpec]:
     """Round the integrators: first the longest step of each, then the next."""
-    rank: dict[object, int] = {}
-    placed = []
-    for number, run in enumerate(runs):
-        rank[run.integrator] = rank.get(run.integrator, -1) + 1
-        placed.append((rank[run.integrator], number, run))
-    return [run for _, _, run in sorted(placed, key=lambda item: item[:2])]
+    by_integrator: dict[Integrator, list[RunSpec]] = {}
+    for run in runs:
+        by_integrator.setdefault(run.integrator, []).append(run)
+    return [run for each in zip_longest(*by_integrator.values()) for run in each if run]
 
 
 def _limit_found(integrator: Integrator, found: float | None) -> str:
