@@ -20,7 +20,7 @@ from swe_sphere.studies.report.drawing import inline, save_svg
 from swe_sphere.studies.report.figures import Diagram, render
 from swe_sphere.studies.report.rows import REPEATABLE, Row
 from swe_sphere.studies.report.statistics import BASELINE, SLACK
-from swe_sphere.studies.report.table import Column, cell, columns, csv_text, how_it_ended
+from swe_sphere.studies.report.table import columns, csv_text, how_it_ended
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -142,19 +142,14 @@ def _rendered(template: str, values: Mapping[str, Any]) -> str:
     """A template filled in."""
     filters = (_link_rows, attribute, json.loads, words.error, words.percent, words.step, _known)
     return rendered(
-        "swe_sphere.studies.report", template, *filters, **values, columns=columns, cell=cell,
-        cells=_cells, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
+        "swe_sphere.studies.report", template, *filters, **values, columns=columns,
+        repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
     )  # fmt: skip
 
 
 def _known(value: Any) -> bool:
     """Whether it is a number."""
     return isinstance(value, Real) and isfinite(value)
-
-
-def _cells(shown: Sequence[Column], rows: Sequence[Row]) -> list[list[str]]:
-    """The texts of the table of all runs."""
-    return [[cell(column, row).text for column in shown] for row in rows]
 
 
 def _link_rows(text: str, section: str) -> Markup:

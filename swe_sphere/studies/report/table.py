@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import StringIO
+from typing import Any
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.palette import curves
@@ -18,12 +19,7 @@ from swe_sphere.studies.report.statistics import (
     threshold,
 )
 
-__all__ = [
-    "Cell", "Column", "LargestSteps", "cell", "columns", "csv_text", "how_it_ended",
-    "largest_steps",
-]  # fmt: skip
-
-Value = float | str
+__all__ = ["Column", "LargestSteps", "columns", "csv_text", "how_it_ended", "largest_steps"]
 
 
 @dataclass(frozen=True)
@@ -40,28 +36,20 @@ class Column:
     """A column of the table of all runs."""
 
     title: str
-    value: Callable[[Row], Value]
-    text: Callable[[float], str] = words.number
+    value: Callable[[Row], Any]
+    text: Callable[[float], str] | None = None
+    """How numbers are written; None where there are words."""
     essential: bool = False
     """Whether short tables have it."""
 
+    def cell(self, row: Row) -> str:
+        """What is shown of a row."""
+        return str(self.value(row) if self.text is None else self.text(self.value(row)))
 
-@dataclass(frozen=True)
-class Cell:
-    """What stands in a column of a row."""
-
-    text: str
-    sort: str
-    """What to sort by; empty: last."""
-    numeric: bool
-
-
-def cell(column: Column, row: Row) -> Cell:
-    """A column's value for a row as text."""
-    value = column.value(row)
-    if isinstance(value, str):
-        return Cell(value, value, numeric=False)
-    return Cell(column.text(value), repr(value) if math.isfinite(value) else "", numeric=True)
+    def sort_key(self, row: Row) -> str:
+        """What to sort by; empty: last."""
+        value = self.value(row)
+        return str(value) if self.text is None else repr(value) if math.isfinite(value) else ""
 
 
 def how_it_ended(row: Row) -> str:
@@ -77,7 +65,7 @@ def columns(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[Column]:
         column
         for column in (*_SETTINGS, *(_error_column(metric) for metric in metrics), *_COSTS)
         if column.essential
-        or any(cell(column, row).text not in ("", words.NOTHING) for row in rows)
+        or any(column.cell(row) not in ("", words.NOTHING) for row in rows)
     ]
 
 
@@ -107,8 +95,8 @@ _COSTS = (
     Column("CPU", lambda r: r.cpu_seconds, words.seconds),
     Column("right-hand-side equivalents", lambda r: r.equivalents, words.count, essential=True),
     Column("right-hand sides", lambda r: r.rhs_evaluations, words.count),
-    Column("Newton a step", lambda r: r.per_step("newton_iterations")),
-    Column("Krylov a step", lambda r: r.per_step("krylov_iterations"), essential=True),
+    Column("Newton a step", lambda r: r.per_step("newton_iterations"), words.number),
+    Column("Krylov a step", lambda r: r.per_step("krylov_iterations"), words.number, True),
     Column("rejected steps", lambda r: r.rejected_steps, words.count),
     Column("mass drift", lambda r: r.mass_drift, _signed),
     Column("energy drift", lambda r: r.energy_drift, _signed, essential=True),
@@ -118,7 +106,7 @@ _COSTS = (
     Column("precision", lambda r: r.precision),
     Column("device", lambda r: r.device),
     Column("settings", lambda r: r.settings),
-    Column("days", lambda r: r.days),
+    Column("days", lambda r: r.days, words.number),
     Column("steps", lambda r: r.steps, words.count),
     Column("role", lambda r: r.role),
 )
