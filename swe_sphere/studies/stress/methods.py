@@ -20,12 +20,17 @@ from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.stress.random_state import random_setting
 from swe_sphere.studies.stress.series import SYMMETRIES, Series
-from swe_sphere.studies.stress.trial import Trial
+from swe_sphere.studies.stress.trial import Result, Trial, judge
 
-__all__ = ["METHODS", "Tick", "measure"]
+__all__ = ["METHODS", "Tick", "measure", "try_out"]
 
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
+
+
+def try_out(trial: Trial, tick: Tick | None = None) -> Result:
+    """Run the trial and judge it."""
+    return judge(trial, measure(trial, tick))
 
 
 def measure(trial: Trial, tick: Tick | None = None) -> Ended:

@@ -13,8 +13,7 @@ from swe_sphere.machine import versions
 from swe_sphere.studies import store
 from swe_sphere.studies.pages import anchor, rendered
 from swe_sphere.studies.store import Record, read_record
-from swe_sphere.studies.stress.result import OUTCOMES, Result
-from swe_sphere.studies.stress.trial import Group, Trial, groups
+from swe_sphere.studies.stress.trial import OUTCOMES, Group, Result, Trial, groups
 
 __all__ = ["Results", "Store", "page"]
 

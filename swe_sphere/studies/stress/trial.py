@@ -1,7 +1,8 @@
-"""What a stress trial is, as data: a run, bounds decided beforehand, and what may happen to it."""
+"""What a stress trial is, as data: a run, bounds decided beforehand, and what may come of it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -12,11 +13,16 @@ from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
-from swe_sphere.studies.bounds import Bound, Limits, read_bounds
+from swe_sphere.studies import store
+from swe_sphere.studies.bounds import Bound, Check, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
+from swe_sphere.studies.ended import STOPPED, Ended
 from swe_sphere.studies.stress.random_state import random_setting
 
-__all__ = ["FILES", "Group", "Table", "Trial", "choose", "groups", "read_group"]
+__all__ = [
+    "FILES", "OUTCOMES", "Group", "Result", "Table", "Trial", "choose", "groups", "judge",
+    "read_group",
+]  # fmt: skip
 
 FILES = (
     "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
@@ -24,6 +30,7 @@ FILES = (
 )  # fmt: skip
 """Of groups, in the order of the page."""
 
+OUTCOMES = ("passed", "refused", "broke", "failed")
 QUICK_SEEDS = 2
 
 
@@ -96,6 +103,53 @@ class Trial(_Asked):
     def fingerprint(self) -> str:
         """The same for two trials that ask for the same of the same code."""
         return fingerprint([self.model_dump(exclude={"quick"}), code_fingerprint("studies.stress")])
+
+
+class Result(store.Result):
+    """What came of a trial; `reason` says why it did not pass."""
+
+    name: str
+    stepper: str
+    outcome: str
+    """One of `OUTCOMES`."""
+    bounds: tuple[str, ...] = ()
+
+
+def judge(trial: Trial, ended: Ended) -> Result:
+    """Compare how it ended with what was decided beforehand."""
+    outcome, reasons = _verdict(trial, ended)
+    return Result(
+        name=trial.name,
+        stepper=trial.stepper,
+        outcome=outcome,
+        reason="; ".join(filter(None, reasons)),
+        numbers=ended.numbers,
+        bounds=tuple(str(bound) for bound in trial.all_bounds),
+        fingerprint=trial.fingerprint,
+    )
+
+
+def _verdict(trial: Trial, ended: Ended) -> tuple[str, list[str]]:
+    """The outcome, and why it is not another one."""
+    stopped = ended.status in STOPPED
+    if not (stopped or ended.completed):
+        return "failed", [f"{ended.status}: {ended.reason}"]
+    if not stopped and trial.expect == "refuse":
+        return "failed", ["it was to be refused, but ran to its end"]
+    reasons = [*_broken(trial, ended, stopped), ended.reason]
+    if len(reasons) > 1 or (stopped and trial.expect == "pass"):
+        return ("broke" if trial.expect == "break" else "failed"), reasons
+    return ("refused" if stopped else "passed"), reasons
+
+
+def _broken(trial: Trial, ended: Ended, stopped: bool) -> list[str]:
+    """The bounds that do not hold, in words."""
+    checks = [
+        Check(bound, ended.numbers.get(bound.quantity, math.nan))
+        for bound in trial.all_bounds
+        if bound.always or not stopped
+    ]
+    return [str(check) for check in checks if not check.holds]
 
 
 class Table(_Asked):
