@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.simulation.progress import LogLines
 from swe_sphere.testcases import get_scene
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
@@ -183,8 +185,8 @@ MISTAKES = {
     "run williamson2 --stretch 0.5": "stretch=0.5",
     "run williamson2 --alpha nan": "alpha: must be a finite number",
     "run galewsky --alpha 0.1": "has no parameter 'alpha'; it has perturbed",
-    "run williamson2 --days 0": "days: must be greater than 0",
-    "run williamson2 --days -1": "days: must be greater than 0",
+    "run williamson2 --days -1": "days: must be greater than or equal to 0",
+    "sweep williamson2 --steppers rk4 --days 0 --out d": "days: must be greater than 0",
     "run williamson2 --every 0": "every: must be greater than 0",
     "run williamson2 --every 1e308": "every: must be less than or equal to",
     "run williamson2 --ne 2 --set viscosity.nu=1e308": "the equations overflow at the start",
@@ -278,6 +280,41 @@ def test_an_error_of_ours_is_one_line_too(swe, monkeypatch):
     assert json.loads(out)["reason"] == line
     monkeypatch.setenv("SWE_SPHERE_DEBUG", "1")
     assert "Traceback" in swe("run", "williamson2")[2]
+
+
+def test_no_days_write_the_start(swe):
+    status, out, _ = swe("run", "williamson5", *SMALL, "--days", 0, "--out", "start.nc", "--json")
+    numbers = json.loads(out)
+    assert (status, numbers["steps"], numbers["days"], numbers["rhs_evaluations"]) == (0, 0, 0, 0)
+    assert RunFile("start.nc").times.tolist() == [0.0]
+
+
+def test_a_run_out_of_time_says_how_it_goes_on(swe):
+    options = ("--ne", 3, "--dt", 600, "--days", 20, "--every", 240, "--out", "a.nc")
+    status, _, err = swe("run", "williamson2", *options, "--time-limit", 0.05)
+    line = err.splitlines()[-1]
+    assert (status, line.partition(": it goes on with: ")[0]) == (1, "swe-sphere")
+    steps = json.loads(RunFile("a.nc").attributes["summary"])["steps"]
+    command = line.partition("swe-sphere run ")[2].split()
+    status, out, _ = swe("run", *command, "--json")
+    assert (status, json.loads(out)["steps"]) == (0, 2880) and 0 < steps < 2880
+
+
+def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
+    """The first after a while only, so that short runs tell nothing."""
+    now = iter([0.0, 1.0, 31.0, 32.0, 400.0])
+    monkeypatch.setattr("swe_sphere.simulation.progress.time.perf_counter", lambda: next(now))
+    plan = SimpleNamespace(steps=100, time=lambda step: 864.0 * step)
+    lines, sim = LogLines(), SimpleNamespace(plan=plan, time=0.0)
+    lines.begin(sim)
+    for day in (0.1, 0.25, 0.3, 0.8):
+        sim.time = 86400.0 * day
+        lines.tick(sim)
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        "swe-sphere: day 0.25 of 1 after 31 s, 0.484 days a minute, 93 s to go",
+        "swe-sphere: day 0.80 of 1 after 400 s, 0.12 days a minute, 100 s to go",
+    ]
 
 
 # --- the program as a process

@@ -3,16 +3,34 @@
 import sys
 
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.progress import ProgressBar
+from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
+from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Summary
 
+GOES_ON = ("interrupted", "timed-out")
+"""Ends after which a run can be gone on with."""
 
-class Terminal(ProgressBar):
-    """Warnings on stderr; a progress bar there too if it is a terminal and nobody minds."""
+
+class Terminal(Watcher):
+    """Warnings on stderr, and how far the run is: as a bar in a terminal, in lines elsewhere."""
 
     def __init__(self, config: RunConfig) -> None:
-        super().__init__(not (config.quiet or config.as_json) and sys.stderr.isatty())
         self._quiet = config.quiet
+        self._progress = Watcher()
+        if not (config.quiet or config.as_json):
+            self._progress = ProgressBar() if sys.stderr.isatty() else LogLines()
+
+    def begin(self, sim: Running) -> None:
+        """Begin to tell how far the run is."""
+        self._progress.begin(sim)
+
+    def tick(self, sim: Running) -> None:
+        """Tell how far it is."""
+        self._progress.tick(sim)
+
+    def end(self) -> None:
+        """Stop telling."""
+        self._progress.end()
 
     def warn(self, text: str) -> None:
         """Print it, unless asked to be quiet."""
@@ -32,6 +50,10 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
         named = config.out is None or str(config.out) in summary.reason
         kept = "" if named else f"; {config.out} keeps what was written"
         sys.stderr.write(f"swe-sphere: {' '.join(summary.reason.split())}{kept}\n")
+    told = config.out is not None and not (config.quiet or config.as_json)
+    if told and summary.status in GOES_ON:
+        rest = f"--restart {config.out} --out {config.out} --days {summary['days_planned']:g}"
+        sys.stderr.write(f"swe-sphere: it goes on with: swe-sphere run {config.scene} {rest}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")
     elif not config.quiet:

@@ -57,7 +57,7 @@ FileName = Annotated[Path, AfterValidator(_nameable)]
 Number = Annotated[float, BeforeValidator(plain_number)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=0, le=MOST_ELEMENTS)]
-Days = Annotated[Positive, Field(le=LONGEST_DAYS)]
+Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
 
 
@@ -113,7 +113,7 @@ class RunConfig(SharedConfig):
     adaptive_by: Literal["embedded", "energy"] = "embedded"
     """That error: of a step, relative to the state; or the relative drift of energy per day."""
     days: Days | None = None
-    """Length of the run from its very start [days]."""
+    """Length of the run from its very start [days]; 0: only the start is written."""
     ne: Whole | None = None
     """Elements along an edge of the cube."""
     np: Whole | None = None

@@ -109,7 +109,7 @@ class Prepared:
 
     def _choice(self) -> StepChoice:
         """The step that the configuration asks for, or else leaves to be chosen."""
-        config, days = self.config, self.days
+        config, days = self.config, self.days or 1.0
         asked = None if config.dt == "auto" else config.dt
         if config.adaptive is not None and asked is None:
             return longest_step(config, days)

@@ -1,6 +1,7 @@
 """How a run tells what it is doing: nothing, warnings, or a progress bar."""
 
 import sys
+import time
 import warnings
 from contextlib import suppress
 from typing import Any
@@ -59,6 +60,34 @@ class ProgressBar(Watcher):
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.close()
+
+
+class LogLines(Watcher):
+    """A line on stderr now and then, for a run whose output goes to a file."""
+
+    PATIENCE = 30.0
+    """Seconds before the first line; each further one waits a tenth of the time gone, at least."""
+
+    def begin(self, sim: Running) -> None:
+        """Start the clock."""
+        self._start, self._from = time.perf_counter(), sim.time
+        self._due = self._start + self.PATIENCE
+
+    def tick(self, sim: Running) -> None:
+        """Tell the day, the speed and how long it will take, where a line is due."""
+        now = time.perf_counter()
+        if now < self._due:
+            return
+        gone = now - self._start
+        self._due = now + max(self.PATIENCE, 0.1 * gone)
+        end = sim.plan.time(sim.plan.steps)
+        speed = (sim.time - self._from) / gone
+        left = (end - sim.time) / speed if speed > 0.0 else float("inf")
+        sys.stderr.write(
+            f"swe-sphere: day {sim.time / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
+            f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go\n"
+        )
+        sys.stderr.flush()
 
 
 class Notebook(ProgressBar):

@@ -42,7 +42,7 @@ def time_plan(
     """The plan of a new run.
 
     Args:
-        days: length of the run [days].
+        days: length of the run [days]; 0 for a plan without a step.
         every: time between frames [h]; None: about a day.
         dt: time step [s], which may be shortened a little.
         also: further times [s] whose multiples fall on steps.
@@ -50,6 +50,8 @@ def time_plan(
     Raises:
         ConfigError: the step does not go with the length or the frames.
     """
+    if days == 0.0:
+        return TimePlan(dt, 0, 1, dt)
     length = _milliseconds(days * DAY)
     if dt > length * (1 + 1e-9):
         raise ConfigError(f"dt={dt:g} s is longer than the whole run of {float(length):g} s")

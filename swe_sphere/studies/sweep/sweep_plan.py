@@ -110,7 +110,7 @@ class SweepPlan(SharedConfig):
     """Of the implicit steppers."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
     """Of the solves of the implicit steppers."""
-    days: Days | None = None
+    days: Annotated[Days, Field(gt=0.0)] | None = None
     """Length of the runs [days]."""
     report_days: Numbers = ()
     """Times at which errors are taken [days]; the end always is one."""
