@@ -1,19 +1,32 @@
 """Pictures: the map projection, what is drawn, and what is said when it cannot be."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.image import imread
+from PIL import Image
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import RECORDS_AT
+from swe_sphere.io.frame import Frame
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
-from swe_sphere.pictures import plot
-from swe_sphere.pictures.globe import equal_earth, globe_grid
-from swe_sphere.pictures.panels import panels
-from swe_sphere.pictures.plot import plot_file
+from swe_sphere.pictures import animate, plot
+from swe_sphere.pictures.drawing import Drawing
+from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.levels import contours, limits
+from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.panels import draw_panel, panels
+from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
+from swe_sphere.pictures.projections import PROJECTIONS, Rounded, make_map, robinson
 from swe_sphere.planet import DAY
+from swe_sphere.testcases import get_scene
 
 
 @pytest.fixture(autouse=True)
@@ -114,9 +127,8 @@ def test_a_file_without_frames(tmp_path):
         plot_file(tmp_path / "run.nc")
 
 
-def test_the_projection_keeps_areas():
-    lon, lat = globe_grid(181)
-    x, y = equal_earth(lon, lat)
+def test_equal_earth_keeps_areas():
+    lon, lat, x, y = make_map("equal-earth", (0.0, 0.0)).grid(181)
     east = np.stack([np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1]])
     north = np.stack([np.diff(x, axis=0)[:, :-1], np.diff(y, axis=0)[:, :-1]])
     area = np.abs(east[0] * north[1] - east[1] * north[0])
@@ -124,3 +136,167 @@ def test_the_projection_keeps_areas():
     assert area.sum() == pytest.approx(4.0 * np.pi, rel=1e-2)
     middle = slice(45, -45)
     np.testing.assert_allclose(area[middle], exact[middle], rtol=2e-2)
+
+
+def test_stereographic_keeps_angles_and_orthographic_is_seen_from_outside():
+    for name, lat in (("north-polar", 1.0), ("south-polar", -1.0)):
+        on, d = make_map(name, (20.0, 0.0)), 1e-6
+        x, y = on.place(np.array([0.3, 0.3 + d / np.cos(lat), 0.3]), np.array([lat, lat, lat + d]))
+        east, north = (np.array([x[k] - x[0], y[k] - y[0]]) / d for k in (1, 2))
+        assert east @ north == pytest.approx(0.0, abs=1e-5)
+        assert np.hypot(*east) == pytest.approx(np.hypot(*north), rel=1e-5)
+        assert east[0] * north[1] - east[1] * north[0] > 0.0  # not a mirror image
+        x, y = on.place(np.radians(20.0), lat)
+        assert (x, np.sign(y)) == (pytest.approx(0.0, abs=1e-12), -np.sign(lat))
+    on = make_map("orthographic", (0.0, 0.0))
+    x, y = on.place(np.array([0.5, 2.0, 0.0]), np.array([0.3, 0.0, 0.0]))
+    np.testing.assert_allclose(x, [np.cos(0.3) * np.sin(0.5), np.nan, 0.0])
+    np.testing.assert_allclose(y, [np.sin(0.3), np.nan, 0.0])
+
+
+@pytest.mark.parametrize("name", PROJECTIONS)
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (200.0, 35.0)])
+def test_grids_lie_where_their_points_are_placed(name, centre):
+    on = make_map(name, centre)
+    lon, lat, x, y = (a[1:-1, 1:-1] for a in on.grid(31))
+    placed = on.place(lon, lat)
+    np.testing.assert_allclose(placed[0], x, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(placed[1], y, rtol=0.0, atol=1e-7)
+    edge = on.outline()
+    assert np.hypot(*edge).max() >= np.hypot(x, y).max()
+
+
+def test_robinson_is_that_of_the_table():
+    """Snyder & Voxland (1989), An Album of Map Projections, p. 82: 30 degrees, edge of the map."""
+    x, y = robinson(np.pi, np.radians(30.0))
+    assert (x, y) == (pytest.approx(0.8487 * 0.96 * np.pi), pytest.approx(1.3523 * 0.372))
+    assert robinson(0.0, np.radians(-90.0))[1] == pytest.approx(-1.3523)
+
+
+def test_a_region_fills_the_map():
+    on = make_map("lat-lon", (0.0, 0.0), (160.0, 200.0, -10.0, 30.0))
+    assert isinstance(on, Rounded)
+    lon, lat, x, _ = on.grid(11)
+    assert np.degrees([lon.min(), lon.max(), lat.min(), lat.max()]) == pytest.approx(
+        [160.0, 200.0, -10.0, 30.0]
+    )
+    assert x.max() == pytest.approx(np.radians(20.0)) == -x.min()
+    assert np.isnan(on.place(np.radians(150.0), np.array(0.0))[0])
+
+
+@pytest.mark.parametrize("look", [
+    {"mesh": True}, {"winds": "arrows"}, {"winds": "streamlines"}, {"colours": "viridis"},
+    {"limits": (900.0, 1100.0)}, {"levels": 3}, {"contours": False},
+])  # fmt: skip
+def test_every_look_changes_the_picture(run, look):
+    pixels = []
+    for each in (Look("orthographic"), Look("orthographic", **look)):
+        figure = Figure(figsize=(3.0, 3.0), dpi=50)
+        canvas = FigureCanvasAgg(figure)
+        Drawing(RunFile(run), "h", each, None, 31).draw(figure.subplots(), DAY)
+        canvas.draw()
+        pixels.append(np.asarray(canvas.buffer_rgba()))
+    assert not np.array_equal(*pixels)
+
+
+@pytest.mark.parametrize(("look", "reason"), [
+    ({"projection": "mercator"}, "unknown projection"),
+    ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
+    ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
+    ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
+    ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
+    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "1 to 100"),
+    ({"winds": "barbs"}, "unknown drawing of winds"),
+])  # fmt: skip
+def test_looks_that_cannot_be(look, reason):
+    with pytest.raises(ConfigError, match=reason) as error:
+        Look(**look)
+    assert "\n" not in str(error.value)
+
+
+def test_contours_leave_plateaus_and_round_off_alone():
+    """A bell over a plain that ripples: the line of the plain would run all over it."""
+    lon, lat = np.meshgrid(np.linspace(-3.0, 3.0, 121), np.linspace(-1.5, 1.5, 61))
+    ripples = np.sin(40.0 * lon) * np.sin(40.0 * lat)
+    bell = 1000.0 * np.exp(-20.0 * (lon**2 + lat**2)) + 2.0 * ripples
+    levels, interval = contours(bell, FIELDS["h"], limits(bell, FIELDS["h"]))
+    assert levels.size > 5 and 0.0 not in levels and interval in levels
+    still = 3000.0 + 1e-9 * ripples
+    assert contours(still, FIELDS["h"], limits(still, FIELDS["h"]))[0].size == 0
+    sloped = 100.0 * np.cos(lat)
+    levels, _ = contours(sloped, FIELDS["h"], limits(sloped, FIELDS["h"]))
+    np.testing.assert_allclose(np.diff(levels), levels[1] - levels[0])
+    wave = ripples + 0.0 * lon
+    assert 0.0 not in contours(wave, FIELDS["u"], limits(wave, FIELDS["u"]))[0]
+
+
+def test_numbers_of_the_scale_have_no_offset(run):
+    figure = new_figure()
+    axes = figure.subplots()
+    fields = RunFile(run).frame()
+    mesh = RunFile(run).mesh
+    fields = fields | {"h": 30.0 + 1e-5 * fields["v"]}
+    draw_state(mesh, fields, 0.0, {}, "h", axes)
+    figure.canvas.draw()
+    scale = figure.axes[1].xaxis
+    assert scale.get_offset_text().get_text() == ""
+    texts = [label.get_text() for label in scale.get_ticklabels()]
+    assert len(texts) > 2 and len(set(texts)) == len(texts)
+
+
+def test_the_difference_from_a_file_and_from_the_exact_solution(run, tmp_path):
+    """What is drawn is the error, and nothing of a run that is right."""
+    scene = get_scene("williamson2")
+    mesh = Mesh.build(3, 6)
+    u, v, h = scene.exact(mesh.lon, mesh.lat, 0.0)
+    fields = {"u": u, "v": v, "h": h + 5.0 * np.sin(mesh.lat), "b": 0.0 * h}
+    right = Drawing(Frame(mesh, fields, 0.0, {}), "h", Look(), Exact(scene), 31)
+    _, lat, *_ = right.on.grid(31)
+    np.testing.assert_allclose(right.values(0.0), 5.0 * np.sin(lat), rtol=0.0, atol=0.2)
+    assert right.kind.diverging and right.kind.title == "error of fluid depth"
+    same = Drawing(RunFile(run), "h", Look(), RunFile(run), 31)
+    assert not same.values(DAY).any() and same.kind.title == "difference of fluid depth"
+    with pytest.raises(ConfigError, match="no exact solution of williamson5"):
+        Exact(get_scene("williamson5"))
+
+
+def test_lines_of_the_panels_are_not_cut(run):
+    figure = new_figure()
+    axes = figure.subplots()
+    draw_panel(axes, panels(RunFile(run))[1], None)
+    low, high = axes.get_ylim()
+    values = np.concatenate([line.get_ydata() for line in axes.get_lines()])
+    assert low < 0.9 * np.nanmin(values) and np.nanmax(values) < high
+
+
+@pytest.mark.parametrize("ending", ["gif", "mp4"])
+def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
+    monkeypatch.setattr(animate, "ROWS", 31)
+    monkeypatch.setattr(animate, "DOTS_PER_INCH", 40)
+    if ending == "mp4":
+        imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    film = animate.animate_file(run, "h", tmp_path / f"film.{ending}")
+    assert [path.name for path in tmp_path.iterdir()] == [film.name]
+    if ending == "mp4":
+        assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 3
+    else:
+        with Image.open(film) as found:
+            assert found.n_frames == 3
+
+
+def test_films_that_cannot_be_made(run, tmp_path):
+    for arguments, reason in (
+        ({"out": tmp_path / "film.avi"}, "ending in .mp4 or .gif"),
+        ({"out": tmp_path / "film.gif", "rate": 0.0}, "frames a second"),
+        ({"field": "heat", "out": tmp_path / "film.gif"}, "there is no field"),
+    ):
+        with pytest.raises(ConfigError, match=reason):
+            animate.animate_file(run, **arguments)
+
+
+def test_the_python_of_the_page_runs(tmp_path, monkeypatch):
+    page = (Path(__file__).parents[1] / "docs" / "pictures.md").read_text()
+    (text,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(text.replace("ne=4, np=6", "ne=2, np=4"), {})
+    assert (tmp_path / "wave.png").stat().st_size > 10_000

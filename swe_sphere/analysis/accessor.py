@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -27,6 +27,9 @@ from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import TOLERANCE
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SPECTRA = {
     "rotational_energy": ("kinetic energy of the rotational wind", "m2 s-2"),
@@ -174,6 +177,28 @@ class Analysis:
                 for norm, value in errors.items():
                     found.setdefault(f"{norm}_{field}", []).append(value)
         return self._series({k: ("time", v) for k, v in found.items()}, [k for k, _ in pairs])
+
+    def plot(
+        self, field: str | None = None, time: float | None = None, ax: Axes | None = None,
+        **look: Any,
+    ) -> Axes:
+        """Draw a field on the globe; into `ax`, else into a figure of its own.
+
+        time [s since the start]: the frame, None for the last.  look: projection="robinson",
+        winds="arrows", mesh=True, ...; see `swe_sphere.pictures.look.Look`.
+
+        Raises ConfigError if there is no frame at that time.
+        """
+        from swe_sphere.pictures.look import Look
+        from swe_sphere.pictures.plot import draw_state
+
+        k = self._times.size - 1 if time is None else int(np.abs(self._times - time).argmin())
+        if time is not None and not abs(self._times[k] - time) <= TOLERANCE:
+            raise ConfigError(f"there is no frame at {time:g} s")
+        about = {str(name): value for name, value in self._data.attrs.items()}
+        frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
+        now = float(self._times[k])
+        return draw_state(self.mesh, frame, now, about, field, ax, Look(**look))
 
     @cached_property
     def _times(self) -> Array:

@@ -1,4 +1,4 @@
-"""`swe-sphere list`, `plot` and `compare`: looking at what there is."""
+"""`swe-sphere list` and `compare`: looking at what there is."""
 
 import json
 from pathlib import Path
@@ -11,9 +11,6 @@ from swe_sphere.planet import DAY
 Field = Annotated[
     str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
 ]
-Day = Annotated[
-    float | None, typer.Option("--time", metavar="DAYS", help="Time of the frame (the last).")
-]
 
 
 def list_all() -> None:
@@ -23,21 +20,6 @@ def list_all() -> None:
 
     _list("Scenes", list_scenes())
     _list("Steppers", list_steppers())
-
-
-def plot(
-    file: Annotated[Path, typer.Argument(help="File of a run, or a lat-lon reference.")],
-    field: Field = None,
-    time: Day = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="The picture (beside the file: FILE_FIELD.png)."),
-    ] = None,
-) -> None:
-    """Draw a field of a file on the globe."""
-    from swe_sphere.pictures.plot import plot_file
-
-    typer.echo(plot_file(file, field, _seconds(time), out))
 
 
 def compare(

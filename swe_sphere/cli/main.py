@@ -8,7 +8,8 @@ import typer
 
 from swe_sphere import __version__
 from swe_sphere.cli.explain import explain, show_traceback
-from swe_sphere.cli.look import compare, list_all, plot
+from swe_sphere.cli.look import compare, list_all
+from swe_sphere.cli.pictures import animate, plot
 from swe_sphere.cli.regrid import regrid
 from swe_sphere.cli.run import run
 from swe_sphere.cli.stress import stress
@@ -25,6 +26,7 @@ app.command("list")(list_all)
 app.command("run")(run)
 app.command("sweep")(sweep)
 app.command("plot")(plot)
+app.command("animate")(animate)
 app.command("compare")(compare)
 app.command("regrid")(regrid)
 app.command("verify")(verify)

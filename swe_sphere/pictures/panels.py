@@ -94,7 +94,9 @@ def draw_panel(axes: Axes, panel: Panel, time: float | None) -> None:
 
 
 def _fit(axes: Axes, values: Array) -> None:
-    """Whole decades, and at least two of them."""
+    """Whole decades and a little room, and at least two of them."""
     decades = np.log10(values[np.isfinite(values)])
     low, high = np.floor(decades.min()), np.ceil(decades.max())
-    axes.set_ylim(10.0**low, 10.0 ** max(high, low + 2))
+    high = max(high, low + 2)
+    room = 0.03 * (high - low)  # a line along the edge is drawn in its whole width
+    axes.set_ylim(10.0 ** (low - room), 10.0 ** (high + room))

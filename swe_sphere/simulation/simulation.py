@@ -184,16 +184,20 @@ class Simulation(Running):
         own = self.own_attributes()
         return frame_dataset(self.mesh, fields, self.time, attributes_of(self), own)
 
-    def plot(self, field: str | None = None, ax: Axes | None = None) -> Axes:
+    def plot(self, field: str | None = None, ax: Axes | None = None, **look: Any) -> Axes:
         """Draw a field of the state on the globe; into `ax`, else into a figure of its own.
 
         field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
+        look: projection="robinson", winds="arrows", mesh=True, ...; see
+        `swe_sphere.pictures.look.Look`.
         Raises ConfigError for a field that is not there.
         """
+        from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
         fields = self.snapshot.with_constants | self.own_fields
-        return draw_state(self.mesh, fields, self.time, attributes_of(self), field, ax)
+        about = attributes_of(self)
+        return draw_state(self.mesh, fields, self.time, about, field, ax, Look(**look))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that is needed to go on from here bit for bit, with `from_checkpoint`.

@@ -1,0 +1,189 @@
+"""A field on a map, with what is drawn over it, its scale, title and caption."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swe_sphere.arrays import Array
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.compare import Source
+from swe_sphere.io.runfile import Nodal
+from swe_sphere.io.scalar_fields import Field, describe, evaluate
+from swe_sphere.mesh import Interpolator
+from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.globe import draw_graticule
+from swe_sphere.pictures.levels import contours, drawable, limits
+from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.overlays import draw_mesh, draw_winds
+from swe_sphere.pictures.projections import Disc
+from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+
+PIECE = 20_000
+"""Points evaluated at once."""
+SEEN = 4e-3
+"""Parts of the bottom's height above its lowest point that get a contour."""
+
+
+class Drawing:
+    """A field of a source, or its difference from another, to be drawn at any time.
+
+    rows: of the grid on which the field is evaluated.  keep: the matrices of its evaluation, for
+    many times.
+    """
+
+    def __init__(
+        self,
+        source: Source | Nodal,
+        field: str,
+        look: Look,
+        against: Source | Exact | None = None,
+        rows: int = 361,
+        keep: bool = False,
+    ) -> None:
+        self.source, self.field, self.look, self.against = source, field, look, against
+        self.on, kind = look.map(), describe(field)
+        if against is not None:
+            what = "error" if isinstance(against, Exact) else "difference"
+            kind = replace(kind, title=f"{what} of {kind.title}", colours="balance", diverging=True)
+        drawn = kind.contours if look.contours is None else look.contours
+        self.kind = replace(kind, contours=drawn)
+        self._colours = look.colour_map(self.kind)
+        lon, lat, self._x, self._y = self.on.grid(rows)
+        self._points = lon.ravel(), lat.ravel()
+        self._keep, self._kept = keep, list[Interpolator]()
+        if isinstance(source, Nodal) or not (look.mesh or look.winds):
+            return
+        raise ConfigError("mesh and winds are drawn of files of runs, not of a lat-lon reference")
+
+    def values(self, time: float | None) -> Array:
+        """The field on the grid of the map."""
+        found = self._evaluated(self.field, time)
+        if self.against is not None:
+            found = found - self.against.at(self.field, *self._points, time)
+        return found.reshape(self._x.shape)
+
+    def _evaluated(self, field: str, time: float | None) -> Array:
+        if not (self._keep and isinstance(self.source, Nodal)):
+            return self.source.at(field, *self._points, time)
+        if not self._kept:
+            pieces = [slice(k, k + PIECE) for k in range(0, self._points[0].size, PIECE)]
+            mesh = self.source.mesh
+            self._kept = [Interpolator(mesh, *(x[p] for x in self._points)) for p in pieces]
+        frame = self.source.frame(time)
+        return np.concatenate([evaluate(piece, frame, field) for piece in self._kept])
+
+    def draw(
+        self, axes: Axes, time: float | None, ends: tuple[float, float] | None = None
+    ) -> None:
+        """Draw the field at a time; ends: of the colour scale, where the look does not say them."""
+        values = self.values(time)
+        low, high = self.look.limits or ends or limits(values, self.kind)
+        image = axes.pcolormesh(
+            self._x, self._y, values, cmap=self._colours, vmin=low, vmax=high, shading="gouraud",
+            rasterized=True,
+        )  # fmt: skip
+        told = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
+        draw_graticule(axes, self.on)
+        told.append(self._overlaid(axes, time))
+        _draw_scale(axes, image, self.kind)
+        labelled = isinstance(self.on, Disc) and self.look.projection != "orthographic"
+        _write_titles(axes, self.source, self.kind, time, 0.045 if labelled else 0.0)
+        caption = "  ".join(filter(None, told))
+        if caption:
+            axes.text(
+                0.5, -0.075, caption, transform=axes.transAxes, ha="center", va="top", fontsize=8.5,
+                color="0.35", parse_math=False,
+            )  # fmt: skip
+
+    def _contoured(self, axes: Axes, values: Array, ends: tuple[float, float]) -> str:
+        if not self.kind.contours:
+            return ""
+        levels, interval = contours(values, self.kind, ends, self.look.levels)
+        if levels.size == 0:
+            return ""
+        axes.contour(
+            self._x, self._y, values, levels=levels, colors="0.1", linewidths=0.45, alpha=0.55,
+            zorder=2,
+        )  # fmt: skip
+        units = "" if self.kind.units == "1" else f" {_plain(self.kind.units)}"
+        return f"Contours every {interval:.4g}{units}."
+
+    def _bottom(self, axes: Axes, time: float | None) -> str:
+        """Contours of the bottom in brown; what they are in words."""
+        if self.field == "b" or not isinstance(self.source, Nodal) or not self.source.bottom.any():
+            return ""
+        bottom = self._evaluated("b", time).reshape(self._x.shape)
+        levels = _bottom_levels(bottom)
+        if levels.size == 0:
+            return ""
+        for colour, width in (("white", 1.8), ("#5b3a1e", 0.9)):
+            axes.contour(
+                self._x, self._y, bottom, levels=levels, colors=colour, linewidths=width,
+                linestyles="solid", zorder=3,
+            )  # fmt: skip
+        return f"Brown: bottom at {', '.join(f'{level:.4g}' for level in levels)} m."
+
+    def _overlaid(self, axes: Axes, time: float | None) -> str:
+        if not isinstance(self.source, Nodal):
+            return ""
+        if self.look.mesh:
+            draw_mesh(axes, self.on, self.source.mesh)
+        if self.look.winds is None:
+            return ""
+        fields, how = self.source.frame(time), self.look.winds
+        strongest = draw_winds(axes, self.on, self.source.mesh, fields, how)
+        return f"{how.capitalize()}: wind, at most {strongest:.3g} m/s."
+
+
+def _bottom_levels(bottom: Array) -> Array:
+    """About four round heights, none of them at a plain."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = float(bottom.min()), float(bottom.max())
+    levels = np.asarray(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+    found = drawable(levels, bottom, float(levels[1] - levels[0]), diverging=False)
+    return found[found > low + SEEN * (high - low)]
+
+
+def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
+    from matplotlib.ticker import ScalarFormatter
+
+    numbers = ScalarFormatter(useOffset=False, useMathText=True)
+    numbers.set_powerlimits((-3, 5))
+    bar = axes.figure.colorbar(
+        image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07, format=numbers
+    )
+    bar.outline.set_linewidth(0.5)
+    bar.ax.tick_params(labelsize=9, width=0.5)
+    bar.set_label(f"{kind.title} [{kind.units}]", fontsize=10)
+
+
+def _write_titles(
+    axes: Axes, source: Source | Nodal, kind: Field, time: float | None, up: float
+) -> None:
+    """Above the map; up: so much higher, in heights of the axes, where there are labels."""
+    name = str(source.attributes.get("scene", ""))
+    title = f"{name}: {source.title}" if name and name not in source.title else source.title
+    axes.set_title(title, fontsize=14, fontweight="bold", pad=26 + 400 * up, parse_math=False)
+    parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
+    if isinstance(source, Nodal):
+        parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
+        parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
+        parts += [str(scheme)] if (scheme := source.attributes.get("scheme")) else []
+        if isinstance(dt := source.attributes.get("dt"), (int, float)):
+            parts += [f"Δt = {dt:g} s"]
+    axes.text(
+        0.5, 1.015 + up, "  ·  ".join(parts), transform=axes.transAxes, ha="center", va="bottom",
+        fontsize=10, color="0.3", parse_math=False,
+    )  # fmt: skip
+
+
+def _plain(units: str) -> str:
+    return units.replace("$^{-1}$", "⁻¹")

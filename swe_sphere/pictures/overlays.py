@@ -1,0 +1,117 @@
+"""What is drawn over a field: the elements of the mesh, and the wind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from swe_sphere.arrays import Array
+from swe_sphere.io.scalar_fields import evaluate
+from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.pictures.projections import Map
+from swe_sphere.sphere import frame, longitude_latitude, position
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ARROWS, LINES = 900, 500
+"""On a map."""
+DENSEST = 50_000
+"""On the globe, of which a map may show a small part."""
+STEPS, LENGTH = 24, 0.16
+"""Of a streamline: points, and its length [rad]."""
+
+Wind = Callable[[Array], tuple[Array, Array]]
+"""Unit vectors (..., 3) to those of the wind's direction, and its speed (...)."""
+
+
+def draw_mesh(axes: Axes, on: Map, mesh: Mesh) -> None:
+    """The edges of the elements."""
+    from matplotlib.collections import LineCollection
+
+    last = mesh.np - 1
+    n = mesh.nodes
+    edges = np.concatenate([n[:, 0, :], n[:, last, :], n[:, :, 0], n[:, :, last]])
+    x, y = on.place(mesh.lon[edges], mesh.lat[edges])
+    lines = np.stack([x, y], axis=-1)
+    apart = np.abs(np.diff(lines, axis=1)).max(axis=(1, 2)) < 1.0  # not across the map's seam
+    axes.add_collection(
+        LineCollection(list(lines[apart]), colors="0.15", linewidths=0.35, alpha=0.6, zorder=3)
+    )
+
+
+def draw_winds(axes: Axes, on: Map, mesh: Mesh, fields: dict[str, Array], how: str) -> float:
+    """Arrows or streamlines of the wind u, v among the fields; the largest speed [m s-1]."""
+
+    def wind(xyz: Array) -> tuple[Array, Array]:
+        lon, lat = longitude_latitude(xyz)
+        u, v = evaluate(Interpolator(mesh, lon, lat), fields, "wind")
+        east, north = frame(lon, lat)
+        speed = np.hypot(u, v)
+        vector = u[..., None] * east + v[..., None] * north
+        return vector / np.where(speed > 0.0, speed, 1.0)[..., None], speed
+
+    points = _points_on(on, ARROWS if how == "arrows" else LINES)
+    _, speed = wind(points)
+    strongest = float(speed.max())
+    points, speed = points[speed > 0.02 * strongest], speed[speed > 0.02 * strongest]
+    if points.size:
+        (_draw_arrows if how == "arrows" else _draw_streamlines)(axes, on, points, speed, wind)
+    return strongest
+
+
+def _draw_arrows(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -> None:
+    x, y = _placed(on, points)
+    ahead = _placed(on, _moved(points, wind(points)[0], 1e-4))
+    dx, dy = ahead[0] - x, ahead[1] - y
+    length = np.hypot(dx, dy)
+    good = np.isfinite(length) & (length < 1e-2) & (length > 0.0)
+    size = (speed / speed.max() / np.where(length > 0.0, length, 1.0))[good]
+    axes.quiver(
+        x[good], y[good], dx[good] * size, dy[good] * size, units="width", scale=38.0, width=0.0011,
+        headwidth=4.0, color="0.1", zorder=4, scale_units="width", pivot="mid",
+    )  # fmt: skip
+
+
+def _draw_streamlines(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -> None:
+    path = [points]
+    for _ in range(STEPS):  # the midpoint rule, by arc length
+        half = _moved(path[-1], wind(path[-1])[0], 0.5 * LENGTH / STEPS)
+        path.append(_moved(path[-1], wind(half)[0], LENGTH / STEPS))
+    x, y = _placed(on, np.stack(path, axis=1))
+    for k, strength in enumerate(speed / speed.max()):
+        if not np.isfinite(x[k]).all() or np.hypot(np.diff(x[k]), np.diff(y[k])).max() > 0.2:
+            continue
+        width = 0.35 + 0.75 * float(strength)
+        axes.plot(x[k], y[k], color="0.1", linewidth=width, alpha=0.8, zorder=4)
+        axes.annotate(
+            "", (x[k, -1], y[k, -1]), (x[k, -3], y[k, -3]),
+            arrowprops={"arrowstyle": "->", "lw": width, "color": "0.1", "mutation_scale": 4.0,
+                        "shrinkA": 0.0, "shrinkB": 0.0}, zorder=4,
+        )  # fmt: skip
+
+
+def _moved(xyz: Array, direction: Array, distance: float) -> Array:
+    moved = xyz + distance * direction
+    result: Array = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    return result
+
+
+def _placed(on: Map, xyz: Array) -> tuple[Array, Array]:
+    return on.place(*longitude_latitude(xyz))
+
+
+def _points_on(on: Map, count: int) -> Array:
+    """About so many evenly spread points that the map shows."""
+    shown = np.isfinite(_placed(on, _even_points(4 * count))[0]).mean()
+    points = _even_points(min(int(count / max(float(shown), 1e-3)), DENSEST))
+    return points[np.isfinite(_placed(on, points)[0])]
+
+
+def _even_points(count: int) -> Array:
+    """Unit vectors (count, 3) that are evenly spread, on a spiral of the golden angle."""
+    k = np.arange(count)
+    lat = np.arcsin((2.0 * k + 1.0) / count - 1.0)
+    return position(np.pi * (3.0 - np.sqrt(5.0)) * k, lat)
