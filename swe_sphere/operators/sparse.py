@@ -1,4 +1,4 @@
-"""The discrete gradient and divergence, DSS included, and weak Laplacians as sparse matrices.
+"""The discrete gradient and divergence, DSS included, and stiffness as sparse matrices.
 
 They are the operators of the kernels, entry by entry: block elimination of the linearised equations
 has to use these and not a compact Laplacian.
@@ -65,15 +65,6 @@ def divergence(mesh: Mesh) -> sp.csr_matrix:
     """
     area = sp.diags_array(np.concatenate([mesh.area, mesh.area]))
     return _over_area(mesh, -(gradient(mesh).T @ area).tocsr())
-
-
-def weak_laplacian(mesh: Mesh, coefficient: Array | None = None) -> sp.csr_matrix:
-    """(N, N) [m-2]: compact div(coefficient grad), integrated by parts within the elements.
-
-    `coefficient` (N,) is taken at the nodes, 1 by default.
-    """
-    laplacian = stiffness(mesh, np.ones(mesh.size) if coefficient is None else coefficient)
-    return _over_area(mesh, -laplacian)
 
 
 def stiffness(mesh: Mesh, coefficient: Array, space: ElementSpace | None = None) -> sp.csr_matrix:
