@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -52,8 +53,8 @@ def _picture(name):
 def _described(factory):
     """The docstring without the section of arguments, and that section by name."""
     text, _, rest = inspect.getdoc(factory).partition("\nArgs:\n")
-    section = re.split(r"\n\S", inspect.cleandoc(rest) if rest else "", maxsplit=1)[0]
-    found = re.findall(r"^ *(\w+): (.*?)(?=^ *\w+: |\Z)", section, re.DOTALL | re.MULTILINE)
+    section = textwrap.dedent(re.split(r"\n(?=\S)", rest, maxsplit=1)[0])
+    found = re.findall(r"^(\w+): (.*?)(?=^\w+: |\Z)", section, re.DOTALL | re.MULTILINE)
     return text.strip(), {name: " ".join(words.split()) for name, words in found}
 
 

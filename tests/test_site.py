@@ -34,6 +34,8 @@ def test_every_scene_has_a_page_with_its_source_and_its_formula(site):
         assert "Source:" in page and f"swe-sphere run {name}" in page, name
     page = (site / "scenes" / "williamson2.html").read_text()
     assert "sin² θ" in page and "tilt of the axis of flow" in page and "1.4e-11" in page
+    page = (site / "scenes" / "galewsky.html").read_text()
+    assert "so that all that grows is the imprint of the grid." in page
 
 
 def test_the_front_door_is_described(site):
