@@ -8,13 +8,24 @@ import numpy as np
 import pytest
 from manufactured import DURATION, MESH, answer, manufactured, tight
 from numpy.polynomial import legendre
-from support import EXPLICIT, IMEX, advance, make_scene, random_state, relative, tendency
+from support import (
+    EXPLICIT,
+    EXPONENTIAL,
+    IMEX,
+    IMPLICIT,
+    advance,
+    make_scene,
+    random_state,
+    relative,
+    tendency,
+)
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity
 from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.adaptive import AdaptiveStepper
 from swe_sphere.steppers.diffusion import Diffusion
 from swe_sphere.steppers.leapfrog import Leapfrog
 
@@ -117,3 +128,15 @@ def test_it_limits_no_step(name: str) -> None:
     for _ in range(50):
         stepper.step()
     assert np.abs(stepper.state.numpy() - rest).max() < 2.0 * np.abs(noise).max()
+
+
+@pytest.mark.parametrize("name", [*IMPLICIT, *EXPONENTIAL])
+def test_other_steppers_have_it_in_their_stages(name: str) -> None:
+    """Steps that adapt too: it does not act once more beside them."""
+    model = Model(MESH, make_scene("pressure", "hyperviscosity"))
+    stepper = STEPPERS[name](model, 900.0)
+    assert stepper.diffusion is None and stepper.model is model
+    assert stepper.order_in(model) == stepper.order
+    if stepper.estimate_order is not None:
+        adaptive = AdaptiveStepper(stepper, 1e-3)
+        assert adaptive.diffusion is None and adaptive.model is model

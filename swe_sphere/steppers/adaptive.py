@@ -62,6 +62,8 @@ class AdaptiveStepper(Stepper):
     Raises ConfigError for what has no such estimate.
     """
 
+    diffusion_apart = False
+
     def __init__(
         self,
         scheme: Stepper,

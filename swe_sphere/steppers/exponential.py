@@ -31,6 +31,7 @@ class ExponentialMultistep(SteppedInParts):
     """
 
     family = "exponential"
+    diffusion_apart = False
     weights: ClassVar[tuple[tuple[float, ...], ...]] = ()
     """w_ki: rows for k = 2, 3, ..., columns for i = 1, 2, ..."""
     default_tolerance = 1e-6

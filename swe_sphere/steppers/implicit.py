@@ -74,6 +74,7 @@ class ImplicitStepper(SteppedInParts):
     """An implicit method: subclasses take a step of any length with `_solve`."""
 
     family = "implicit"
+    diffusion_apart = False
 
     def __init__(
         self,

@@ -40,7 +40,7 @@ class Stepper(ABC):
     """Time integrator of a model with a fixed step dt [s].
 
     The stepper owns the state; `state_dict` returns all it needs to go on from there bit for bit.
-    Unless it is implicit its `model` has no viscosity and no hyperviscosity: `diffusion` steps
+    With `diffusion_apart` its `model` has no viscosity and no hyperviscosity: `diffusion` steps
     them, and `step` has it act after even steps and before odd ones, which is Strang's splitting of
     two steps and of second order.
     Raises ConfigError for a step that is not positive and finite.
@@ -61,6 +61,8 @@ class Stepper(ABC):
     """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
     coupled_stages: ClassVar[int] = 1
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
+    diffusion_apart: ClassVar[bool] = True
+    """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
     safety: ClassVar[float] = 0.85
@@ -81,7 +83,7 @@ class Stepper(ABC):
         if not (np.isfinite(dt) and dt > 0.0):
             raise ConfigError(f"the time step must be positive and finite, not {dt} s")
         self.diffusion: Diffusion | None = None
-        if model.diffusive and self.family != "implicit":
+        if model.diffusive and self.diffusion_apart:
             self.diffusion = Diffusion(model, dt * (self.diffusion_steps or 1))
             model = model.inviscid
         self.model, self.dt = model, float(dt)
@@ -129,7 +131,7 @@ class Stepper(ABC):
     @classmethod
     def order_in(cls, model: Model) -> int:
         """Its order for a model: two at the most where it has diffusion split off."""
-        split = model.diffusive and cls.family != "implicit"
+        split = model.diffusive and cls.diffusion_apart
         return min(cls.order, 2) if split else cls.order
 
     def costs(self) -> dict[str, float]:
