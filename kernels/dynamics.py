@@ -84,7 +84,9 @@ def shallow_water(t: SimpleNamespace) -> Formula:
     mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
     terms, tangent, poisson = t.terms, t.terms.tangent, t.terms.poisson
     winds, wind = winds_at(t, own=True, base=tangent or poisson)
-    point, rows, first, second = slopes(t, True, True, curls=terms.advection * (1 + tangent))
+    mass, curls = not terms.momentum, terms.advection * (1 + tangent)
+    point, rows, first, second = slopes(t, True, mass, curls)
+    curl, alone = 1 + mass, rows is t.value
     flux, head, surface = mass_flux(t, tangent), bernoulli(t), surface_height(t)
 
     @no_type_check
@@ -98,14 +100,16 @@ def shallow_water(t: SimpleNamespace) -> Formula:
             fu, fv = flux(w.bu, w.bv, hb, w.bu, w.bv, hb)
             p.s = h
         elif wp.static(tangent):
-            hb = load(a, 2 * geo.size, node)
-            fu, fv = flux(w.u, w.v, h, w.bu, w.bv, hb)
             p.s = head(geo, w.bu, w.bv, w.u, w.v, h)
+            if wp.static(mass):
+                fu, fv = flux(w.u, w.v, h, w.bu, w.bv, load(a, 2 * geo.size, node))
         else:
-            fu, fv = flux(w.u, w.v, h, w.u, w.v, h)
             p.s = head(geo, w.u, w.v, w.u, w.v, surface(geo, node, h))
-        p.fu = fu
-        p.fv = fv
+            if wp.static(mass):
+                fu, fv = flux(w.u, w.v, h, w.u, w.v, h)
+        if wp.static(mass):
+            p.fu = fu
+            p.fv = fv
         if wp.static(terms.advection):
             p.u = w.u
             p.v = w.v
@@ -118,12 +122,18 @@ def shallow_water(t: SimpleNamespace) -> Formula:
     @wp.func
     def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int, k: int, out: local):
         weight = geo.weight[n // np_, n % np_]
-        ru = -wedge(d1[0], d2[0], geo.basis[e, n, 1], geo.basis[e, n, 3])
-        rv = -wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], d1[0], d2[0])
+        if wp.static(alone):
+            s1 = d1
+            s2 = d2
+        else:
+            s1 = d1[0]
+            s2 = d2[0]
+        ru = -wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])
+        rv = -wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], s1, s2)
         if wp.static(terms.advection):
-            zeta = d1[2] - d2[2]
+            zeta = d1[curl] - d2[curl]
             if wp.static(tangent):
-                zeta_base = d1[3] - d2[3]
+                zeta_base = d1[curl + 1] - d2[curl + 1]
                 ru += mul(zeta_base, w.v) + mul(zeta, w.bv)
                 rv -= mul(zeta_base, w.u) + mul(zeta, w.bu)
             elif wp.static(poisson):
@@ -134,7 +144,8 @@ def shallow_water(t: SimpleNamespace) -> Formula:
                 rv -= mul(zeta, w.u)
         out[e, n, 0] = weight * ru
         out[e, n, 1] = weight * rv
-        out[e, n, 2] = -weight * (d1[1] + d2[1])
+        if wp.static(mass):
+            out[e, n, 2] = -weight * (d1[1] + d2[1])
 
     stored = not (tangent or poisson)
     return Formula(winds, wind, rows, first, second, read, result, True, stored)

@@ -83,10 +83,8 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     are no terms with derivatives and so nothing to assemble.
     """
     last, vector, gather = unknowns - 1, wp.array(dtype=real), gather_sum(real)
-    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
-    structure = pointwise_struct(unknowns, point, real, terms.structure if terms else None)
-    of_wind = _wind_rates(structure, real, point, terms)
-    of_depth = _depth_rates(structure, real, point, terms, unknowns)
+    rates = pointwise_rates(unknowns, real, point)
+    structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -126,6 +124,19 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         out[k] = rate
 
     return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
+
+
+@functools.cache
+def pointwise_rates(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace:
+    """Warp functions (c, i, j, k, x): rates of the `wind` (x[i], x[j]) and the `depth` x[k].
+
+    Both of the node i, with c an instance of their `structure`.
+    """
+    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
+    structure = pointwise_struct(unknowns, point, real, terms.structure if terms else None)
+    wind = _wind_rates(structure, real, point, terms)
+    depth = _depth_rates(structure, real, point, terms, unknowns)
+    return SimpleNamespace(structure=structure, wind=wind, depth=depth)
 
 
 def _wind_rates(

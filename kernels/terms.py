@@ -29,6 +29,7 @@ class Terms:
     `poisson`: the skew form, in which the vorticity of the state, with the Bernoulli function in
     the place of depth, turns the wind of `base`, which carries the depth of `base`.
     `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
+    `momentum`: the momentum equation alone, with two fields as its result.
     """
 
     advection: bool = False
@@ -40,6 +41,7 @@ class Terms:
     tangent: bool = False
     still: bool = False
     poisson: bool = False
+    momentum: bool = False
 
     @property
     def unknowns(self) -> int:

@@ -99,7 +99,7 @@ class Prepared:
         counted = dict(self.model.counters)
         spectrum = self._kind.spectrum(self.model, self.model.initial_state())
         self.model.counters.update(counted)  # whenever it is asked for, it is no part of the run
-        return self._kind.stable_dt(spectrum.wave, spectrum.dissipation)
+        return self._kind.limit(spectrum)
 
     @cached_property
     def gravity_limit(self) -> float:

@@ -124,6 +124,11 @@ class Stepper(ABC):
         return model.inviscid.spectrum(state, t)
 
     @classmethod
+    def limit(cls, spectrum: Spectrum) -> float:
+        """Largest stable step [s] where the spectrum is what the method of that name returned."""
+        return cls.stable_dt(spectrum.wave, spectrum.dissipation)
+
+    @classmethod
     @abstractmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""

@@ -22,6 +22,7 @@ from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 if TYPE_CHECKING:
     import warp as wp
 
+    from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
 
 __all__ = ["Discretisation", "Discretisations", "History"]
@@ -45,7 +46,7 @@ class Discretisation:
         self.config, self._own = config, own
         self.scene = Supplied(own).scene_of(config)
         self.mesh = make_mesh(config, self.scene)
-        self._radii: dict[object, tuple[float, float]] = {}
+        self._radii: dict[object, Spectrum] = {}
         self._batch = 1
 
     @property
@@ -105,8 +106,8 @@ class Discretisation:
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._radii:
             spectrum = kind.spectrum(self._sim.model, self._sim.model.initial_state())
-            self._radii[how] = (spectrum.wave, spectrum.dissipation)
-        return kind.stable_dt(*self._radii[how])
+            self._radii[how] = spectrum
+        return kind.limit(self._radii[how])
 
     def order(self, kind: type[Stepper]) -> int:
         """Order in time of a stepper here."""

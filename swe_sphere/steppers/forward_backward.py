@@ -1,0 +1,274 @@
+"""Explicit steppers that step the depth first, and then the wind with the new depth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.passes import Passes
+from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.steppers.stability import Complex, largest_step
+from swe_sphere.steppers.stepper import Stepper
+
+__all__ = ["ForwardBackward", "ForwardBackwardRK3", "LevelWeights"]
+
+PARTS = np.linspace(-1.0, 1.0, 9)
+"""Parts of the strongest wind, along and against the waves, that the analysis looks at."""
+NOTHING_BUT_WIND = 1.0
+"""Its share of the wave speed where there are no gravity waves."""
+
+
+class SplitExplicit(Stepper):
+    """A stepper whose evaluations are one pass for the depth and then one for the wind.
+
+    Dissipation is taken at the start of a step.
+    """
+
+    def __init__(self, model: Model, dt: float) -> None:
+        super().__init__(model, dt)
+        self._passes = Passes(model)
+
+    @classmethod
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1], and what the wind has in that of the waves."""
+        found = model.spectrum(state, t)
+        return replace(found, wind=found.wave * wind_share(model, state, t))
+
+    @classmethod
+    def limit(cls, spectrum: Spectrum) -> float:
+        """Largest step [s] that is stable in winds up to those of the spectrum."""
+        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0, wind: float = 0.0) -> float:
+        """Largest step [s] that amplifies no wave on a wind that has `wind` [s-1] in `wave`.
+
+        Nor does it in any weaker or other wind, nor the vorticity that the wind carries.
+        """
+        share = wind / wave if wave > 0.0 else 0.0
+        parts = PARTS if share > 0.0 else np.zeros(1)
+
+        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+            waves, winds = (1.0 - share) * z_wave, share * z_wave
+            cases = [(waves, part * winds) for part in parts] + [(0.0 * waves, winds)]
+            grown = [cls._growth(share, c, u, z_dissipation) for c, u in cases]
+            largest: NDArray[np.float64] = np.max(grown, axis=0)
+            return largest
+
+        return largest_step(growth, wave, dissipation, reach=4.0)
+
+    @classmethod
+    def _growth(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> NDArray[np.float64]:
+        """Spectral radius of a step for these eigenvalues times dt of the three parts."""
+        radius: NDArray[np.float64] = np.abs(
+            np.linalg.eigvals(cls._matrix(share, z_wave, z_wind, z_dissipation))
+        ).max(axis=-1)
+        return radius
+
+    @classmethod
+    def _matrix(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> Complex:
+        """(..., n, n) what a step does to the levels of h' sqrt(g/H) and then of u of a wave.
+
+        With dh/dt = -(z_wind h + z_wave u) / dt + z_dissipation h / dt, and so for u.
+        """
+        raise NotImplementedError
+
+
+def wind_share(model: Model, state: wp.array, t: float) -> float:
+    """The largest |V| / (|V| + sqrt(g h)) on any node; 1 where there are no gravity waves."""
+    if model.scene.effect("pressure-gradient") is None:
+        return NOTHING_BUT_WIND
+    fields = model.fields(model.point_of_tangent(state), t)
+    speed = np.hypot(fields["u"], fields["v"])
+    waves = np.sqrt(model.scene.planet.gravity * np.maximum(fields["h"], 0.0))
+    return float(np.max(speed / np.maximum(speed + waves, np.finfo(float).tiny)))
+
+
+@dataclass(frozen=True)
+class LevelWeights:
+    """Coefficients of the generalised AB3-AM4 scheme.
+
+    AB_b(q) = (3/2 + b) q - (1/2 + 2b) q- + b q--, b `flow` for the wind that carries mass, `mass`
+    for what it carries, `turn` for the wind in the momentum equation; the depth there is
+    delta h+ + (1 - delta - gamma - epsilon) h + gamma h- + epsilon h--.  Second order needs
+    delta = 1/2 + gamma + 2 epsilon; waves at rest are of third order with
+    flow = 1/3 - gamma - 3 epsilon.
+    """
+
+    flow: float
+    mass: float
+    turn: float
+    gamma: float
+    epsilon: float
+
+    @staticmethod
+    def extrapolation(b: float) -> tuple[float, float, float]:
+        """Weights of three levels, the present one first."""
+        return 1.5 + b, -0.5 - 2.0 * b, b
+
+    @property
+    def depth(self) -> tuple[float, float, float, float]:
+        """Weights of the new level and three more in the depth that pushes the wind."""
+        delta = 0.5 + self.gamma + 2.0 * self.epsilon
+        return delta, 1.0 - delta - self.gamma - self.epsilon, self.gamma, self.epsilon
+
+
+class ForwardBackward(SplitExplicit):
+    """Generalised AB3-AM4 steps: one evaluation a step, at a third to a half of rk4's price.
+
+    Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with coefficients of our own
+    that are stable with a mean flow: `benchmarks/forward_backward.py` derives them.  The depth is
+    stepped by extrapolated fluxes, then the wind by extrapolated winds and by the gradient of a
+    depth that the new one is part of.  Without gravity waves it is AB3.  Started by rk4.
+    """
+
+    name, order = "forward-backward", 2
+    vectors = RK4.vectors + 6
+    style = ("#A6761D", "X")
+    weights: ClassVar[LevelWeights] = LevelWeights(0.16855, 0.24326, 0.24326, 0.18231, -0.00584)
+    advective: ClassVar[LevelWeights] = LevelWeights(5 / 12, 5 / 12, 5 / 12, 0.0, 0.0)
+    """Where there are no gravity waves."""
+
+    def __init__(self, model: Model, dt: float) -> None:
+        super().__init__(model, dt)
+        self._past, self._older = model.zeros(), model.zeros()
+        self._starter = RK4(model, dt)
+        still = model.scene.effect("pressure-gradient") is None
+        mine = self._of(NOTHING_BUT_WIND if still else 0.0)
+        self._flow, self._mass, self._turn = (
+            self._passes.weights(*mine.extrapolation(b)) for b in (mine.flow, mine.mass, mine.turn)
+        )
+        self._mixes = self._passes.weights(*mine.depth)
+
+    @classmethod
+    def _of(cls, share: float) -> LevelWeights:
+        return cls.advective if share == NOTHING_BUT_WIND else cls.weights
+
+    def _advance(self) -> None:
+        if self.steps < 2:
+            self._first_step()
+            return
+        now, past, older, passes = self.state, self._past, self._older, self._passes
+        if self.model.limiter is not None:  # which has changed the state since
+            self._extrapolate()
+        passes.damp(now)
+        passes.step_depth(
+            self.time + 0.5 * self.dt, self.dt, (now, past, older), older, self._mass, self._mixes
+        )
+        passes.step_wind(self.dt, (now, past), older, self._flow, self._turn)
+        self.state, self._past, self._older = older, now, past
+
+    def _first_step(self) -> None:
+        wp.copy(self._older, self._past)
+        wp.copy(self._past, self.state)
+        self._starter.start(self.state, self.time)
+        self._starter.step()
+        wp.copy(self.state, self._starter.state)
+        if self.steps == 1:
+            self._extrapolate()
+
+    def _extrapolate(self) -> None:
+        levels = self.state, self._past, self._older
+        self._passes.prepare(levels, self._flow, self._mass, self._turn)
+
+    def _remembered(self) -> dict[str, wp.array]:
+        levels = {"state": self.state, "previous": self._past, "older": self._older}
+        return levels | {"carried": self._passes.carried, "pushed": self._passes.pushed}
+
+    @classmethod
+    def _matrix(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> Complex:
+        mine = cls._of(share)
+        flow, mass, turn = (
+            np.array(mine.extrapolation(b)) for b in (mine.flow, mine.mass, mine.turn)
+        )
+        wave, wind, loss = (z[..., None] for z in np.broadcast_arrays(z_wave, z_wind, z_dissipation))
+        step = np.zeros((*wave.shape[:-1], 6, 6), complex)
+        step[..., (1, 2, 4, 5), (0, 1, 3, 4)] = 1.0
+        new, first = step[..., 0, :], np.array([1.0, 0.0, 0.0])
+        new[..., :3] = (1.0 + loss) * first - wind * mass
+        new[..., 3:] = -wave * flow
+        pushed = mine.depth[0] * new
+        pushed[..., :3] += mine.depth[1:]
+        step[..., 3, :] = -wave * pushed
+        step[..., 3, 3:] += (1.0 + loss) * first - wind * turn
+        return step
+
+
+class ForwardBackwardRK3(SplitExplicit):
+    """FB-RK(3,2): three stages, second order, the new depth in the slope that pushes the wind.
+
+    Lilly et al. 2023 (arXiv:2306.11821), with their weights.
+    """
+
+    name, order = "fb-rk3", 2
+    vectors = 8
+    style = ("#666666", "P")
+    fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
+    """What part of the step each stage takes, from its start."""
+    weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)
+
+    def __init__(self, model: Model, dt: float) -> None:
+        super().__init__(model, dt)
+        self._stage = model.zeros()
+        self._last = self._passes.weights(1.0, 0.0, 0.0)
+        self._mixes = [self._passes.weights(*row) for row in self._rows()]
+
+    @classmethod
+    def _rows(cls) -> Sequence[tuple[float, float, float, float]]:
+        """Weights of the new depth, that at the start and that of the stage before."""
+        first, second, third = cls.weights
+        middle = 1.0 - 2.0 * third
+        return (first, 1 - first, 0.0, 0.0), (second, 1 - second, 0.0, 0.0), (third, third, middle, 0.0)
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        self._prepare()
+
+    def load_state_dict(self, state: dict[str, NDArray], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        levels = self.state, self.state, self.state
+        self._passes.prepare(levels, self._last, self._last, self._last)
+
+    def _advance(self) -> None:
+        now, new, passes = self.state, self._stage, self._passes
+        if self.model.limiter is not None:  # which has changed the state since
+            self._prepare()
+        passes.damp(now)
+        offset = 0.0
+        for fraction, mixes in zip(self.fractions, self._mixes, strict=True):
+            tau, t = fraction * self.dt, self.time + offset * self.dt
+            passes.step_depth(t, tau, (now, new, now), new, self._last, mixes)
+            passes.step_wind(tau, (now, now), new, self._last, self._last)
+            offset = fraction
+        self.state, self._stage = new, now
+
+    @classmethod
+    def _matrix(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> Complex:
+        wave, wind, loss = (z[..., None] for z in np.broadcast_arrays(z_wave, z_wind, z_dissipation))
+        depth, speed = (np.zeros((*wave.shape[:-1], 2), complex) for _ in range(2))
+        depth[..., 0] = speed[..., 1] = 1.0
+        h, u, h0, u0 = depth, speed, depth, speed
+        for fraction, (a_new, a_now, a_last, _) in zip(cls.fractions, cls._rows(), strict=True):
+            rate = -(wind * h + wave * u) + loss * h0
+            new = h0 + fraction * rate
+            mixed = a_new * new + a_now * h0 + a_last * h
+            h, u = new, u0 + fraction * (-(wind * u + wave * mixed) + loss * u0)
+        return np.stack([h, u], axis=-2)
