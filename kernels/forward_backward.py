@@ -16,23 +16,34 @@ from swe_sphere.kernels.pointwise import Pointwise, pointwise_rates
 
 
 @functools.cache
-def level_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> SimpleNamespace:
+def level_kernels(
+    unknowns: int, real: type, point: Pointwise, damped: bool, tracers: bool
+) -> SimpleNamespace:
     """Kernels over N threads that step `depth` and `wind`, with the `structure` of the terms.
 
-    depth: (places, inverse_area, stride, N, count, local, c, tau, now, past, older, loss, base,
-    flows, mixes, out, carried, pushed): out = now + tau (rate + loss) in the `count` blocks of
-    depth and tracers, with the rates of `point` at the vector `carried`.  That becomes the sum of
-    (out, now, past) with the weights `flows`, and the depth of `pushed` that of (out, now, past,
-    older) with the weights `mixes`, both less `base` where `point` is a tangent.
-    wind: (places, inverse_area, stride, N, local, c, tau, now, past, loss, base, flows, turns, out,
-    carried, pushed): the same for both winds with the rates at `pushed`; `carried` gets the weights
-    `flows`, `pushed` the weights `turns`.  `loss` is only read where `damped`; `out` may be any
-    of the levels.
+    depth: (places, inverse_area, stride, N, count, local, c, tau, now, past, loss, base, flows,
+    mixes, out, carried, pushed): out = now + tau (rate + loss) in the `count` blocks of depth and
+    tracers, with the rates of `point` at the masses `carried` and the wind of `pushed`.  Then
+    `carried` becomes the sum of (out, now, past) with the weights `flows`, and the depth of
+    `pushed` that with the weights `mixes`.
+    wind: (places, inverse_area, stride, N, local, c, tau, now, past, loss, base, turns, out,
+    carried, pushed): the same for both winds with the rates at `pushed`, whose winds get the
+    weights `turns`.
+    `loss` is only read where `damped`; `out` may be any of the levels.  Where `point` is a tangent
+    all combinations are less `base`, and `carried` has those of the winds as well.
     """
     first, vector, gather = (unknowns - 1), wp.array(dtype=real), gather_sum(real)
-    triple, four = wp.types.vector(3, real), wp.types.vector(4, real)
+    triple = wp.types.vector(3, real)
     rates, moves, shifted = pointwise_rates(unknowns, real, point), unknowns == 3, point.tangent
     structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
+
+    @no_type_check
+    @wp.func
+    def total(w: triple, new: real, now: real, past: real, base: vector, k: int):
+        r = w[0] * new + w[1] * now + w[2] * past
+        if wp.static(shifted):
+            r -= base[k]
+        return r
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -47,11 +58,10 @@ def level_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> 
         tau: real,
         now: vector,
         past: vector,
-        older: vector,
         loss: vector,
         base: vector,
         flows: triple,
-        mixes: four,
+        mixes: triple,
         out: vector,
         carried: vector,
         pushed: vector,
@@ -59,27 +69,27 @@ def level_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> 
         i = wp.tid()
         at = places[i]
         scale = inverse_area[i]
-        for block in range(count):
-            k = (first + block) * size + i
-            rate = scale * gather(local, at, block * stride)
-            if block == 0:
-                rate += of_depth(c, i, size + i, k, carried)
-            if wp.static(damped):
-                rate += loss[k]
-            h = now[k]
-            h1 = past[k]
-            moved = h + tau * rate
-            flow = flows[0] * moved + flows[1] * h + flows[2] * h1
-            if wp.static(moves):
-                if block == 0:
-                    mixed = mixes[0] * moved + mixes[1] * h + mixes[2] * h1 + mixes[3] * older[k]
-                    if wp.static(shifted):
-                        mixed -= base[k]
-                    pushed[k] = mixed
-            if wp.static(shifted):
-                flow -= base[k]
-            carried[k] = flow
-            out[k] = moved
+        k = first * size + i
+        rate = scale * gather(local, at, 0) + of_depth(c, i, size + i, k, pushed, carried)
+        if wp.static(damped):
+            rate += loss[k]
+        h = now[k]
+        h1 = past[k]
+        new = h + tau * rate
+        carried[k] = total(flows, new, h, h1, base, k)
+        if wp.static(moves):
+            pushed[k] = total(mixes, new, h, h1, base, k)
+        out[k] = new
+        if wp.static(tracers):
+            for block in range(1, count):
+                k += size
+                rate = scale * gather(local, at, block * stride)
+                if wp.static(damped):
+                    rate += loss[k]
+                h = now[k]
+                new = h + tau * rate
+                carried[k] = total(flows, new, h, past[k], base, k)
+                out[k] = new
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -95,7 +105,6 @@ def level_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> 
         past: vector,
         loss: vector,
         base: vector,
-        flows: triple,
         turns: triple,
         out: vector,
         carried: vector,
@@ -113,25 +122,17 @@ def level_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> 
             rate_v += loss[j]
         u = now[i]
         v = now[j]
-        u1 = past[i]
-        v1 = past[j]
-        moved_u = u + tau * rate_u
-        moved_v = v + tau * rate_v
-        flow_u = flows[0] * moved_u + flows[1] * u + flows[2] * u1
-        flow_v = flows[0] * moved_v + flows[1] * v + flows[2] * v1
-        turn_u = turns[0] * moved_u + turns[1] * u + turns[2] * u1
-        turn_v = turns[0] * moved_v + turns[1] * v + turns[2] * v1
+        new_u = u + tau * rate_u
+        new_v = v + tau * rate_v
+        mixed_u = total(turns, new_u, u, past[i], base, i)
+        mixed_v = total(turns, new_v, v, past[j], base, j)
+        pushed[i] = mixed_u
+        pushed[j] = mixed_v
         if wp.static(shifted):
-            flow_u -= base[i]
-            flow_v -= base[j]
-            turn_u -= base[i]
-            turn_v -= base[j]
-        carried[i] = flow_u
-        carried[j] = flow_v
-        pushed[i] = turn_u
-        pushed[j] = turn_v
-        out[i] = moved_u
-        out[j] = moved_v
+            carried[i] = mixed_u
+            carried[j] = mixed_v
+        out[i] = new_u
+        out[j] = new_v
 
     return SimpleNamespace(depth=step_depth, wind=step_wind, structure=structure)
 

@@ -102,7 +102,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         at = places[i]
         scale = inverse_area[i]
         k = last * size + i
-        rate = of_depth(c, i, size + i, k, x)
+        rate = of_depth(c, i, size + i, k, x, x)
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
@@ -115,7 +115,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     def pointwise_alone(size: int, c: structure, x: vector, out: vector):
         i = wp.tid()
         k = last * size + i
-        rate = of_depth(c, i, size + i, k, x)
+        rate = of_depth(c, i, size + i, k, x, x)
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
@@ -128,9 +128,10 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
 
 @functools.cache
 def pointwise_rates(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace:
-    """Warp functions (c, i, j, k, x): rates of the `wind` (x[i], x[j]) and the `depth` x[k].
+    """Warp functions for the rates at the node i, with c an instance of their `structure`.
 
-    Both of the node i, with c an instance of their `structure`.
+    `wind` (c, i, j, k, x): those of (x[i], x[j]), where the depth is x[k].  `depth` (c, i, j, k, w,
+    x): that of x[k], where the wind is (w[i], w[j]).
     """
     terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
     structure = pointwise_struct(unknowns, point, real, terms.structure if terms else None)
@@ -171,33 +172,34 @@ def _wind_rates(
 def _depth_rates(
     structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None, unknowns: int
 ) -> wp.Function:
-    """Rate of change of the depth x[k] at node i, the wind (x[i], x[j]) or prescribed."""
-    triple, of_terms = wp.types.vector(3, real), terms and terms.depth
+    """Rate of change of the depth x[k] at node i, the wind (w[i], w[j]) or prescribed."""
+    triple, vector = wp.types.vector(3, real), wp.array(dtype=real)
+    of_terms = terms and terms.depth
     acts = any(term.depth for term in point.terms)
 
     @no_type_check
     @wp.func
-    def state(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
+    def state(c: structure, i: int, j: int, k: int, w: vector, x: vector):
         if wp.static(unknowns == 1):
             return triple(c.wind[i], c.wind[j], x[k])
         else:
-            return triple(x[i], x[j], x[k])
+            return triple(w[i], w[j], x[k])
 
     @no_type_check
     @wp.func
-    def of_depth(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
+    def of_depth(c: structure, i: int, j: int, k: int, w: vector, x: vector):
         r = real(0.0)
         if wp.static(point.forcing):
             r += c.forcing[k]
         if wp.static(acts):
             if wp.static(not point.tangent):
-                d = state(c, i, j, k, x)
+                d = state(c, i, j, k, w, x)
                 r += of_terms(c.terms, i, d, d)
             elif wp.static(unknowns == 1):  # a prescribed wind does not change
                 d = triple(real(0.0), real(0.0), x[k])
-                r += of_terms(c.terms, i, state(c, i, j, k, c.base), d)
+                r += of_terms(c.terms, i, state(c, i, j, k, c.base, c.base), d)
             else:
-                d = triple(x[i], x[j], x[k])
+                d = triple(w[i], w[j], x[k])
                 r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
         return r
 

@@ -46,7 +46,7 @@ def orders(moving, name: str, steps, **options) -> list[float]:
     return [float(np.log2(coarse / fine)) for coarse, fine in pairwise(errors)]
 
 
-@pytest.mark.parametrize("name", ["rk4", "ssprk3", "kg5"])
+@pytest.mark.parametrize("name", ["rk4", "ssprk3", "kg5", "forward-backward", "fb-rk3"])
 def test_order_by_three_halvings(moving, name: str) -> None:
     for order in orders(moving, name, (800.0, 400.0, 200.0, 100.0)):
         assert order == pytest.approx(STEPPERS[name].order, abs=0.15)

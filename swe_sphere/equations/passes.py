@@ -11,53 +11,55 @@ from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_ker
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.operators.pointwise_operator import fill
 
-__all__ = ["Passes"]
+__all__ = ["Levels", "Passes"]
+
+Levels = tuple[wp.array, ...]
+"""States at several times, the present one first."""
 
 
 class Passes:
     """Steps depth and tracers, or the wind, with the other one held, by explicit Euler steps.
 
     What the equations are evaluated at are combinations of time levels, which each pass leaves for
-    those to come: `carried` (size of a state), the masses and the wind that moves them, and
-    `pushed` (of the same size, tracers unused), the wind and the depth whose slope pushes it.  For
-    linearised dynamics both are differences to the base.  Under a prescribed wind there is no wind
-    to step (`moves`).
+    those to come: the masses of `carried`, and in `pushed` the wind that moves them and turns, with
+    the depth whose slope pushes it.  Both have the size of a state; for linearised dynamics they
+    are differences to the base.  Under a prescribed wind there is no wind to step.
     """
 
     def __init__(self, model: Model) -> None:
         self._model, discrete = model, model.discrete
-        mesh, launch, real = discrete.device_mesh, model.launch, discrete.device_mesh.real
+        self._mesh, self._real = discrete.device_mesh, discrete.device_mesh.real
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(discrete, "conservative")
-        self.moves = not terms.wind
+        self._moves, self._first = not terms.wind, terms.unknowns - 1
+        self._masses = len(model.names) - self._first
         self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
-        self._masses, self._first = len(model.names) - terms.unknowns + 1, terms.unknowns - 1
         self._base: wp.array | None = model.parameters.get("base")
-        self._kernels = level_kernels(terms.unknowns, real, point, model.dissipative)
-        self._combine = combine_levels_kernel(real, point.tangent)
+        self._combine = combine_levels_kernel(self._real, point.tangent)
+        self._kernels = level_kernels(
+            terms.unknowns, self._real, point, model.dissipative, self._masses > 1
+        )
         self._structure = fill(self._kernels.structure, {"base": None, **model.parameters}, point)
-        launch.load(self._kernels.depth, self._combine)
-        self._transport: Any = None
-        self._force: Any = None
-        of_fields = field_kernels(mesh.mesh.np, real, mesh.shape)
-        self._local, self._flat = mesh.local(self._masses, of_fields.value)
-        self._local_2, self._flat_2 = mesh.local(2, of_fields.value)
-        if terms.dynamics:
-            self._transport = of_fields.tangent if terms.tangent else of_fields.transport
-            self._geometry = mesh.geometry(of_fields.geometry)
-            launch.load(self._transport)
+        of_fields = field_kernels(self._mesh.mesh.np, self._real, self._mesh.shape)
+        self._geometry = self._mesh.geometry(of_fields.geometry)
+        self._local_depth, self._flat_depth = self._mesh.local(self._masses, of_fields.value)
+        self._local_wind, self._flat_wind = self._mesh.local(2, of_fields.value)
+        transport = of_fields.tangent if terms.tangent else of_fields.transport
+        self._transport = transport if terms.dynamics else None
+        self._force, self._force_geometry = None, None
         if terms.gradient:
-            made = tendency_kernel(replace(terms, momentum=True), mesh.mesh.np, real, mesh.shape)
-            self._force, parameters = made.kernel, model.parameters
-            self._force_geometry = mesh.geometry(made.geometry, parameters)
-            launch.load(self._force)
-        if self.moves:
-            launch.load(self._kernels.wind)
-        self._triple, self._four = wp.types.vector(3, real), wp.types.vector(4, real)
+            alone = replace(terms, momentum=True)
+            made = tendency_kernel(alone, self._mesh.mesh.np, self._real, self._mesh.shape)
+            self._force = made.kernel
+            self._force_geometry = self._mesh.geometry(made.geometry, model.parameters)
+        wanted = (self._kernels.depth, self._transport, self._force, self._combine)
+        model.launch.load(*(kernel for kernel in wanted if kernel is not None))
+        if self._moves:
+            model.launch.load(self._kernels.wind)
 
     def weights(self, *numbers: float) -> Any:
-        """Those of three or four time levels, as the passes take them."""
-        return (self._triple if len(numbers) == 3 else self._four)(*numbers)
+        """Those of three time levels, as the passes take them."""
+        return wp.types.vector(3, self._real)(*numbers)
 
     def damp(self, state: wp.array) -> None:
         """Take the dissipation, which is added to all rates from now on, at a state."""
@@ -65,77 +67,54 @@ class Passes:
             self._model.dissipative_tendency(state, self._loss)
 
     def step_depth(
-        self,
-        t: float,
-        tau: float,
-        levels: tuple[wp.array, wp.array, wp.array],
-        new: wp.array,
-        flows: Any,
-        mixes: Any,
+        self, t: float, tau: float, levels: Levels, out: wp.array, flows: Any, mixes: Any
     ) -> None:
-        """new = now + tau (rate of depth and tracers at `carried` and time t [s]).
+        """out = now + tau (rate of depth and tracers at `carried` and time t [s]).
 
-        levels: now, past, older; flows: weights of (new, now, past) in the masses of `carried`;
-        mixes: those of (new, now, past, older) in the depth of `pushed`.
+        levels: now, past; flows: weights of (out, now, past) in the masses of `carried`; mixes: in
+        the depth of `pushed`.
         """
-        model, mesh = self._model, self._model.device_mesh
+        model, mesh, size = self._model, self._mesh, self._mesh.mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
-        size, now = mesh.mesh.size, levels[0]
         if self._transport is not None:
-            wind = model.parameters.get("wind", self.carried) if self._base is None else self._base
+            wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             model.launch(
                 self._transport, mesh.dim, self._geometry, wind, self.carried,
-                self._first * size, self._masses, self._local,
+                self._first * size, self._masses, self._local_depth,
             )  # fmt: skip
         model.launch(
             self._kernels.depth, size, mesh.places(self._masses), mesh.inverse_area, mesh.lanes,
-            size, self._masses, self._flat, self._structure, tau, *levels, self._loss,
-            self._shift(now), flows, mixes, new, self.carried, self.pushed,
+            size, self._masses, self._flat_depth, self._structure, tau, *levels, self._loss,
+            self._shift, flows, mixes, out, self.carried, self.pushed,
         )  # fmt: skip
 
-    def step_wind(
-        self,
-        tau: float,
-        levels: tuple[wp.array, wp.array],
-        new: wp.array,
-        flows: Any,
-        turns: Any,
-    ) -> None:
-        """new = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
+    def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
+        """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
 
-        levels: now, past; flows, turns: weights of (new, now, past) in the winds of `carried` and
-        of `pushed`.
+        levels: now, past; turns: weights of (out, now, past) in the winds of `pushed`.
         """
-        if not self.moves:
+        if not self._moves:
             return
-        model, mesh = self._model, self._model.device_mesh
+        launch, mesh, size = self._model.launch, self._mesh, self._mesh.mesh.size
         if self._force is not None:
-            model.launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_2)
-        model.launch(
-            self._kernels.wind, mesh.mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
-            mesh.mesh.size, self._flat_2, self._structure, tau, *levels, self._loss,
-            self._shift(levels[0]), flows, turns, new, self.carried, self.pushed,
+            launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind)
+        launch(
+            self._kernels.wind, size, mesh.places(2), mesh.inverse_area, mesh.lanes, size,
+            self._flat_wind, self._structure, tau, *levels, self._loss, self._shift, turns, out,
+            self.carried, self.pushed,
         )  # fmt: skip
 
-    def prepare(
-        self, levels: tuple[wp.array, wp.array, wp.array], winds: Any, masses: Any, turns: Any
-    ) -> None:
-        """Make `carried` and the winds of `pushed` from time levels (now, past, older).
+    def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:
+        """Make `carried` and `pushed` anew from (now, past, older), with those weights of them."""
+        size, moving = self._model.size, self._first * self._mesh.mesh.size
+        jobs = [(size - moving, moving, masses, self.carried)]
+        if self._moves:
+            jobs += [(moving, 0, winds, self.pushed), (moving, 0, winds, self.carried)]
+        for count, first, weights, out in jobs:
+            self._model.launch(self._combine, count, first, *levels, weights, self._shift, out)
 
-        winds, masses: the weights of the levels in those of `carried`; turns: in `pushed`.
-        """
-        n = self._model.mesh.size
-        moving, rest = self._first * n, self._model.size - self._first * n
-        for count, first, weights, out in (
-            (rest, moving, masses, self.carried),
-            (moving, 0, winds, self.carried),
-            (moving, 0, turns, self.pushed),
-        ):
-            if count:
-                base = self._shift(levels[0])
-                self._model.launch(self._combine, count, first, *levels, weights, base, out)
-
-    def _shift(self, other: wp.array) -> wp.array:
-        """The base of linearised dynamics, or whatever other array, which is not read then."""
-        return other if self._base is None else self._base
+    @property
+    def _shift(self) -> wp.array:
+        """The base of linearised dynamics, or another array, which is not read then."""
+        return self._loss if self._base is None else self._base

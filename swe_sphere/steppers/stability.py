@@ -15,8 +15,9 @@ def largest_step(
     wave: float,
     dissipation: float,
     reach: float,
+    tolerance: float = TOLERANCE,
 ) -> float:
-    """Largest dt [s] up to which no mode grows.
+    """Largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
     `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
     of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral
@@ -30,7 +31,7 @@ def largest_step(
     low, high = 0.0, reach / (wave + dissipation)
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)
-        stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + TOLERANCE
+        stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + tolerance
         low, high = (middle, high) if stable else (low, middle)
     return low
 
