@@ -118,8 +118,8 @@ def test_prescribed_wind_carries_depth_and_tracers(name: str) -> None:
 def test_limit_falls_with_the_wind(name: str) -> None:
     """Of the same spectral radius; on winds alone the limits are those of AB3 and of RK3."""
     cls = STEPPERS[name]
-    limits = [cls.stable_dt(1.0, 0.0, wind) for wind in (0.0, 0.15, 0.2, 0.3)]
-    assert limits[0] == cls.stable_dt(1.0) and limits[-1] < limits[-2] < limits[-3] < limits[0]
+    limits = [cls.stable_dt(1.0, 0.0, wind) for wind in (0.0, 0.15, 0.2)]
+    assert limits[0] == cls.stable_dt(1.0) and limits[2] < limits[1] < limits[0]
     alone = {"forward-backward": 0.724, "fb-rk3": 3.0**0.5}
     assert cls.stable_dt(1.0, 0.0, 1.0) == pytest.approx(alone[name], rel=1e-2)
 
