@@ -11,8 +11,6 @@ from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_ker
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.operators.pointwise_operator import fill
 
-__all__ = ["Levels", "Passes"]
-
 Levels = tuple[wp.array, ...]
 """States at several times, the present one first."""
 

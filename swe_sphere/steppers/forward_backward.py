@@ -15,8 +15,6 @@ from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_step
 from swe_sphere.steppers.stepper import Stepper
 
-__all__ = ["ForwardBackward", "ForwardBackwardRK3", "LevelWeights"]
-
 PARTS = np.linspace(0.0, 1.0, 5)
 """Parts of the strongest wind, along the waves, that the analysis of stability looks at; against
 them it has the same growth."""
