@@ -27,17 +27,19 @@ NOTHING_BUT_WIND = 1.0
 class SplitExplicit(Stepper):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
-    Dissipation is taken at the start of a step.
+    Drag and relaxation are taken at the start of a step.  What else changes the state between steps
+    (`_altered`) has the combinations of levels made anew.
     """
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
-        self._passes = Passes(model)
+        self._passes = Passes(self.model)
+        self._altered = self.diffusion is not None or self.model.limiter is not None
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
         """Spectral radii [s-1], and what the wind has in that of the waves."""
-        found = model.spectrum(state, t)
+        found = super().spectrum(model, state, t)
         return replace(found, wind=found.wave * wind_share(model, state, t))
 
     @classmethod
@@ -129,10 +131,13 @@ class ForwardBackward(SplitExplicit):
     Shchepetkin & McWilliams 2005 (doi:10.1016/j.ocemod.2004.08.002), with coefficients of our own
     that are stable in a mean flow: `benchmarks/forward_backward.py` derives them.  The depth is
     stepped by extrapolated fluxes, then the wind by extrapolated winds and the gradient of a depth
-    that the new one is part of.  Without gravity waves it is AB3.  Started by rk4.
+    that the new one is part of.  Without gravity waves it is AB3.  Started by rk4.  Diffusion acts
+    on every new level, which damps all modes at any step, to first order.
     """
 
     name, order = "forward-backward", 2
+    diffusion_steps = 1
+    expected_error = ((900.0, 3.130558e-05, 7.691910e-04), (450.0, 8.782066e-06, 2.055525e-04))
     vectors = RK4.vectors + 6
     style = ("#A6761D", "X")
     waves: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 3, gamma=3 / 20)
@@ -151,6 +156,11 @@ class ForwardBackward(SplitExplicit):
         self._depth = weights(*mine.depth)
 
     @classmethod
+    def order_in(cls, model: Model) -> int:
+        """One where diffusion is split off."""
+        return 1 if model.diffusive else cls.order
+
+    @classmethod
     def _of(cls, share: float) -> LevelWeights:
         return cls.advection if share == NOTHING_BUT_WIND else cls.waves
 
@@ -159,13 +169,15 @@ class ForwardBackward(SplitExplicit):
             self._first_step()
             return
         now, past, new, passes, dt = self.state, self._past, self._past, self._passes, self.dt
-        if self.model.limiter is not None:  # which has changed the state since
+        if self._altered:
             self._extrapolate()
             new, self._older = self._older, past
         passes.damp(now)
         passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, self._masses, self._depth)
         passes.step_wind(dt, (now, past), new, self._winds)
         self.state, self._past = new, now
+        if self.diffusion is not None:
+            self.diffusion.act(new)
 
     def _first_step(self) -> None:
         wp.copy(self._older, self._past)
@@ -210,6 +222,7 @@ class ForwardBackwardRK3(SplitExplicit):
     """
 
     name, order = "fb-rk3", 2
+    expected_error = ((900.0, 5.665654e-06, 7.301736e-05), (450.0, 1.344998e-06, 1.817516e-05))
     vectors = 8
     style = ("#666666", "P")
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
@@ -245,7 +258,7 @@ class ForwardBackwardRK3(SplitExplicit):
 
     def _advance(self) -> None:
         now, new, passes = self.state, self._stage, self._passes
-        if self.model.limiter is not None:  # which has changed the state since
+        if self._altered:
             self._prepare()
         passes.damp(now)
         offset = 0.0
