@@ -41,7 +41,7 @@ SETS = (
     ("wind", "relaxation"),
     ("wind", "relaxation", "viscosity", "forcing"),
 )
-LAGGED = ("leapfrog", "semi-implicit")
+LAGGED = ("leapfrog", "semi-implicit", "forward-backward", "fb-rk3")
 """They take dissipation at the past level, which is of first order."""
 
 
