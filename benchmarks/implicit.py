@@ -1,4 +1,4 @@
-"""Measure the implicit steppers and their preconditioners, and write docs/implicit.md.
+"""Measure implicit and exponential steppers and preconditioners, and write docs/implicit.md.
 
     python benchmarks/implicit.py              all sections
     python benchmarks/implicit.py counts price
@@ -16,6 +16,7 @@ from typing import Annotated
 
 import typer
 import warp as wp
+from exponential_runs import exponential, exponential_steps
 from implicit_common import Section
 from implicit_newton import newton
 from implicit_runs import drift, race
@@ -34,8 +35,10 @@ SECTIONS = {
     "steady": steady,
     "drift": drift,
     "long-steps": long_steps,
+    "exponential": exponential,
+    "exponential-steps": exponential_steps,
 }
-HEAD = """# Implicit steppers and preconditioners, measured
+HEAD = """# Implicit and exponential steppers, measured
 
 Made by `python benchmarks/implicit.py` (float64, one core).  A right-hand-side equivalent is the
 time of one right-hand side with DSS in the same process; wall time is that of the steps alone,

@@ -103,11 +103,11 @@ class RunConfig(SharedConfig):
     preconditioner: str | None = None
     """Of an implicit stepper's solves, by name, or a .py file with one."""
     tolerance: Annotated[Number, Field(ge=0.0, lt=1.0)] | None = None
-    """Of an implicit stepper's solves, relative to the change over a step."""
+    """Of an implicit or exponential stepper's solves, relative to the change over a step."""
     dt: TimeStep = "auto"
-    """Time step [s]. auto (the default): a safe part of the stability limit; for a stepper without
-    one, advective Courant number 2, but no more than an hour. Of an adaptive run the longest step,
-    by default the time between frames."""
+    """Time step [s]. auto (the default): a safe part of the stability limit. For implicit steppers
+    advective Courant number 2 and an hour at most, for exponential ones 0.25 to 0.5 and three
+    hours. Of an adaptive run the longest step, by default the time between frames."""
     adaptive: Positive | None = None
     """Let the steps inside of dt follow their error, to this tolerance (relative)."""
     adaptive_by: Literal["embedded", "energy"] = "embedded"

@@ -142,8 +142,6 @@ def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
     return rough
 
 
-ADVECTIVE = 2.0
-"""The advective Courant number at which the model chooses the step of implicit steppers."""
 WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
 """Of a batch of runs the largest of these is told."""
 
@@ -159,10 +157,13 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
 
 
 def _of_seed(trial: Trial, seed: int) -> Trial:
+    from swe_sphere.steppers import get_stepper
+
     mesh, length = random_setting(seed)
+    advective = get_stepper(trial.run["stepper"]).courant
     scene = {"scene": "stress:random-state", "set": {"scene": {"seed": seed}}}
     return trial.changed(
-        run={**mesh, **scene}, part=length.part, courant=length.courant, advective=ADVECTIVE
+        run={**mesh, **scene}, part=length.part, courant=length.courant, advective=advective
     )
 
 

@@ -207,5 +207,5 @@ def _stepper_case(kind: type[Stepper]) -> Case:
         along="dt",
         against=CONVERGED,
         # small errors feel what the solver leaves, which depends on the order of sums
-        tolerance=2e-3 if solves and kind.order == 4 else 3e-4,
+        tolerance=2e-3 if solves and kind.order >= 4 else 3e-4,
     )
