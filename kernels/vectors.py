@@ -124,3 +124,31 @@ def products_kernel(real: type) -> wp.Kernel:
         wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=block)
 
     return products
+
+
+@functools.cache
+def least_kernel(real: type) -> wp.Kernel:
+    """Kernel (x (n,), begin, end, span, partial (1, blocks) float64), launched as `products`.
+
+    partial[0, b] = the least of x[i] with b span <= i - begin < (b + 1) span and i < end; infinity
+    where there is none, -infinity where one is NaN.
+    """
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def least(
+        x: wp.array(dtype=real),
+        begin: int,
+        end: int,
+        span: int,
+        partial: wp.array2d(dtype=wp.float64),
+    ) -> None:
+        row, block, lane = wp.tid()
+        last = wp.min(begin + (block + 1) * span, end)
+        found = wp.float64(wp.inf)
+        for i in range(begin + block * span + lane, last, wp.block_dim()):
+            value = wp.float64(x[i])
+            found = wp.where(wp.isnan(value), -wp.float64(wp.inf), wp.min(found, value))
+        wp.tile_store(partial[row], wp.tile_min(wp.tile(found)), offset=block)
+
+    return least

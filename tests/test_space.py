@@ -47,6 +47,17 @@ def test_products_are_weighted_sums(space: VectorSpace) -> None:
     )
 
 
+def test_lowest_of_a_part_and_no_number(space: VectorSpace) -> None:
+    """A NaN is below all, wherever it stands; parts may be shorter than there are blocks."""
+    x = random_stack(space, 1)[0][0]
+    values = x.numpy()
+    for begin, end in ((0, N), (3000, 6001), (17, 20), (N - 1, N)):
+        assert space.lowest(x, begin, end) == values[begin:end].min()
+    values[[4000, 4001]] = np.nan, -1e9
+    assert space.lowest(x, 3000, 6001) == -math.inf
+    assert space.lowest(x, 4001, 6001) == -1e9
+
+
 def test_sums_are_accurate_when_the_vectors_are_not() -> None:
     n = 200_000
     for kernels in (False, True):

@@ -1,10 +1,17 @@
 """Vector arithmetic by Warp kernels: for GPUs, and on "cpu" to test it."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.vectors import axpby_kernel, combine_rows_kernel, products_kernel
+from swe_sphere.kernels.vectors import (
+    axpby_kernel,
+    combine_rows_kernel,
+    least_kernel,
+    products_kernel,
+)
 
 # Sums are cut in this many blocks, added up on the host in a fixed order.
 BLOCKS = 64
@@ -19,7 +26,7 @@ class DeviceVectors:
         self._weights = wp.array(weights, dtype=wp.float64, device=self.device)
         self._span = -(-self.n // BLOCKS)
         self._combine, self._axpby = combine_rows_kernel(real), axpby_kernel(real)
-        self._sum = products_kernel(real)
+        self._sum, self._least = products_kernel(real), least_kernel(real)
         self._reserve(32)
 
     def _reserve(self, rows: int) -> None:
@@ -51,17 +58,21 @@ class DeviceVectors:
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
         if count > self._rows:
             self._reserve(2 * count)
-        inputs = [stack, self._weights, v, self._span, self._partial]
-        wp.launch_tiled(
-            self._sum,
-            dim=(count, BLOCKS),
-            inputs=inputs,
-            block_dim=BLOCK_THREADS,
-            device=self.device,
-        )
-        wp.copy(self._partial_host, self._partial, count=count * BLOCKS)
-        wp.synchronize_device(self.device)
+        self._reduce(self._sum, count, [stack, self._weights, v, self._span, self._partial])
         return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+
+    def lowest(self, x: wp.array, begin: int, end: int) -> float:
+        span = -(-(end - begin) // BLOCKS)
+        self._reduce(self._least, 1, [x, begin, end, span, self._partial])
+        return float(self._sums[0].min())
+
+    def _reduce(self, kernel: wp.Kernel, rows: int, inputs: list[Any]) -> None:
+        """Bring what each block makes of the rows to the host."""
+        wp.launch_tiled(
+            kernel, dim=(rows, BLOCKS), inputs=inputs, block_dim=BLOCK_THREADS, device=self.device
+        )
+        wp.copy(self._partial_host, self._partial, count=rows * BLOCKS)
+        wp.synchronize_device(self.device)
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array

@@ -6,6 +6,7 @@ that alternate between the two were seen to take 100 times as long.
 
 import ctypes
 import functools
+import math
 
 import numpy as np
 import warp as wp
@@ -79,6 +80,10 @@ class HostVectors:
             if self._double:
                 return float(np.dot(weighted, self.view(b)))
             return float(self._strips(self.view(b)[None, :], weighted, self._room(1))[0])
+
+    def lowest(self, x: wp.array, begin: int, end: int) -> float:
+        lowest = float(self.view(x)[begin:end].min())
+        return -math.inf if math.isnan(lowest) else lowest
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
         with QUIETLY():

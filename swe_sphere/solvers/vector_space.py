@@ -19,7 +19,7 @@ from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
-    "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None,
+    "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None, "lowest": None,
     "project": lambda stack, count, v: count,
     "combine_rows": lambda scale, x, stack, c, out: len(c),
 }  # fmt: skip
@@ -39,6 +39,8 @@ class VectorSpace:
     """axpby(a, x, b, y): y = a x + b y."""
     dot: Callable[[wp.array, wp.array], float]
     """dot(a, b): <a, b>."""
+    lowest: Callable[[wp.array, int, int], float]
+    """lowest(x, begin, end): the least of x[begin:end], -infinity where one is NaN."""
     project: Callable[[wp.array, int, wp.array], Array]
     """project(stack, count, v): <stack[s], v> for s < count, as numpy array (count,) that the next
     call overwrites."""

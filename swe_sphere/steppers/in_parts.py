@@ -62,5 +62,5 @@ class SteppedInParts(SolvingStepper):
         if not self._needs_depth:
             return None
         end = self.model.fluid_size
-        lowest = float(self.new.numpy()[end - self.model.mesh.size : end].min())
+        lowest = self.space.lowest(self.new, end - self.model.mesh.size, end)
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
