@@ -106,7 +106,7 @@ class RunConfig(SharedConfig):
     """Of an implicit or exponential stepper's solves, relative to the change over a step."""
     dt: TimeStep = "auto"
     """Time step [s]. auto (the default): a safe part of the stability limit. For implicit steppers
-    advective Courant number 2 and an hour at most, for exponential ones 0.25 to 0.5 and three
+    advective Courant number 2 and an hour at most, for exponential ones 0.15 to 0.5 and three
     hours. Of an adaptive run the longest step, by default the time between frames."""
     adaptive: Positive | None = None
     """Let the steps inside of dt follow their error, to this tolerance (relative)."""

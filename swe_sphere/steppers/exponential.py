@@ -197,7 +197,7 @@ class EPI4(ExponentialMultistep):
 class EPI5(ExponentialMultistep):
     """EPI5: fifth order, four steps, the linear part exactly."""
 
-    name, order = "epi5", 5
+    name, order, courant = "epi5", 5, 0.15
     expected_error = ((900.0, 2.026700e-08, 2.128078e-07), (450.0, 7.680428e-10, 8.176877e-09))
     style = ("#7D5581", (8, 1, 0))
     weights = ((-4 / 5, 2 / 5, -4 / 45), (12.0, -9 / 2, 8 / 9), (3.0, 0.0, -1 / 3))
