@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
     from swe_sphere.steppers import Stepper
 
-AT_REST = 1e7
-"""A limit above this [s] is that of a fluid at rest, whose wind is yet to come: it is none."""
+UNLIMITED = 1e7
+"""A limit above this [s] is none."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,22 @@ class StepChoice:
 
 
 def choose_step(
-    asked: float | None, days: float, stable_dt: float, safety: float, accurate: StepChoice
+    asked: float | None,
+    days: float,
+    stable_dt: float,
+    safety: float,
+    accurate: StepChoice,
+    cautious: bool = False,
 ) -> StepChoice:
     """The step asked for [s], else one within the stability limit or, without one, an accurate one.
 
     days: length of the run, which an automatic step does not exceed; stable_dt: stability limit
-    [s], infinite where there is none; safety: part of it to use; accurate: see `accurate_step`.
+    [s], infinite where there is none; safety: part of it to use; accurate: see `accurate_step`;
+    cautious: whether an automatic step shall be an accurate one within the limit too.
     """
     if asked is not None:
         return StepChoice(asked, "as given")
-    if stable_dt < AT_REST:
+    if stable_dt < UNLIMITED and not (cautious and safety * stable_dt > accurate.dt):
         return StepChoice(min(safety * stable_dt, days * DAY), f"{safety:g} of the stability limit")
     return replace(accurate, dt=min(accurate.dt, days * DAY))
 

@@ -6,12 +6,15 @@ G adjoint, S = I - tau^2 g H D G is symmetric for the areas as weights.
 """
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
+from swe_sphere.arrays import Array
+from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
+from swe_sphere.equations.spectrum import Operator, Spectrum, estimate_spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.convert import convert_kernel
@@ -31,6 +34,9 @@ DEEPEST = 0.8
 outgrows their implicit part (Simmons, Hoskins & Burridge 1978,
 doi:10.1175/1520-0493(1978)106<0405:SOTSIM>2.0.CO;2); scene lauter, whose depth varies by a factor
 11, also needs 0.8 for third-order steps as long as its wind allows, and loses no accuracy by it."""
+INERTIAL = 1.25
+"""How much more explicit inertial waves limit steps than advection of the same frequency: by
+measurement on meshes so coarse that they do (docs/imex_steps.md)."""
 MOST_ITERATIONS = 200
 BASIS = 40
 
@@ -40,10 +46,23 @@ def reference_depth(model: Model) -> float:
 
     Of linearised dynamics it is that of the base.
     """
+    depth = _depth(model)
+    return max(float(np.average(depth, weights=model.mesh.area)), DEEPEST * float(depth.max()))
+
+
+def shallowness(model: Model) -> float:
+    """1, or more where the depth is somewhere less than half of the reference depth.
+
+    So much shorter are stable steps where the implicit waves are faster than the true ones by so
+    much: the fourth root of the ratio, by measurement in scene lauter (docs/imex_steps.md).
+    """
+    return max(1.0, 0.5 * reference_depth(model) / float(_depth(model).min())) ** 0.25
+
+
+def _depth(model: Model) -> Array:
     flow = model.scene.base or model.scene.initial
     _, _, depth = flow(model.mesh.lon, model.mesh.lat)
-    depth = np.broadcast_to(depth, model.mesh.size)
-    return max(float(np.average(depth, weights=model.mesh.area)), DEEPEST * float(depth.max()))
+    return np.broadcast_to(depth, model.mesh.size)
 
 
 class GravityWaves:
@@ -93,7 +112,22 @@ class GravityWaves:
             self.tracers.apply(d, out)
 
     def explicit_spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of what is left to explicit steps, F - L, and of dissipation."""
+        """Spectral radii [s-1] of what limits explicit steps of F - L, and of dissipation.
+
+        That is the advection, and where it is slow the Coriolis force.  F - L has larger
+        eigenvalues, of both in one place, but as the gravity waves are implicit those do not grow
+        (docs/imex_steps.md).  With effects of a user's own all of F - L counts.
+        """
+        model = self.model
+        dissipation = model.fluid_dissipation if model.dissipative else None
+        found = estimate_spectrum(model.discrete, state, _advection(model, state, t), dissipation)
+        wave = max(found.wave, INERTIAL * float(np.abs(model.coriolis).max()))
+        if any(effect.name not in EFFECTS for effect in model.scene.effects):
+            wave = max(wave, estimate_spectrum(model.discrete, state, self._rest(t)).wave)
+        return replace(found, wave=wave)
+
+    def _rest(self, t: float) -> Operator:
+        """F - L of wind and depth."""
         model, ones = self.model, np.ones(self.model.fluid_size)
         linear = model.device_mesh.upload(ones)
         space = VectorSpace(ones, model.device, model.device_mesh.real)
@@ -103,8 +137,24 @@ class GravityWaves:
             self.apply_to_fluid(x, linear)
             space.axpy(-1.0, linear, out)
 
-        dissipation = model.fluid_dissipation if model.dissipative else None
-        return estimate_spectrum(model.discrete, state, rest, dissipation)
+        return rest
+
+
+def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
+    """Spectral radius [s-1] of the advection of depth by the wind of a state, -div(V h)."""
+    return estimate_spectrum(model.discrete, state, _advection(model, state, t)).wave
+
+
+def _advection(model: Model, state: wp.array, t: float) -> Operator:
+    winds = 2 * model.mesh.size
+    wind = wp.clone(state[:winds])
+
+    def advection(x: wp.array, out: wp.array) -> None:
+        wp.copy(x, wind, count=winds)
+        model.fluid_tendency(x, t, out)
+        out[:winds].zero_()
+
+    return advection
 
 
 class GravityWaveSolver:

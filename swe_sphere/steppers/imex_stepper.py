@@ -1,6 +1,7 @@
 """What all steppers share that treat linear gravity waves implicitly and the rest explicitly."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -9,9 +10,10 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import SolverFailed
-from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver, shallowness
 from swe_sphere.steppers.solving import SolvingStepper
 from swe_sphere.steppers.stability import Complex, largest_step
+from swe_sphere.steppers.trial_run import strongest_advection
 
 MUCH_FASTER = 1e4
 """How many times faster than the explicit waves the implicit ones may be in the analysis of
@@ -21,7 +23,7 @@ stability."""
 class ImexStepper(SolvingStepper):
     """A stepper that solves (I - tau L) x = r, with L of `GravityWaves`, by `_solve`.
 
-    The step is limited by the wind, which in williamson5 doubles in a few days.
+    The step is limited by the wind (docs/imex_steps.md).
 
     `tolerance`: as for `SolvingStepper`, relative to the change of the eliminated state that is
     solved for.  `coriolis`: "explicit", or "implicit" as part of L.  `solver`: that of another
@@ -30,7 +32,7 @@ class ImexStepper(SolvingStepper):
     """
 
     family = "imex"
-    safety = 0.45
+    safety = 0.85
     faster: ClassVar[float] = 8.0
     """How many times faster than the explicit waves the implicit ones are at least in the analysis
     of stability.  (Waves of nearly one frequency in both parts would grow in any implicit-explicit
@@ -73,9 +75,11 @@ class ImexStepper(SolvingStepper):
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
         """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for.
 
-        With the Coriolis force in it: to take that implicitly does not lengthen stable steps.
+        Of the advection at the strongest wind of a trial run: see `strongest_advection`.
         """
-        return GravityWaves(model.inviscid).explicit_spectrum(state, t)
+        at_start = GravityWaves(model.inviscid).explicit_spectrum(state, t)
+        wave = max(at_start.wave, strongest_advection(model))
+        return replace(at_start, wave=shallowness(model) * wave)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
