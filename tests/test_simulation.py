@@ -66,6 +66,13 @@ def test_automatic_step_without_a_limit_is_the_accurate_one():
     assert choose_step(7.0, 1.0, 1000.0, 0.9, accurate).dt == 7.0
 
 
+def test_a_cautious_step_is_an_accurate_one_within_the_limit():
+    accurate = StepChoice(3000.0, "accurate")
+    assert choose_step(None, 1.0, 9000.0, 0.9, accurate, cautious=True) == accurate
+    assert choose_step(None, 1.0, 2000.0, 0.9, accurate, cautious=True).dt == 1800.0
+    assert choose_step(None, 1.0, 9000.0, 0.9, accurate).dt == 8100.0
+
+
 def test_frames_come_about_daily_where_nothing_is_said():
     assert time_plan(5.0, None, 600.0).frame_steps == 144
     assert time_plan(0.5, None, 600.0).frame_steps == 72
