@@ -38,7 +38,10 @@ def strongest_advection(model: Model) -> float:
             stepper.step()
         if not np.isfinite(stepper.state.numpy()).all():
             break
-        largest = max(largest, advection_rate(coarse, stepper.state, stepper.time))
+        rate = advection_rate(coarse, stepper.state, stepper.time)
+        if rate > spectrum.wave:  # faster than the waves: it blows up
+            break
+        largest = max(largest, rate)
     return largest * RK4.spectrum(model, model.initial_state()).wave / spectrum.wave
 
 
