@@ -56,7 +56,8 @@ def shallowness(model: Model) -> float:
     So much shorter are stable steps where the implicit waves are faster than the true ones by so
     much: the fourth root of the ratio, by measurement in scene lauter (docs/imex_steps.md).
     """
-    return max(1.0, 0.5 * reference_depth(model) / float(_depth(model).min())) ** 0.25
+    ratio = reference_depth(model) / float(_depth(model).min())
+    return float(max(1.0, 0.5 * ratio) ** 0.25)
 
 
 def _depth(model: Model) -> Array:
