@@ -196,6 +196,18 @@ def test_views_follow_the_memory() -> None:
         space.norm(wp.zeros(50, dtype=wp.float32, device="cpu"))
 
 
+def test_a_row_and_a_stack_of_just_that_row_are_told_apart() -> None:
+    """They share their address and their size."""
+    space = VectorSpace(np.ones(5))
+    stack = space.stack(2)
+    row, alone = stack[1], stack[1:]
+    row.fill_(2.0)
+    assert space.dot(row, row) == 20.0
+    assert space.project(alone, 1, row).tolist() == [20.0]
+    space.combine(row, alone, [1.0], row)
+    assert row.numpy().tolist() == [4.0] * 5
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_weights_must_be_positive(bad: float) -> None:
     with pytest.raises(ConfigError, match="positive"):
