@@ -139,9 +139,7 @@ class ExponentialMultistep(SteppedInParts):
         space = self.space
         least = WORTHLESS * space.epsilon * space.norm(self.state) if self.loosest > 0.0 else 0.0
         goal = max(self.tolerance * self.motion.rate * dt, least)
-        result = self._solver.solve(
-            self._jacobian, self._sources, terms, length, goal, self.new
-        )
+        result = self._solver.solve(self._jacobian, self._sources, terms, length, goal, self.new)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps
         space.axpy(1.0, self.state, self.new)
@@ -153,10 +151,13 @@ class ExponentialMultistep(SteppedInParts):
         space.copy(self._slope, sources.plain[0])
         for array in (*sources.moved[1:], *sources.plain[1:]):
             space.clear(array)
-        for quarter, weight in enumerate(DRIFT * 4.0 / dt if self._has_drift else ()):
-            self.model.tendency(self.state, t + quarter * dt / 4.0, self._work)
-            space.axpy(float(weight), self._work, sources.plain[1])
-        space.copy(sources.plain[1], self._drift)
+        if self._has_drift:
+            first, *others = (DRIFT * 4.0 / dt).tolist()
+            space.axpy(first, self._slope, sources.plain[1])
+            for quarter, weight in enumerate(others, 1):
+                self.model.tendency(self.state, t + quarter * dt / 4.0, self._work)
+                space.axpy(weight, self._work, sources.plain[1])
+            space.copy(sources.plain[1], self._drift)
 
 
 def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:
