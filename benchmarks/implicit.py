@@ -9,24 +9,15 @@ Sections that are not run keep what was measured before (docs/implicit.json).
 
 from __future__ import annotations
 
-import json
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
-import warp as wp
 from exponential_runs import exponential, exponential_steps
-from implicit_common import Section
 from implicit_newton import newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
-from rich.console import Console
-from rich.table import Table
+from sections import write_page
 
-from swe_sphere.machine import machine
-
-DOCS = Path(__file__).parents[1] / "docs"
 SECTIONS = {
     "counts": counts,
     "price": price,
@@ -53,45 +44,10 @@ def main(
     list_sections: Annotated[bool, typer.Option("--list", help="Print the sections.")] = False,
 ) -> None:
     """Run sections and rewrite the page."""
-    console = Console(width=160)
-    unknown = [name for name in names or () if name not in SECTIONS]
-    if list_sections or unknown:
-        console.print(f"unknown: {', '.join(unknown)}" if unknown else "", *SECTIONS, sep="\n")
-        raise typer.Exit(2 if unknown else 0)
-    wp.config.log_level = wp.LOG_WARNING
-    store = DOCS / "implicit.json"
-    known = json.loads(store.read_text()) if store.exists() else {}
-    for name in names or SECTIONS:
-        section = SECTIONS[name]()
-        console.print(_table(section))
-        known[name] = vars(section) | {
-            "machine": machine(),
-            "measured": datetime.now(UTC).strftime("%Y-%m-%d"),
-        }
-        known = {key: known[key] for key in SECTIONS if key in known}
-        store.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
-        (DOCS / "implicit.md").write_text(_page(known))
-
-
-def _table(section: Section) -> Table:
-    table = Table(*section.columns, title=section.title)
-    for row in section.rows:
-        table.add_row(*row)
-    return table
-
-
-def _page(known: dict[str, dict[str, object]]) -> str:
-    parts = [HEAD]
-    for name, section in known.items():
-        lines = [f"## {section['title']}", "", str(section["note"]), ""]
-        lines.append("| " + " | ".join(section["columns"]) + " |")
-        lines.append("|" + "---|" * len(section["columns"]))
-        lines += ["| " + " | ".join(row) + " |" for row in section["rows"]]
-        if section.get("figure"):
-            lines += ["", f"![{section['title']}]({section['figure']})"]
-        lines += ["", f"Section `{name}`, {section['measured']}, {section['machine']}."]
-        parts.append("\n".join(lines))
-    return "\n\n".join(parts) + "\n"
+    if list_sections:
+        typer.echo("\n".join(SECTIONS))
+    else:
+        write_page("implicit", HEAD, SECTIONS, names or ())
 
 
 if __name__ == "__main__":

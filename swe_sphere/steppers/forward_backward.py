@@ -87,13 +87,21 @@ class SplitExplicit(Stepper):
 
 
 def wind_share(model: Model, state: wp.array, t: float) -> float:
-    """The largest |V| / (|V| + sqrt(g h)) on any node; 1 where there are no gravity waves."""
+    """The largest |V| k over the largest (|V| + sqrt(g h)) k; 1 where there are no gravity waves.
+
+    k is the shortest wave length's wavenumber, up to a factor, where the element is shortest: one
+    over the smaller singular value of dx/dxi.
+    """
     if model.scene.effect("pressure-gradient") is None:
         return NOTHING_BUT_WIND
-    fields = model.fields(model.point_of_tangent(state), t)
+    mesh, fields = model.mesh, model.fields(model.point_of_tangent(state), t)
+    squares = np.sum(mesh.basis**2, axis=(-2, -1))
+    apart = np.sqrt(np.maximum(squares**2 - 4.0 * mesh.jacobian**2, 0.0))
+    k = np.sqrt(0.5 * (squares + apart)) / mesh.jacobian
     speed = np.hypot(fields["u"], fields["v"])
     waves = np.sqrt(model.scene.planet.gravity * np.maximum(fields["h"], 0.0))
-    return float(np.max(speed / np.maximum(speed + waves, np.finfo(float).tiny)))
+    winds, both = ((each[mesh.nodes] * k).max() for each in (speed, speed + waves))
+    return float(winds / both) if both > 0.0 else 0.0
 
 
 def _columns(*z: Complex) -> tuple[Complex, ...]:

@@ -1,0 +1,66 @@
+"""Pages of several sections, of which each may be measured anew by itself."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+import warp as wp
+from implicit_common import Section
+from rich.console import Console
+from rich.table import Table
+
+from swe_sphere.machine import machine
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def write_page(
+    page: str, head: str, sections: Mapping[str, Callable[[], Section]], names: Sequence[str]
+) -> None:
+    """Run the named sections, all by default, and rewrite docs/PAGE.md and docs/PAGE.json.
+
+    Sections that are not run keep what was measured before.  Ends with status 2, and with the
+    names of the sections, where one is unknown.
+    """
+    console = Console(width=160)
+    if unknown := [name for name in names if name not in sections]:
+        console.print(f"unknown: {', '.join(unknown)}", *sections, sep="\n")
+        raise typer.Exit(2)
+    wp.config.log_level = wp.LOG_WARNING
+    store = DOCS / f"{page}.json"
+    known = json.loads(store.read_text()) if store.exists() else {}
+    for name in names or sections:
+        section = sections[name]()
+        console.print(_table(section))
+        known[name] = vars(section) | {
+            "machine": machine(),
+            "measured": datetime.now(UTC).strftime("%Y-%m-%d"),
+        }
+        known = {key: known[key] for key in sections if key in known}
+        store.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+        (DOCS / f"{page}.md").write_text(_page(head, known))
+
+
+def _table(section: Section) -> Table:
+    table = Table(*section.columns, title=section.title)
+    for row in section.rows:
+        table.add_row(*row)
+    return table
+
+
+def _page(head: str, known: dict[str, dict[str, object]]) -> str:
+    parts = [head]
+    for name, section in known.items():
+        lines = [f"## {section['title']}", "", str(section["note"]), ""]
+        lines.append("| " + " | ".join(section["columns"]) + " |")
+        lines.append("|" + "---|" * len(section["columns"]))
+        lines += ["| " + " | ".join(row) + " |" for row in section["rows"]]
+        if section.get("figure"):
+            lines += ["", f"![{section['title']}]({section['figure']})"]
+        lines += ["", f"Section `{name}`, {section['measured']}, {section['machine']}."]
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts) + "\n"

@@ -1,0 +1,103 @@
+"""What cheaper steps cost and how exact they are, in interleaved runs; writes docs/steps.md.
+
+    python benchmarks/steps.py                      all sections
+    python benchmarks/steps.py forward-backward
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+from implicit_common import Section
+from sections import write_page
+
+from swe_sphere.io.reference_solution import SHIPPED, reference_errors
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.execution import step_through
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.time_plan import TimePlan
+
+ROUNDS = 2
+"""Runs of each kind, in turns."""
+EXPLICIT = ("rk4", "kg5", "leapfrog", "forward-backward")
+CASES = (
+    ("williamson5", 16, 4, 15.0),
+    ("williamson5", 6, 8, 15.0),
+    ("williamson6", 16, 4, 14.0),
+    ("galewsky", 16, 4, 6.0),
+)
+HEAD = """# Steps that pay
+
+Made by `python benchmarks/steps.py` (float64, one core).  Times are CPU seconds of the steps alone,
+the least of runs that were made in turns; the median stands beside it.
+"""
+
+
+def forward_backward() -> Section:
+    """Explicit steppers at their automatic steps, against reference solutions."""
+    rows = [row for case in CASES for row in _raced(*case)]
+    return Section(
+        "Explicit steppers at their automatic steps",
+        "l2 of the surface height against the independent spectral reference.  An evaluation of "
+        "`forward-backward` and `fb-rk3` is a pass for the depth and one for the wind.",
+        ["scene", "mesh", "stepper", "Δt [s]", "evaluations", "l2", "l2 / rk4", "CPU [s]",
+         "median", "CPU / rk4", "µs an evaluation"],
+        rows,
+    )  # fmt: skip
+
+
+def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
+    mesh, seconds, kept = Mesh.build(ne, np_), {name: [] for name in EXPLICIT}, {}
+    steps = {name: _automatic(scene, mesh, name, days) for name in EXPLICIT}
+    for _ in range(ROUNDS):
+        for name, dt in steps.items():
+            count = round(days * DAY / dt)
+            sim = Simulation(scene, mesh=mesh, stepper=name)
+            sim.begin(TimePlan(dt, count, count, dt))
+            if step_through(sim, []).completed:
+                seconds[name].append(sim.cpu_seconds)
+                kept[name] = sim
+    error = {name: _error(scene, days, sim) for name, sim in kept.items()}
+    best = {name: min(times) for name, times in seconds.items() if times}
+    rows = []
+    for name, dt in steps.items():
+        head = [scene, f"ne{ne} np{np_}", name, f"{dt:.0f}"]
+        if name not in kept:
+            rows.append([*head, "blew up", *[""] * 6])
+            continue
+        count = kept[name].model.counters["rhs_evaluations"]
+        rows.append([
+            *head, str(count), f"{error[name]:.2e}", f"{error[name] / error['rk4']:.2f}",
+            f"{best[name]:.2f}", f"{np.median(seconds[name]):.2f}",
+            f"{best[name] / best['rk4']:.2f}", f"{1e6 * best[name] / count:.0f}",
+        ])  # fmt: skip
+    return rows
+
+
+def _automatic(scene: str, mesh: Mesh, name: str, days: float) -> float:
+    """The automatic step [s], shortened so that the end falls on a step."""
+    sim = Simulation(scene, mesh=mesh, stepper=name, days=days)
+    return days * DAY / np.ceil(days * DAY / (sim.stepper.safety * sim.stable_dt))
+
+
+def _error(scene: str, days: float, sim: Simulation) -> float:
+    """l2 of the surface height."""
+    file = SHIPPED / f"{scene}_day{days:.0f}.nc"
+    return reference_errors(file, sim.mesh, sim.snapshot.with_constants, field="surface")["l2"]
+
+
+SECTIONS = {"forward-backward": forward_backward}
+
+
+def main(
+    names: Annotated[list[str] | None, typer.Argument(help="Sections; all by default.")] = None,
+) -> None:
+    """Run sections and rewrite the page."""
+    write_page("steps", HEAD, SECTIONS, names or ())
+
+
+if __name__ == "__main__":
+    typer.run(main)
