@@ -32,8 +32,7 @@ CASES = (
 HEAD = """# Steps that pay
 
 Made by `python benchmarks/steps.py` (float64, one core).  Times are CPU seconds of the steps alone,
-the least of runs that were made in turns; the median stands beside it.
-"""
+the least of runs that were made in turns; the median stands beside it."""
 
 
 def forward_backward() -> Section:
@@ -42,7 +41,11 @@ def forward_backward() -> Section:
     return Section(
         "Explicit steppers at their automatic steps",
         "l2 of the surface height against the independent spectral reference.  An evaluation of "
-        "`forward-backward` and `fb-rk3` is a pass for the depth and one for the wind.",
+        "`forward-backward` is a pass for the depth and one for the wind; each loads the metric "
+        "terms and the wind anew, which costs more at np 8.  In the strong winds of williamson6 "
+        "and galewsky (U/c about 0.3) its limit is a quarter shorter than in williamson5, and "
+        "that of the other sets of coefficients in `benchmarks/forward_backward.py` is no longer. "
+        "These runs shared the machine with others.",
         ["scene", "mesh", "stepper", "Δt [s]", "evaluations", "l2", "l2 / rk4", "CPU [s]",
          "median", "CPU / rk4", "µs an evaluation"],
         rows,
