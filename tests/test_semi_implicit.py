@@ -249,7 +249,7 @@ def mountain():
     return model, state, limit, STEPPERS["semi-implicit"].spectrum(model, state)
 
 
-@pytest.mark.parametrize(("name", "beyond"), [("semi-implicit", 6), ("ark2", 6), ("ars343", 17)])
+@pytest.mark.parametrize(("name", "beyond"), [("semi-implicit", 6), ("ark2", 6), ("ars343", 13)])
 def test_stable_far_beyond_the_explicit_limit(mountain, name: str, beyond: float) -> None:
     model, state, limit, rest = mountain
     dt = STEPPERS[name].safety * STEPPERS[name].stable_dt(rest.wave)
@@ -259,11 +259,11 @@ def test_stable_far_beyond_the_explicit_limit(mountain, name: str, beyond: float
     assert 3000.0 < fields["h"].min() < fields["h"].max() < 6100.0
 
 
-@pytest.mark.parametrize("name", ["semi-implicit", "ars343"])
-def test_automatic_steps_are_not_wasteful(mountain, name: str) -> None:
-    """1.5 times as long ones blow up when the wind over the mountain has grown."""
+@pytest.mark.parametrize(("name", "times"), [("semi-implicit", 1.5), ("ars343", 2.0)])
+def test_automatic_steps_are_not_wasteful(mountain, name: str, times: float) -> None:
+    """Steps so much longer blow up when the wind over the mountain has grown."""
     model, state, _, rest = mountain
-    dt = 1.5 * STEPPERS[name].safety * STEPPERS[name].stable_dt(rest.wave)
+    dt = times * STEPPERS[name].safety * STEPPERS[name].stable_dt(rest.wave)
     with pytest.raises(RunFailed, match="smaller --dt"), np.errstate(all="ignore"):
         advance(name, model, state, dt, 6 * 86400.0)
 

@@ -129,7 +129,9 @@ class ARS343(ImexRungeKutta):
     name, order = "ars343", 3
     style = ("#C44931", "P")
     expected_error = ((900.0, 1.496418e-06, 1.643251e-05), (450.0, 1.957739e-07, 2.168509e-06))
-    faster = 3.0  # so that its limit is below all that were measured (docs/imex_steps.md)
+    # over hills the depth differs from that of the implicit part by a third and more, and as much
+    # of the gravity waves is explicit: there this method grows (semi-implicit leapfrog does not)
+    faster = 2.5
     _g = 0.4358665215084590
     _b1, _b2 = -1.5 * _g**2 + 4.0 * _g - 0.25, 1.5 * _g**2 - 5.0 * _g + 1.25
     _a42 = _a43 = 0.5529291480359398
