@@ -22,12 +22,14 @@ from support import (
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
 from swe_sphere.steppers.diffusion import Diffusion
 from swe_sphere.steppers.leapfrog import Leapfrog
+from swe_sphere.testcases import get_scene
 
 NU = 1e19
 """Damps fast enough for the splitting to make the largest errors."""
@@ -72,14 +74,15 @@ def test_every_mode_decays_by_the_polynomial_of_the_method(reach: float) -> None
     assert np.abs(decayed(values, reach))[np.abs(values) > 0.5 * reach].max() < 0.8
 
 
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize("name", [*SOME, "tr-bdf2"])
 def test_steppers_are_of_second_order_with_it(damped: Model, name: str, monkeypatch) -> None:
     """Exact in time is known; the filters switched off."""
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     exact, scale = answer(DURATION), np.repeat([10.0, 10.0, 100.0], MESH.size)
     errors = []
     for dt in (225.0, 112.5):
-        last = advance(name, damped, damped.initial_state(), dt, DURATION, **tight(name))
+        options = tight(name, 1e-6) | ({"diffusion": "apart"} if name in IMPLICIT else {})
+        last = advance(name, damped, damped.initial_state(), dt, DURATION, **options)
         errors.append(float(np.abs((last.state.numpy() - exact) / scale).max()))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.2)
 
@@ -141,3 +144,25 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
     if stepper.estimate_order is not None:
         adaptive = AdaptiveStepper(stepper, 1e-3)
         assert adaptive.diffusion is None and adaptive.model is model
+
+
+def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
+    """Counts are those without it, where taken whole it doubles them."""
+    mesh, plain = Mesh.build(4, 4), get_scene("williamson5")
+    thick = plain.with_effect(Hyperviscosity())
+    counts = []
+    for scene, how in ((plain, "whole"), (thick, "apart"), (thick, "whole")):
+        model = Model(mesh, scene)
+        stepper = advance("tr-bdf2", model, model.initial_state(), 21600.0, 129600.0, diffusion=how)
+        counts.append(stepper.counters["krylov_iterations"])
+    assert counts[1] <= counts[0] + 12 and counts[2] > 1.5 * counts[1], counts
+
+
+def test_what_cannot_have_it_apart_says_so() -> None:
+    model = Model(MESH, make_scene("pressure", "hyperviscosity"))
+    with pytest.raises(ConfigError, match="take it whole"):
+        STEPPERS["bdf2"](model, 900.0, diffusion="apart")
+    with pytest.raises(ConfigError, match="take it whole"):
+        AdaptiveStepper(STEPPERS["tr-bdf2"](model, 900.0, diffusion="apart"), 1e-3)
+    with pytest.raises(ConfigError, match="whole or apart"):
+        STEPPERS["tr-bdf2"](model, 900.0, diffusion="lagged")

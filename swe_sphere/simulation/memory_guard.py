@@ -76,10 +76,11 @@ def _model(size: _Size, scene: Scene) -> float:
     """The mesh, its copy in the order of the kernels, local tendencies, fields of the scene."""
     has = {effect.name for effect in scene.effects}
     parts = 1 + 2 * any(effect.dissipation for effect in scene.effects)
-    parts += 4 * ("hyperviscosity" in has)
+    parts += 2 * ("hyperviscosity" in has)
+    apart = 6 * any(effect.diffuses for effect in scene.effects)  # vectors of its stages
     mesh = 48 * size.element + 100 * size.unique
     ordered = (4 + 5 * size.real) * size.element + (16 + size.real) * size.unique
-    local = parts * size.fluid * size.real * size.element
+    local = size.fluid * size.real * (parts * size.element + apart * size.unique)
     tracers = size.tracers * size.real * (2 * size.element + 3 * size.unique)
     return mesh + ordered + local + tracers + 60 * size.unique
 

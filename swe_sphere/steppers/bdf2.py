@@ -3,6 +3,7 @@
 import warp as wp
 
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.dirk import TRBDF2
 from swe_sphere.steppers.implicit import Failure, ImplicitStepper
 
@@ -26,6 +27,8 @@ class BDF2(ImplicitStepper):
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def _allocate(self, model: Model) -> None:
+        if self.diffusion_apart:
+            raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
         self._previous, self._rhs = model.zeros(), model.zeros()
         self._starter = TRBDF2(model, self.dt, self.loosest, "none")
         self._starter.share_solver(self)

@@ -115,6 +115,8 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
             f"adaptive: stepper {scheme.name} only takes equal steps; take one of "
             f"{_with_estimate()}"
         )
+    if scheme.diffusion is not None:
+        raise ConfigError("adaptive: diffusion apart has no estimate of its error: take it whole")
     return scheme, MEASURES[by](scheme)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.forcing_term import EisenstatWalker
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
@@ -31,6 +32,8 @@ WORTHLESS = 0.3
 """Residuals below so many round-offs of the state are worth one iteration, not two: rounding alone
 leaves as much.  With more they add up, in float32, where steps are short."""
 
+DIFFUSION = ("whole", "apart")
+"""How viscosity and hyperviscosity may be taken."""
 
 Failure = NewtonResult | LinearResult
 """Why a step could not be taken."""
@@ -82,7 +85,11 @@ class ImplicitStepper(SteppedInParts):
         dt: float,
         tolerance: float | None = None,
         preconditioner: str = "helmholtz",
+        diffusion: str = "whole",
     ) -> None:
+        if diffusion not in DIFFUSION:
+            raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
+        self.diffusion_apart = diffusion == "apart"
         super().__init__(model, dt, tolerance)
         self.problem = self._make_problem(preconditioner)
         space = self.problem.space
@@ -95,7 +102,7 @@ class ImplicitStepper(SteppedInParts):
         )
         self.counters |= {"newton_iterations": 0, "krylov_iterations": 0}
         self._units = self._unit_masses()
-        self._allocate(model)
+        self._allocate(self.model)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""

@@ -61,7 +61,7 @@ class Stepper(ABC):
     """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
     coupled_stages: ClassVar[int] = 1
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
-    diffusion_apart: ClassVar[bool] = True
+    diffusion_apart: bool = True
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""

@@ -1,0 +1,152 @@
+"""What hyperviscosity costs: steps, CPU time and errors of steppers that have it apart or whole.
+
+    python benchmarks/diffusion.py --write docs/steppers.md
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import warp as wp
+from rich.console import Console
+from rich.table import Table
+
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Hyperviscosity
+from swe_sphere.io.norms import errors
+from swe_sphere.machine import machine
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import DAY
+from swe_sphere.steppers import STEPPERS, Stepper
+from swe_sphere.testcases import get_scene
+
+HEAD = (
+    "scene", "stepper", "Δt without [s]", "Δt, at the stages", "Δt, apart", "evaluations a step",
+    "CPU a step", "l2(h), a day", "l2(v), a day",
+)  # fmt: skip
+IMPLICIT_HEAD = (
+    "Δt [s]", "Krylov a step: without", "whole", "apart", "CPU a step: whole", "apart",
+    "l2(h): whole", "apart", "l2(v): whole", "apart",
+)  # fmt: skip
+IMPLICIT, STEPS = "tr-bdf2", (1800.0, 3600.0, 7200.0, 14400.0)
+CASES = {"williamson5": 16, "galewsky": 16}
+NAMES = ("rk4", "kg5", "leapfrog", "semi-implicit", "ark2", "ars343")
+BATCH = 10
+"""Steps that are timed at once."""
+FINE = 8
+"""Steps of the run without an error in time, in one of rk4."""
+
+
+class Pair:
+    """One scene on one mesh, without hyperviscosity and with that of the mesh."""
+
+    def __init__(self, name: str, ne: int) -> None:
+        scene, self.mesh = get_scene(name), Mesh.build(ne, 4)
+        self.name = name
+        self.plain = Model(self.mesh, scene)
+        self.thick = Model(self.mesh, scene.with_effect(Hyperviscosity()))
+        self._exact = self._after_a_day("rk4", self.automatic("rk4", self.thick) / FINE)
+
+    def automatic(self, name: str, model: Model, at_stages: bool = False) -> float:
+        """The automatic step [s], were hyperviscosity taken at the stages or as it is."""
+        kind, start = STEPPERS[name], model.initial_state()
+        wave = kind.spectrum(model, start)
+        more = model.spectrum(start).dissipation if at_stages else wave.dissipation
+        return kind.safety * kind.stable_dt(wave.wave, more)
+
+    def _after_a_day(self, name: str, dt: float) -> dict[str, np.ndarray]:
+        return self.thick.fields(a_day(STEPPERS[name](self.thick, DAY / np.ceil(DAY / dt))).state)
+
+    def row(self, name: str, rounds: int) -> list[str]:
+        """What one stepper does here."""
+        free, now = (self.automatic(name, model) for model in (self.plain, self.thick))
+        within = self.automatic(name, self.thick, at_stages=True)
+        pair = [started(name, model, free) for model in (self.plain, self.thick)]
+        ratios = [seconds(pair[1]) / seconds(pair[0]) for _ in range(rounds)]
+        error = errors(self.mesh, self._after_a_day(name, now), self._exact)
+        split = pair[1].diffusion
+        return [
+            self.name, name, f"{free:.0f}", f"{within:.0f}", f"{now:.0f}",
+            "" if split is None else f"{split.evaluations}", f"× {statistics.median(ratios):.2f}",
+            f"{error['l2_h']:.1e}", f"{error['l2_v']:.1e}",
+        ]  # fmt: skip
+
+    def implicit_row(self, dt: float) -> list[str]:
+        """What an implicit stepper does with steps of dt [s], over a day."""
+        kind, counts, times, found = STEPPERS[IMPLICIT], [], [], []
+        for model, how in ((self.plain, "whole"), (self.thick, "whole"), (self.thick, "apart")):
+            a_day(kind(model, dt, diffusion=how))  # compiles
+            began = time.process_time()
+            stepper = a_day(kind(model, dt, diffusion=how))
+            times.append(time.process_time() - began)
+            counts.append(stepper.counters["krylov_iterations"] / stepper.steps)
+            found.append(errors(self.mesh, model.fields(stepper.state), self._exact))
+        return [
+            f"{dt:.0f}", *(f"{count:.1f}" for count in counts),
+            *(f"× {seconds / times[0]:.2f}" for seconds in times[1:]),
+            *(f"{error[norm]:.1e}" for norm in ("l2_h", "l2_v") for error in found[1:]),
+        ]  # fmt: skip
+
+
+def a_day(stepper: Stepper) -> Stepper:
+    """The stepper after a day."""
+    stepper.start(stepper.model.initial_state())
+    for _ in range(round(DAY / stepper.dt)):
+        stepper.step()
+    return stepper
+
+
+def started(name: str, model: Model, dt: float) -> Stepper:
+    """A stepper that has warmed up."""
+    stepper = STEPPERS[name](model, dt)
+    stepper.start(model.initial_state())
+    seconds(stepper)
+    return stepper
+
+
+def seconds(stepper: Stepper) -> float:
+    """CPU time of a batch of steps [s]."""
+    began = time.process_time()
+    for _ in range(BATCH):
+        stepper.step()
+    return time.process_time() - began
+
+
+def main(
+    rounds: Annotated[int, typer.Option(min=3, help="Batches a row.")] = 9,
+    write: Annotated[Path | None, typer.Option(help="Also replace the table of this page.")] = None,
+) -> None:
+    """Measure and print the table."""
+    wp.config.log_level = wp.LOG_WARNING
+    pairs = [Pair(*case) for case in CASES.items()]
+    explicit = [pair.row(name, rounds) for pair in pairs for name in NAMES]
+    implicit = [pairs[0].implicit_row(dt) for dt in STEPS]
+    note = f"CPU: median of {rounds} alternating batches. {machine()}."
+    for mark, head, rows, told in (
+        ("hyperviscosity", HEAD, explicit, note),
+        ("hyperviscosity, implicit", IMPLICIT_HEAD, implicit, f"{machine()}."),
+    ):
+        table = Table(*head)
+        for row in rows:
+            table.add_row(*row)
+        Console(width=160).print(table)
+        if write:
+            _replace_table(write, mark, [head, tuple("---" for _ in head), *rows], told)
+
+
+def _replace_table(page: Path, mark: str, lines: list[Sequence[str]], note: str) -> None:
+    start, end = f"<!-- {mark} -->", f"<!-- end of {mark} -->"
+    text = page.read_text()
+    before, after = text.split(start)[0], text.split(end)[1]
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    page.write_text(f"{before}{start}\n{body}\n\n{note}\n{end}{after}")
+
+
+if __name__ == "__main__":
+    typer.run(main)
