@@ -18,19 +18,19 @@ DECAY_NODE = ("viscosity-node",)
 
 _FLUX_1 = "return wedge(p.fu, p.fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
 _COVARIANT = "r[at_curl] = dot(geo.basis[e, n, 2], geo.basis[e, n, 3], p.u, p.v)"
-_RU = "ru = -wedge(d1[0], d2[0], geo.basis[e, n, 1], geo.basis[e, n, 3])"
+_RU = "ru = -wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])"
 _DH = "out[e, n, 2] = -weight * (d1[1] + d2[1])"
-_ZETA = "zeta = d1[2] - d2[2]"
+_ZETA = "zeta = d1[curl] - d2[curl]"
 _CURL = "curl = mul(w, d1[at_curl] - d2[at_curl])"
-_WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        ru"
+_WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        if wp.static(alone)"
 _TRACERS = "f1[i, j] = wedge(fu, fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
 _GATHER = "total += local[at[2] + offset] + local[at[3] + offset]"
 
 FORMULAS = tuple(
     Edit(name, f"kernels/{file}.py", cases, old, new)
     for file, name, cases, old, new in (
-        ("dynamics", "vorticity of the wrong sign", STEADY, _ZETA, "zeta = d2[2] - d1[2]"),
-        ("dynamics", "vorticity misses a term", STEADY, _ZETA, "zeta = d1[2]"),
+        ("dynamics", "vorticity of the wrong sign", STEADY, _ZETA, "zeta = d2[curl] - d1[curl]"),
+        ("dynamics", "vorticity misses a term", STEADY, _ZETA, "zeta = d1[curl]"),
         (
             "dynamics",
             "wrong entry of the basis in the gradient",
