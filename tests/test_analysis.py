@@ -14,6 +14,7 @@ from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
 from swe_sphere.analysis.opening import open_run
 from swe_sphere.analysis.regrid import CellMeans, Points
 from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.analysis.scrip import cell_corners, write_scrip
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.frame import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
@@ -299,3 +300,32 @@ def test_the_page_of_the_analysis_runs(tmp_path, monkeypatch):
     exec(text.replace("ne=8, np=6", "ne=2, np=4").replace("days=0.5, every=6", "days=0.1"), found)
     assert found["energy"].sum("wavenumber").compute().max() > 100.0
     assert found["gauss"].h.shape[1:] == (64, 128)
+
+
+def triangle(a, b, c):
+    """Signed areas of spherical triangles (van Oosterom & Strackee 1983)."""
+    below = 1.0 + sum(np.sum(x * y, axis=-1) for x, y in ((a, b), (b, c), (c, a)))
+    return 2.0 * np.arctan2(np.sum(a * np.cross(b, c), axis=-1), below)
+
+
+@pytest.mark.parametrize("mesh", [Mesh.build(8, 4), Mesh.build(8, 8)], ids=["np4", "np8"])
+def test_cells_around_the_nodes_cover_the_sphere_as_the_weights_do(mesh):
+    corners = cell_corners(mesh)
+    parts = [triangle(mesh.xyz, corners[:, k], corners[:, (k + 1) % 4]) for k in range(4)]
+    assert np.min(parts) > -1e-15  # anticlockwise, the node inside
+    area, weights = sum(parts), mesh.area / mesh.radius**2
+    assert area.sum() == pytest.approx(4.0 * np.pi, rel=1e-13)
+    ratio = np.sort(area / weights)
+    assert ratio[7] < 0.51 < 0.97 < ratio[8] and ratio[-1] < 1.02
+    h = depth(mesh.lon, mesh.lat)
+    assert np.average(h, weights=area) == pytest.approx(np.average(h, weights=weights), rel=1e-7)
+
+
+def test_a_scrip_grid(run, mesh, tmp_path):
+    with xr.open_dataset(write_scrip(run, tmp_path / "grid.nc")) as grid:
+        assert dict(grid.sizes) == {"grid_size": mesh.size, "grid_corners": 4, "grid_rank": 1}
+        np.testing.assert_allclose(np.radians(grid.grid_center_lat), mesh.lat, atol=1e-14)
+        assert grid.grid_area.sum().item() == pytest.approx(4.0 * np.pi, rel=1e-6)
+        assert grid.grid_corner_lon.attrs["units"] == "degrees"
+    with pytest.raises(ConfigError, match="there already"):
+        write_scrip(run, tmp_path / "grid.nc")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import subprocess
 
@@ -86,6 +87,27 @@ def test_attributes_hold_the_configuration_and_the_mesh(written, mesh):
     np.testing.assert_array_equal(run.mesh.xyz, mesh.xyz)
 
 
+def test_only_the_fields_asked_for_are_written(tmp_path, mesh):
+    with FrameWriter(tmp_path / "run.nc", mesh, {"scene": "x"}, only=("v", "h")) as writer:
+        for k in range(2):
+            writer.write(60.0 * k, frame(mesh, k), {"mass": 1.0})
+    run = RunFile(tmp_path / "run.nc")
+    assert [*run.frame()] == ["b", "h", "v"]
+    np.testing.assert_array_equal(run.frame()["v"], frame(mesh, 1)["v"])
+    with pytest.raises(ConfigError, match="unknown field 'vortiticy'; did you mean 'vorticity'"):
+        FrameWriter(tmp_path / "more.nc", mesh, {}, only=["vortiticy"])
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_history_and_coriolis(tmp_path, mesh):
+    with FrameWriter(tmp_path / "run.nc", mesh, {"scene": "x"}, coriolis=mesh.lat) as writer:
+        writer.write(0.0, frame(mesh, 0))
+    with xarray.open_dataset(tmp_path / "run.nc") as data:
+        np.testing.assert_array_equal(data["f"], mesh.lat)
+        assert re.fullmatch(r"\d{4}-[\dT:-]+Z swe-sphere [\d.]+: run x", data.attrs["history"])
+        assert data.attrs["source"].startswith("swe_sphere ")
+
+
 def test_conventions(written, mesh):
     with xarray.open_dataset(written, decode_cf=False) as data:
         assert data.attrs["Conventions"] == "CF-1.11 UGRID-1.0"
@@ -96,7 +118,7 @@ def test_conventions(written, mesh):
         faces = data[topology["face_node_connectivity"]]
         assert faces.attrs["start_index"] == 0
         np.testing.assert_array_equal(np.unique(faces), np.arange(mesh.size))
-        for name in (*NAMES, "b", "area"):
+        for name in (*NAMES, "b", "f", "area"):
             found = data[name].attrs
             assert (found["mesh"], found["location"]) == ("mesh", "node")
             assert found["units"] and found["long_name"]

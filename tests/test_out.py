@@ -171,3 +171,16 @@ def test_a_mistake_leaves_the_file_alone(finished):
             go_on(finished, **values)
     assert finished.read_bytes() == before
     assert json.loads(xarray.open_dataset(finished).attrs["summary"])["completed"] is True
+
+
+def test_a_run_of_some_fields_goes_on_with_them(tmp_path):
+    """And as bitwise as one of all."""
+    small(out=tmp_path / "some.nc", fields="u,h")
+    go_on(tmp_path / "some.nc", days=0.75)
+    small(out=tmp_path / "all.nc", days=0.75)
+    found, expected = contents(tmp_path / "some.nc"), contents(tmp_path / "all.nc")
+    assert {"h", "u"} <= found.keys() and not {"v", "vorticity", "divergence"} & found.keys()
+    for name, values in found.items():
+        assert values.tobytes() == expected[name].tobytes(), name
+    with pytest.raises(ConfigError, match="unknown field 'w'"):
+        small(out=tmp_path / "none.nc", fields=["w"])

@@ -10,7 +10,7 @@ from swe_sphere import __version__
 from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all
 from swe_sphere.cli.pictures import animate, plot
-from swe_sphere.cli.regrid import regrid
+from swe_sphere.cli.regrid import regrid, scrip
 from swe_sphere.cli.run import run
 from swe_sphere.cli.stress import stress
 from swe_sphere.cli.sweep import sweep
@@ -29,6 +29,7 @@ app.command("plot")(plot)
 app.command("animate")(animate)
 app.command("compare")(compare)
 app.command("regrid")(regrid)
+app.command("scrip")(scrip)
 app.command("verify")(verify)
 app.command("stress")(stress)
 

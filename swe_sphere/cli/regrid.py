@@ -1,4 +1,4 @@
-"""`swe-sphere regrid`: the frames of a run on a grid of latitudes and longitudes."""
+"""`swe-sphere regrid` and `scrip`: runs on other grids, and their grid for other tools."""
 
 from __future__ import annotations
 
@@ -33,3 +33,18 @@ def regrid(
     place = out or file.with_name(f"{file.stem}_{grid.replace(':', '')}.nc")
     wanted = [name.strip() for name in (fields or "").split(",") if name.strip()]
     typer.echo(regrid_file(file, grid, place, conservative, wanted, overwrite))
+
+
+def scrip(
+    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.nc", help="The grid (beside: FILE_scrip.nc).")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
+) -> None:
+    """Write the nodes as cells of a SCRIP grid, for other tools that regrid."""
+    from swe_sphere.analysis.scrip import write_scrip
+
+    typer.echo(write_scrip(file, out or file.with_name(f"{file.stem}_scrip.nc"), overwrite))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.durable import allocate, claim, clear_errors, part_of, put_in_place
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import RunFailed, unknown_name
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.earlier_frames import EarlierFrames
@@ -48,11 +48,12 @@ class FrameWriter:
     copied first, and it stays in its place until the new file has as many frames.  own: attributes
     (long_name, units) of diagnostics of the user's own, of which `own_fields` are in every frame
     and the others in the series.  coriolis (N,) [s-1]: the Coriolis parameter, zero where None.
+    only: names of the fields that frames hold, all where empty.
 
-    Raises ConfigError if the file cannot be made, if another run writes it, if there is no room
-    for a first frame, or if the run in it cannot be gone on with.  Every method raises RunFailed if
-    the disk is full or refuses, or if another program has removed or changed the file; what was
-    written before stays readable.
+    Raises ConfigError for a field that there is not, if the file cannot be made, if another run
+    writes it, if there is no room for a first frame, or if the run in it cannot be gone on with.
+    Every method raises RunFailed if the disk is full or refuses, or if another program has removed
+    or changed the file; what was written before stays readable.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class FrameWriter:
         own: Mapping[str, Mapping[str, str]] | None = None,
         own_fields: Iterable[str] = (),
         coriolis: ArrayLike | None = None,
+        only: Iterable[str] = (),
     ) -> None:
         self.path = Path(path)
         self._place = self.path.resolve() if self.path.is_symlink() else self.path
@@ -75,7 +77,8 @@ class FrameWriter:
         self._constants = {k: values for k, values in constants.items() if values is not None}
         self._earlier = None if append_from is None else EarlierFrames(self.path, append_from)
         self._own = dict(own or {})
-        self._fields = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
+        every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
+        self._fields = {name: every[name] for name in _chosen(only, every)}
         values = {**attributes, "run_id": uuid.uuid4().hex}
         done = "" if self._earlier is None else str(self._earlier.attributes.get("history", ""))
         if self._earlier is not None:
@@ -214,3 +217,11 @@ class FrameWriter:
             if self._growing is not None and self._in_place:
                 self._growing.check(self.path)
             yield
+
+
+def _chosen(only: Iterable[str], every: Iterable[str]) -> list[str]:
+    """The names asked for, in the order of all; ConfigError for one that is none of them."""
+    names, wanted = list(every), set(only)
+    for name in sorted(wanted.difference(names)):
+        raise unknown_name("field", name, names)
+    return [name for name in names if name in wanted or not wanted]

@@ -128,7 +128,7 @@ class Drawing:
                 self._x, self._y, bottom, levels=levels, colors=colour, linewidths=width,
                 linestyles="solid", zorder=3,
             )  # fmt: skip
-        return f"Brown: bottom at {', '.join(f'{level:.4g}' for level in levels)} m."
+        return f"Brown: bottom at {', '.join(f'{level:.6g}' for level in levels)} m."
 
     def _overlaid(self, axes: Axes, time: float | None) -> str:
         if not isinstance(self.source, Nodal):

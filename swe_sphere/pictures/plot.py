@@ -40,7 +40,6 @@ def plot_file(
     out: str | os.PathLike[str] | None = None,
     look: Look | None = None,
     against: Source | Exact | None = None,
-    dots: int | None = None,
 ) -> Path:
     """Draw a field of a file on the globe, with its series of errors and drifts underneath.
 
@@ -49,7 +48,7 @@ def plot_file(
     time [s]: the frame, None for the last.
     out: the picture (its ending says the format); None: beside the file, named after it and the
     field, and the day if one is asked for, as in jet_vorticity_day4.png.
-    look: projection, colours, overlays.  against: draw the difference from this.  dots: an inch.
+    look: projection, colours, overlays.  against: draw the difference from this.
     Returns the path of the picture.  Raises ConfigError if the file cannot be read or lacks the
     field or frame, or if the picture cannot be written.
     """
@@ -64,7 +63,8 @@ def plot_file(
     figure = new_figure()
     _compose(figure, drawing, source.nearest(time))
     with clear_errors(f"cannot write {out}"):
-        figure.savefig(out, dpi=dots or DOTS_PER_INCH)
+        smaller = {"optimize": True} if out.suffix.lower() == ".png" else {}
+        figure.savefig(out, dpi=DOTS_PER_INCH, pil_kwargs=smaller)
     return out
 
 

@@ -53,6 +53,13 @@ def _nameable(path: Path) -> Path:
     return path
 
 
+def _names(value: object) -> object:
+    """A text "h,u,v" is a list of names."""
+    if isinstance(value, str):
+        return tuple(filter(None, (name.strip() for name in value.split(","))))
+    return value
+
+
 FileName = Annotated[Path, AfterValidator(_nameable)]
 Number = Annotated[float, BeforeValidator(plain_number)]
 Positive = Annotated[Number, Field(gt=0.0)]
@@ -127,6 +134,8 @@ class RunConfig(SharedConfig):
     """Python files with diagnostics of your own; repeatable."""
     out: FileName | None = None
     """Write frames here."""
+    fields: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
+    """Write these fields only: h, u, v, vorticity, divergence, q_TRACER, your own (all)."""
     overwrite: bool = False
     """Replace that file if it is there already."""
     every: Annotated[Positive, Field(le=24.0 * LONGEST_DAYS)] | None = None

@@ -81,7 +81,7 @@ def _writer(sim: Running) -> FrameWriter:
     return FrameWriter(
         sim.config.out, sim.mesh, attributes_of(sim), sim.model.bottom, sim.scene.tracers or (),
         most_samples(sim.plan, sim.steps), sim.time if appends(sim.config) else None,
-        sim.own_attributes(), sim.own_fields, sim.model.coriolis,
+        sim.own_attributes(), sim.own_fields, sim.model.coriolis, sim.config.fields,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
     "device", "precision", "launch", "settings", "preconditioner", "tolerance",
-    "adaptive", "adaptive_by",
+    "adaptive", "adaptive_by", "fields",
 })  # fmt: skip
 """What a restarted run takes from the file unless it is told."""
 
