@@ -74,7 +74,9 @@ def reaches_inside(text: str) -> list[str]:
     """Where a source takes a private attribute of what is neither itself nor of its own class."""
     tree, found = ast.parse(text), []
     classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    own = {node: _private_names(cls) for cls in classes for node in ast.walk(cls)}
+    own: dict[ast.AST, set[str]] = {}
+    for cls in classes:
+        own |= dict.fromkeys(ast.walk(cls), _private_names(cls))
     for node in ast.walk(tree):
         if not isinstance(node, ast.Attribute) or not PRIVATE.match(node.attr):
             continue

@@ -115,7 +115,7 @@ def test_continued_plan_keeps_the_step():
     [
         ({"dt": -1}, "dt: must be a positive number of seconds or 'auto', not -1"),
         ({"dt": float("nan")}, "dt: must be a positive"),
-        ({"days": 0}, "days: must be greater than 0, not 0"),
+        ({"days": -1}, "days: must be greater than or equal to 0, not -1"),
         ({"alpha": float("nan")}, "alpha: must be a finite number"),
         ({"ne": 2.5}, "ne: must be a valid integer"),
         ({"precision": "float16"}, "precision: must be 'float64' or 'float32', not 'float16'"),
