@@ -93,7 +93,8 @@ def test_the_program_refuses_in_one_line(finished, capsys):
 def contents(file):
     """Fields by name, and times, of all frames."""
     with xarray.open_dataset(file, decode_times=False) as data:
-        return {name: data[name].values for name in ("time", "u", "v", "h", "vorticity")}
+        names = ("time", "u", "v", "h", "vorticity")
+        return {name: data[name].values for name in names if name in data}
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["frames", "checkpoint"])
@@ -179,7 +180,7 @@ def test_a_run_of_some_fields_goes_on_with_them(tmp_path):
     go_on(tmp_path / "some.nc", days=0.75)
     small(out=tmp_path / "all.nc", days=0.75)
     found, expected = contents(tmp_path / "some.nc"), contents(tmp_path / "all.nc")
-    assert {"h", "u"} <= found.keys() and not {"v", "vorticity", "divergence"} & found.keys()
+    assert [*found] == ["time", "u", "h"] and found["h"].shape[0] == 7
     for name, values in found.items():
         assert values.tobytes() == expected[name].tobytes(), name
     with pytest.raises(ConfigError, match="unknown field 'w'"):
