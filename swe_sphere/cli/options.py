@@ -18,8 +18,8 @@ METAVARS = {
     "centre_lon": "RADIANS", "centre_lat": "RADIANS", "spin": "RADIANS", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "restart": "FILE.nc",
-    "reference": "FILE.nc", "time_limit": "SECONDS", "levels": "N", "repeats": "R",
-    "target_error": "E", "finer": "NE",
+    "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
+    "repeats": "R", "target_error": "E", "finer": "NE",
 }  # fmt: skip
 """What a flag takes, where its type does not say it."""
 

@@ -9,6 +9,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
+from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
@@ -74,6 +75,8 @@ class Model:
         if not self.diffusive:  # else a stepper may want it without diffusion
             self.component("all")
         self.tracers = TracerEquations(made) if scene.tracers else None
+        self.carried: TracerEquations | MassFlux | None = self.tracers
+        """What a state carries behind wind and depth."""
         self.limiter = None if self.tracers is None else self.tracers.limiter()
         """What steppers have to apply to the state after every step, if anything."""
 
@@ -101,13 +104,25 @@ class Model:
         other.discrete = self.discrete.inviscid()
         other.scene, other._components = other.discrete.scene, {}
         other.tracers = self.tracers and self.tracers.inviscid()
+        other.carried = other.tracers or self.carried
+        return other
+
+    @cached_property
+    def carrier(self) -> "Model":
+        """This model with what carries tracers in their place, all else shared with it."""
+        _ = self.diffusive and self.diffusion_radius  # which is shared as well
+        other = copy.copy(self)
+        vars(other).pop("inviscid", None)
+        other.tracers, other.carried, other.limiter = None, MassFlux(self.discrete), None
+        other.names = (*self.discrete.fluid, *MassFlux.names)
+        other.size = len(other.names) * self.mesh.size
         return other
 
     # --- states
 
     def zeros(self) -> wp.array:
         """A state of zeros."""
-        return self.discrete.zeros()
+        return wp.zeros(self.size, dtype=self.device_mesh.real, device=self.device)
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
@@ -155,14 +170,14 @@ class Model:
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
         self.component("all")(state, out)
-        if self.tracers is not None:
-            self.tracers.tendency(state, out)
+        if self.carried is not None:
+            self.carried.tendency(state, out)
 
     def conservative_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
         """The right-hand side without dissipation; counted as one right-hand side."""
         self.fluid_tendency(state, t, out)
-        if self.tracers is not None:
-            self.tracers.transport(state, out)
+        if self.carried is not None:
+            self.carried.transport(state, out)
 
     def fluid_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
         """That of wind and depth alone, also for vectors that hold nothing else."""
@@ -173,8 +188,8 @@ class Model:
     def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
         """The dissipation alone, for schemes that step it apart."""
         self.fluid_dissipation(state, out)
-        if self.tracers is not None:
-            self.tracers.diffuse(state, out)
+        if self.carried is not None:
+            self.carried.diffuse(state, out)
 
     def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
         """That of wind and depth alone, also for vectors that hold nothing else."""
@@ -183,8 +198,8 @@ class Model:
     def diffusion(self, state: wp.array, out: wp.array) -> None:
         """What viscosity and hyperviscosity do; the scene has one of them."""
         self.component("diffusive")(state, out)
-        if self.tracers is not None:
-            self.tracers.diffuse(state, out)
+        if self.carried is not None:
+            self.carried.diffuse(state, out)
 
     @cached_property
     def diffusion_radius(self) -> float:

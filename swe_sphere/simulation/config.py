@@ -35,6 +35,13 @@ def _time_step(value: object) -> object:
     return seconds
 
 
+def _count(value: object) -> object:
+    text = str(value).strip().lower()
+    if text != "auto" and not (text.isdecimal() and int(text) > 0):
+        raise ValueError("must be a whole number from 1 on, or 'auto'")
+    return text if text == "auto" else int(text)
+
+
 def plain_number(value: object) -> object:
     """The value; ValueError for a switch or a text, which pydantic would make a number of."""
     if isinstance(value, bool | str):
@@ -66,6 +73,7 @@ Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=0, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
+Count = Annotated[int | Literal["auto"], BeforeValidator(_count)]
 
 
 _FIELDS = {"set": "settings", "json": "as_json"}
@@ -93,6 +101,8 @@ class SharedConfig(BaseModel):
     """Where to run."""
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
+    tracer_steps: Count = 1
+    """Steps of the flow for one of the tracers it carries. auto: as many as their limit allows."""
 
 
 class RunConfig(SharedConfig):

@@ -182,6 +182,7 @@ def summary_of(sim: Running, outcome: Outcome) -> Summary:
         "ne": model.mesh.ne,
         "np": model.mesh.np,
         "dt": plan.dt,
+        "steps_at_once": plan.cycle,
         "steps": sim.steps,
         "days": sim.time / DAY,
         "compile_seconds": model.compile_seconds,

@@ -52,7 +52,8 @@ class Loop:
 
     def _next_stop(self) -> int:
         """The next step after which anyone is due."""
-        following = range(self._stepper.steps + 1, self._plan.steps)
+        cycle = self._plan.cycle
+        following = range(self._stepper.steps + cycle, self._plan.steps, cycle)
         everyone = (self._guard, *self._observers)
         due = (step for step in following if any(who.due(step) for who in everyone))
         return next(due, self._plan.steps)

@@ -7,7 +7,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics
 from swe_sphere.simulation.evaluator import ReferenceErrors
@@ -28,6 +30,12 @@ if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
     from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.steppers import Stepper
+
+
+ROUNDING = 1.0 + 1e-9
+LONGEST_OF_TRACERS = 3.0 * HOUR
+"""An automatic step of tracers in a flow that is stepped, which changes meanwhile, is no longer
+[s]."""
 
 
 class Prepared:
@@ -119,12 +127,44 @@ class Prepared:
         cautious = kind.family == "imex" and not (fields["u"].any() or fields["v"].any())
         return choose_step(asked, days, self.stable_dt, kind.safety, accurate, cautious)
 
-    def _new_stepper(self, dt: float) -> Stepper:
-        """The stepper of the configuration, with steps that follow their error if it says so."""
+    def _tracer_steps(self, dt: float) -> int:
+        """Steps of dt [s] for one of the tracers: as asked for, or the most that may be.
+
+        Raises ConfigError where that is too many, or where tracers cannot take their own.
+        """
+        from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
+
+        asked, adaptive = self.config.tracer_steps, self.config.adaptive is not None
+        if asked == 1 or self._supplied.instance is not None:
+            return 1
+        reason = "steps follow their error" if adaptive else why_not(self.model, self._kind)
+        if reason and asked != "auto":
+            raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")
+        limit = 0.0 if reason else tracer_limit(self.model)
+        if asked == "auto":
+            longest = min(limit, LONGEST_OF_TRACERS if self.scene.wind is None else math.inf)
+            return max(1, int(longest / dt)) if math.isfinite(longest) else 1
+        if asked * dt > limit * ROUNDING:
+            raise ConfigError(
+                f"tracer-steps={asked}: the longest step of the tracers is {limit:.4g} s; of"
+                f" {dt:.4g} s take {max(1, int(limit / dt))} at once at the most"
+            )
+        return asked
+
+    def _new_stepper(self, dt: float, cycle: int) -> Stepper:
+        """The stepper of the configuration, with steps that follow their error if it says so.
+
+        cycle: steps for one of the tracers.
+        """
         from swe_sphere.steppers.adaptive import AdaptiveStepper
+        from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
         config, made = self.config, self._supplied.preconditioner
         options = self.options if made is None else {**self.options, "preconditioner": made}
+        if cycle > 1 and self.scene.wind is not None:
+            return CarriedWithDepth(self.model, self._kind, dt, cycle)
+        if cycle > 1:
+            return CarriedTracers(self.model, self._kind(self.model.carrier, dt, **options), cycle)
         stepper = self._kind(self.model, dt, **options)
         if config.adaptive is None:
             return stepper

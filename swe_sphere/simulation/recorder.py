@@ -32,7 +32,7 @@ def most_samples(plan: TimePlan, done: int) -> int:
 
 def _interval(plan: TimePlan) -> int:
     """Steps between samples."""
-    return max(1, plan.steps // SAMPLES)
+    return plan.cycle * max(1, plan.steps // (plan.cycle * SAMPLES))
 
 
 class Recorder:
@@ -78,6 +78,7 @@ def attributes_of(sim: Running) -> dict[str, object]:
         "scheme": sim.stepper.name,
         "stepper_options": sim.options,
         "dt": sim.plan.dt,
+        "steps_at_once": sim.plan.cycle,
         "dt_rule": sim.dt_rule,
         "stable_dt": sim.stable_dt,
         "days": sim.days,

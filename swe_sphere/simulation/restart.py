@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 INHERITED = frozenset({
     "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
     "device", "precision", "launch", "settings", "preconditioner", "tolerance",
-    "adaptive", "adaptive_by", "fields",
+    "adaptive", "adaptive_by", "fields", "tracer_steps",
 })  # fmt: skip
 """What a restarted run takes from the file unless it is told."""
 
@@ -96,6 +96,11 @@ def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
             " leave dt out"
         )
     return dt
+
+
+def steps_at_once(checkpoint: Checkpoint) -> int:
+    """How many steps the run in the file takes for one of its tracers."""
+    return int(checkpoint.attributes.get("steps_at_once", 1))
 
 
 def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
 from swe_sphere.simulation.evaluator import Evaluator
 from swe_sphere.simulation.prepared import Prepared
-from swe_sphere.simulation.restart import carried_counts, check_step
+from swe_sphere.simulation.restart import carried_counts, check_step, steps_at_once
 from swe_sphere.simulation.snapshot import Fields, Snapshot
 from swe_sphere.simulation.summary import Outcome
 from swe_sphere.simulation.supplied import Supplied
@@ -55,31 +58,48 @@ class Running(Prepared):
         Raises:
             ConfigError: step, length, frames and further times do not go together.
         """
-        self._plan = plan or self._planned(also)
+        self._plan = self._planned(also) if plan is None else self._in_cycles(plan)
         if self._stepper is None or self._stepper.steps == 0:
-            self._make_stepper(self._plan.dt)
+            self._make_stepper(self._plan.dt, self._plan.cycle)
 
     def _planned(self, also: Sequence[Fraction]) -> TimePlan:
         days, every = self.days, self.config.every
         stepper = self._stepper or self._supplied.instance
         if stepper is not None and (stepper.steps or self._supplied.instance):
-            return continued_plan(days, every, stepper.dt, stepper.steps, also)
+            cycle = self._plan.cycle if self._plan else 1
+            return continued_plan(days, every, stepper.dt, stepper.steps, also, cycle)
         if self._checkpoint is not None:
             dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
             self.dt_rule = "that of the restart file"
-            return continued_plan(days, every, dt, done, also)
+            return continued_plan(days, every, dt, done, also, steps_at_once(self._checkpoint))
         choice = self._choice()
         self.dt_rule = choice.rule
-        return time_plan(days, every, choice.dt, also)
+        asked = self.config.tracer_steps
+        return time_plan(
+            days, every, choice.dt, also, self._tracer_steps(choice.dt), asked == "auto"
+        )
 
-    def _make_stepper(self, dt: float) -> None:
+    def _in_cycles(self, plan: TimePlan) -> TimePlan:
+        """The same steps, as many of them at once as the configuration says or allows."""
+        if self._checkpoint is not None:
+            return plan
+        most, both = self._tracer_steps(plan.dt), math.gcd(plan.steps, plan.frame_steps)
+        if self.config.tracer_steps == "auto":
+            most = max(k for k in range(1, most + 1) if both % k == 0)
+        if both % most:
+            raise ConfigError(
+                f"tracer-steps={most}: {both} steps between frames are no multiple of it"
+            )
+        return replace(plan, cycle=most)
+
+    def _make_stepper(self, dt: float, cycle: int) -> None:
         """Build the stepper, and put it at the start or where the restart stands."""
         supplied, checkpoint = self._supplied, self._checkpoint
         state = self.model.initial_state()
         self._before = dict(self.model.counters)
         self.forget()
         with users_code():
-            self._stepper = stepper = supplied.instance or self._new_stepper(dt)
+            self._stepper = stepper = supplied.instance or self._new_stepper(dt, cycle)
             if checkpoint is not None:
                 self._carried = carried_counts(checkpoint)
                 stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
@@ -91,7 +111,7 @@ class Running(Prepared):
         """The stepper, which stands at the start of the scene or of the restart at first."""
         if self._stepper is None and self._checkpoint is not None:
             dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
-            self.begin(TimePlan(dt, done, done, dt))
+            self.begin(TimePlan(dt, done, done, dt, steps_at_once(self._checkpoint)))
         elif self._stepper is None:
             self.begin()
         assert self._stepper is not None

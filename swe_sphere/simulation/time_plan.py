@@ -26,6 +26,8 @@ class TimePlan:
     """Steps between frames."""
     wanted: float
     """Length of a step asked for, or chosen, before it was fitted to the frames [s]."""
+    cycle: int = 1
+    """Steps that are taken at once, with one step of tracers; all numbers here are multiples."""
 
     def time(self, step: int) -> float:
         """Time after so many steps [s], to the microsecond."""
@@ -37,7 +39,12 @@ class TimePlan:
 
 
 def time_plan(
-    days: float, every: float | None, dt: float, also: Iterable[Fraction] = ()
+    days: float,
+    every: float | None,
+    dt: float,
+    also: Iterable[Fraction] = (),
+    cycle: int = 1,
+    fewer: bool = False,
 ) -> TimePlan:
     """The plan of a new run.
 
@@ -46,6 +53,8 @@ def time_plan(
         every: time between frames [h]; None: about a day.
         dt: time step [s], which may be shortened a little.
         also: further times [s] whose multiples fall on steps.
+        cycle: steps that are taken at once.
+        fewer: whether they may be fewer.
 
     Raises:
         ConfigError: the step does not go with the length or the frames.
@@ -59,37 +68,51 @@ def time_plan(
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
     common = reduce(common_measure, also, common_measure(length, interval))
-    count = max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
-    step = common / count
+    whole = common / _parts(common, cycle * Fraction(dt))
+    cycle = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
+    step = whole / cycle
     if step < SHORTEST * Fraction(dt):
         raise ConfigError(
             f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
             f" every {float(interval / 3600):g} h{_and_calls(also)}: change every, or take"
             f" dt={float(step):g} or less"
         )
-    return TimePlan(float(step), int(length / step), int(interval / step), dt)
+    return TimePlan(float(step), int(length / step), int(interval / step), dt, cycle)
+
+
+def _parts(length: Fraction, longest: Fraction) -> int:
+    """Into how many equal parts, none longer than that, a length is divided."""
+    return max(1, math.ceil(length / longest - Fraction(1, 10**9)))
 
 
 def continued_plan(
-    days: float, every: float | None, dt: float, done: int, also: Iterable[Fraction] = ()
+    days: float,
+    every: float | None,
+    dt: float,
+    done: int,
+    also: Iterable[Fraction] = (),
+    cycle: int = 1,
 ) -> TimePlan:
     """The plan of a run that goes on with steps of dt [s], `done` of which lie behind it.
+
+    cycle: how many of them are taken at once.
 
     Raises:
         ConfigError: the length, the frames or further times are no whole number of those steps, or
             the end has been reached.
     """
-    steps = _whole("days", days * DAY, dt)
+    long = cycle * dt
+    steps = cycle * _whole("days", days * DAY, long)
     if steps <= done:
         raise ConfigError(
             f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
             " length counts from the very start)"
         )
     for interval in also:
-        _whole("every of a callback", float(interval), dt)
+        _whole("every of a callback", float(interval), long)
     interval = _interval(_milliseconds(days * DAY), every, dt)
-    frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
-    return TimePlan(dt, steps, min(frames, steps), dt)
+    frames = _whole("every", float(interval), long) if every else max(1, round(interval / long))
+    return TimePlan(dt, steps, min(cycle * frames, steps), dt, cycle)
 
 
 def _and_calls(also: Iterable[Fraction]) -> str:

@@ -13,6 +13,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS
+from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Operator, Spectrum, estimate_spectrum
 from swe_sphere.errors import ConfigError
@@ -24,7 +25,7 @@ from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
 from swe_sphere.solvers.preconditioners.inner import Multilevel, schur_operator
-from swe_sphere.solvers.tracer_waves import TracerWaves
+from swe_sphere.solvers.tracer_waves import FluxWaves, TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
 CORIOLIS = ("explicit", "implicit")
@@ -94,7 +95,11 @@ class GravityWaves:
             Pointwise(rotation=turning),
         )  # fmt: skip
         """out = L d for wind and depth: apply_to_fluid(d, out)."""
-        self.tracers = TracerWaves(model, self.depth) if model.tracers is not None else None
+        self.tracers: TracerWaves | FluxWaves | None = None
+        if isinstance(model.carried, MassFlux):
+            self.tracers = FluxWaves(model, model.carried, self.depth)
+        elif model.carried is not None:
+            self.tracers = TracerWaves(model, model.carried, self.depth)
 
     @property
     def symmetric(self) -> bool:

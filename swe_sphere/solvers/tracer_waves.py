@@ -3,7 +3,10 @@
 import numpy as np
 import warp as wp
 
+from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.tracer_equations import TracerEquations
+from swe_sphere.kernels import combine_kernel
 from swe_sphere.operators.transport_operator import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -16,12 +19,11 @@ class TracerWaves:
     stay constant.  What the solver leaves as residual of the depth is taken over times q.
     """
 
-    def __init__(self, model: Model, depth: float) -> None:
+    def __init__(self, model: Model, tracers: TracerEquations, depth: float) -> None:
         """depth: the reference depth H [m]."""
-        assert model.tracers is not None
-        mesh, count, n = model.device_mesh, model.tracers.count, model.mesh.size
-        self._height, self._first = depth, model.tracers.first
-        self._ratio = model.tracers.mixing_ratio()
+        mesh, count, n = model.device_mesh, tracers.count, model.mesh.size
+        self._height, self._first = depth, tracers.first
+        self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, model.launch, count)
         self._air_transport = TracerTransport(mesh, model.launch, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
@@ -47,3 +49,30 @@ class TracerWaves:
         self._ratio.correct(self._flux, self._air, tau * self._height, r, x)
         for unit in self._units:
             self._space.axpy(self._space.dot(r, unit) - self._space.dot(x, unit), unit, x)
+
+
+class FluxWaves:
+    """L_G(V) = H V: what the waves carry across a point, in the place of tracers."""
+
+    def __init__(self, model: Model, flux: MassFlux, depth: float) -> None:
+        """depth: the reference depth H [m]."""
+        self._launch, self._height, n = model.launch, depth, model.mesh.size
+        self._winds, self._crossed = slice(0, 2 * n), slice(flux.first, flux.first + 2 * n)
+        self._zeros = model.device_mesh.upload(np.zeros(2 * n))
+        self._add = combine_kernel(model.device_mesh.real, 1)
+        self._launch.load(self._add)
+
+    def linearise(self, state: wp.array) -> None:
+        """Nothing hangs on the state."""
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out_G = L_G d."""
+        self._run(self._zeros, d[self._winds], self._height, out[self._crossed])
+
+    def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
+        """x_G = r_G + tau L_G x."""
+        crossed = self._crossed
+        self._run(r[crossed], x[self._winds], tau * self._height, x[crossed])
+
+    def _run(self, x: wp.array, winds: wp.array, factor: float, out: wp.array) -> None:
+        self._launch(self._add, x.size, x, winds, factor, out)

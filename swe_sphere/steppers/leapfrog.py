@@ -68,6 +68,11 @@ class Leapfrog(Stepper):
         self._starter.step()
         wp.copy(self.state, self._starter.state)
 
+    @property
+    def levels(self) -> tuple[wp.array, ...]:
+        """The present and the past state."""
+        return self.state, self._previous
+
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}
 

@@ -46,6 +46,11 @@ class SemiImplicit(ImexStepper):
         super().start(state, t)
         self._guess.zero_()
 
+    @property
+    def levels(self) -> tuple[wp.array, ...]:
+        """The present and the past state."""
+        return self.state, self._previous
+
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous, "guess": self._guess}
 

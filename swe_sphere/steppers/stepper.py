@@ -162,6 +162,11 @@ class Stepper(ABC):
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state}
 
+    @property
+    def levels(self) -> tuple[wp.array, ...]:
+        """The states among what it remembers: the present one, and those before."""
+        return (self.state,)
+
 
 class Combiner:
     """out = x + sum_s c[s] stack[s], with coefficients fixed so that launches can be recorded."""

@@ -1,0 +1,281 @@
+"""Tracers on a step of their own: one for several steps of the flow that carries them."""
+
+import math
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.arnoldi import largest_modulus
+from swe_sphere.equations.model import Model
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.kernels.tracer_step import flux_kernel
+from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep
+from swe_sphere.operators.transport_operator import TracerTransport
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
+
+FLOW = "flow_"
+"""In front of names of what the flow's stepper remembers."""
+PARTS = 2
+"""Parts that a tracer step has at the start, at most; it has more where the wind grows."""
+MARGIN = 1.1
+"""By how much the spectral radius may exceed what the one at the start makes us expect."""
+
+
+def why_not(model: Model, kind: type[Stepper]) -> str | None:
+    """Why tracers cannot take steps of their own, if they cannot."""
+    scene = model.scene
+    if not scene.tracers:
+        return f"{scene.name} has no tracers"
+    if kind.family not in ("explicit", "imex"):
+        return f"{kind.name} takes tracers along in its solves"
+    if scene.forcing is not None or any("mass" not in e.conserves for e in scene.effects):
+        return f"{scene.name} has sources of depth"
+    return None
+
+
+class TransportRate:
+    """Spectral radius [s-1] of tracer transport, from speeds across elements.
+
+    They bound it, and are too large by a part that hangs on the flow: Arnoldi iteration tells it at
+    the start of the scene.
+    """
+
+    def __init__(self, model: Model) -> None:
+        crossings = Crossings(model.device_mesh, model.launch)
+        ones = model.device_mesh.upload(np.ones(model.mesh.size))
+        model.set_time(0.0)
+        wind = model.parameters.get("wind", model.initial_state())
+        self.crossings, bound = crossings, crossings.bound(wind, ones)
+        self.start = _radius(model, wind, bound)
+        """At the start of the scene [s-1]."""
+        self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
+
+    def __call__(self, flux: wp.array, air: wp.array) -> float:
+        """That of q -> div(q flux) / air [s-1]."""
+        return self._share * self.crossings.bound(flux, air)
+
+
+def _radius(model: Model, wind: wp.array, bound: float) -> float:
+    """Spectral radius [s-1] of div(m V), from above."""
+    if bound == 0.0:
+        return 0.0
+    transport = TracerTransport(model.device_mesh, model.launch, 1)
+    x, out = (model.device_mesh.upload(np.zeros(model.mesh.size)) for _ in "xy")
+
+    def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
+        x.assign(d)
+        transport(wind, x, 0, out, 0)
+        rates: NDArray[np.float64] = out.numpy().astype(np.float64)
+        return rates
+
+    start = np.random.default_rng(0).standard_normal(model.mesh.size)
+    found = largest_modulus(product, start, 1e-2)
+    return bound if found is None else min(found, bound)
+
+
+def tracer_limit(model: Model) -> float:
+    """The longest step [s] of tracers in the wind of the start; infinite at rest."""
+    radius = TransportRate(model).start
+    return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
+
+
+class TracerSteps(Stepper):
+    """A stepper that takes `every` steps of `dt` at once, and one of tracers over all of them.
+
+    Its state is whole, and observed, after those only.  Of second order at the most.  Diffusion of
+    tracers is split off as that of the flow is.
+    """
+
+    pieces: ClassVar[int] = 1
+    """Pieces of a step, with a flux each."""
+
+    def __init__(self, model: Model, dt: float, every: int) -> None:
+        super().__init__(model.inviscid, dt)
+        assert model.tracers is not None
+        self.every, self._length = every, every * dt / self.pieces
+        self.diffusion = Diffusion(model, every * dt) if model.diffusive else None
+        size, depth = model.mesh.size, model.tracers.depth
+        self._old, rate = (model.device_mesh.upload(np.zeros(size)) for _ in "or")
+        self._block = self.state[depth : depth + size]
+        self._air = Air(self._old, rate)
+        self._flux = model.device_mesh.upload(np.zeros(2 * size))
+        self._rate = TransportRate(model)
+        self._transport = TracerStep(
+            model.device_mesh, model.launch, model.tracers.count, model.tracers.first
+        )
+        self._add = combine_kernel(model.device_mesh.real, 1)
+        model.launch.load(self._add)
+        self.counters["tracer_stages"] = 0
+
+    def step(self) -> None:
+        """Move `state` forward by all those steps."""
+        self._advance()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
+        self.steps += self.every
+
+    def _advance(self) -> None:
+        first = self.steps // self.every % 2 == 1
+        if self.diffusion and first:
+            self.diffusion.act(self.state)
+        for piece in range(self.pieces):
+            wp.copy(self._old, self._block)
+            self._move(self.time + piece * self._length)
+            self._carry()
+        if self.diffusion and not first:
+            self.diffusion.act(self.state)
+        self._finish()
+
+    @abstractmethod
+    def _move(self, t: float) -> None:
+        """Move the flow forward from t [s], and put the mean mass flux meanwhile into `_flux`."""
+
+    def _finish(self) -> None:
+        """Take wind and depth of the flow's own stepper."""
+
+    def _carry(self) -> None:
+        parts, fractions = stages_for(self._length * self._rate(self._flux, self._old))
+        self.counters["tracer_stages"] += parts * len(fractions)
+        self._transport.rate_of_air(self._flux, self._air.rate)
+        self._transport(self._flux, self._air, self.state, self._length, parts, fractions)
+        new, air = self._block, self._air
+        self.model.launch(self._add, new.size, air.start, air.rate, self._length, new)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Infinite: the flow's own stepper limits the step."""
+        return np.inf
+
+
+class CarriedTracers(TracerSteps):
+    """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
+
+    q = 1 stays 1 and every tracer keeps its mass.  What else changes the depth (the residual of a
+    solver, diffusion in steps of another length) takes tracers along, as in `TracerWaves`.
+    """
+
+    def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
+        self.scheme = scheme
+        self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
+        super().__init__(model, scheme.dt, every)
+        first = model.fluid_size
+        self._fluid, self._crossed = slice(0, first), slice(first, first + self._flux.size)
+        self._nothing = model.device_mesh.upload(np.zeros(self._flux.size))
+        self._residual: _Residual | None = None
+        if model.diffusive or scheme.family == "imex":
+            self._residual = _Residual(model)
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        flow = self.scheme.model.zeros()
+        wp.copy(flow, state, count=self._fluid.stop)
+        self.scheme.start(flow, t)
+
+    def _move(self, t: float) -> None:
+        launch, scheme, size = self.model.launch, self.scheme, self._flux.size
+        now = scheme.state[self._crossed]
+        for level in scheme.levels[::-1]:  # the present one comes last and becomes zero
+            past = level[self._crossed]
+            launch(self._add, size, past, now, -1.0, past)
+        for _ in range(self.every):
+            scheme.step()
+        crossed = scheme.state[self._crossed]
+        launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
+
+    def _finish(self) -> None:
+        if self._residual is not None:
+            self._residual(self.state, self.scheme.state[self._fluid])
+        wp.copy(self.state, self.scheme.state, count=self._fluid.stop)
+
+    def costs(self) -> dict[str, float]:
+        """Those of the flow's stepper, and the stages of the tracers."""
+        return self.scheme.costs() | super().costs()
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of all that a bitwise exact restart needs."""
+        flow = {f"{FLOW}{name}": array for name, array in self.scheme.state_dict().items()}
+        return super().state_dict() | flow
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Go on from what `state_dict` returned after that many steps."""
+        super().load_state_dict(state, steps)
+        flow = {name: array for name, array in state.items() if name.startswith(FLOW)}
+        self.scheme.load_state_dict({k.removeprefix(FLOW): v for k, v in flow.items()}, steps)
+
+
+class _Residual:
+    """Tracers follow a change of the depth that is none of fluxes, and keep their masses."""
+
+    def __init__(self, model: Model) -> None:
+        assert model.tracers is not None
+        tracers, n = model.tracers, model.mesh.size
+        self._ratio, self._before = tracers.mixing_ratio(), model.zeros()
+        starts = range(tracers.first, model.size, n)
+        self._blocks = [slice(first, first + n) for first in starts]
+        self._depth = slice(tracers.depth, tracers.first)
+        share = model.mesh.area / model.mesh.area.sum()
+        self._space = VectorSpace(share, model.device, model.device_mesh.real)
+        self._ones = model.device_mesh.upload(np.ones(n))
+
+    def __call__(self, state: wp.array, flow: wp.array) -> None:
+        """Give a state the depth of `flow`, tracers with it."""
+        space, ones, before = self._space, self._ones, self._before
+        wp.copy(before, state)
+        self._ratio.set(before)
+        wp.copy(state[self._depth], flow[self._depth])
+        self._ratio.follow(before, state)
+        for block in self._blocks:
+            lost = space.dot(before[block], ones) - space.dot(state[block], ones)
+            space.axpy(lost, ones, state[block])
+
+
+class CarriedWithDepth(TracerSteps):
+    """Depth and tracers carried by a prescribed wind, held in each of the pieces of one long step.
+
+    There is no flow then whose own steps would have to be shorter.
+    """
+
+    pieces = PARTS
+
+    def __init__(self, model: Model, scheme: type[Stepper], dt: float, every: int) -> None:
+        """scheme: whose steps would be of dt [s]."""
+        self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
+        super().__init__(model, dt, every)
+        mesh, n = model.device_mesh, model.mesh.size
+        self._stage, self._slope, self._part, self._mean, ones = (
+            mesh.upload(np.zeros(n)) for _ in range(5)
+        )
+        ones.fill_(1.0)
+        self._ones, self._transport_depth = ones, TracerTransport(mesh, model.launch, 1)
+        self._make_flux = flux_kernel(mesh.real)
+        model.launch.load(self._make_flux)
+
+    def _move(self, t: float) -> None:
+        model, n = self.model, self.model.mesh.size
+        model.set_time(t + 0.5 * self._length)
+        self._step_depth()
+        wind = model.parameters["wind"]
+        model.launch(self._make_flux, n, wind, self._mean, 0, n, 0, self._flux)
+
+    def _step_depth(self) -> None:
+        """Find the depth `_mean` that the wind carries in the mean."""
+        launch, n, wind = self.model.launch, self.model.mesh.size, self.model.parameters["wind"]
+        parts, fractions = stages_for(self._length * self._rate(wind, self._ones))
+        tau = self._length / parts
+        wp.copy(self._part, self._old)
+        self._mean.zero_()
+        for _ in range(parts):
+            wp.copy(self._stage, self._part)
+            for i, fraction in enumerate(fractions):
+                if i + 1 == len(fractions):
+                    launch(self._add, n, self._mean, self._stage, 1.0 / parts, self._mean)
+                self._transport_depth(wind, self._stage, 0, self._slope, 0)
+                launch(self._add, n, self._part, self._slope, fraction * tau, self._stage)
+            wp.copy(self._part, self._stage)
