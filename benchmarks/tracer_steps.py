@@ -109,7 +109,7 @@ of the tracers.
   that change, and their masses are restored.
 * **A stepper of your own** takes part if it combines tendencies linearly; one that remembers
   states of times before says so in `levels`. Implicit and exponential steppers solve for tracers
-  with the flow: there the option is refused.
+  with the flow, and forward-backward ones do not sum up fluxes: there the option is refused.
 * **Under a prescribed wind** there is no flow with shorter steps: depth and tracers take the long
   step together, in two halves with the wind in the middle of each.
 * **The stages** of a tracer step need not be many, as transport has no fast waves: 4 to 10 of

@@ -264,6 +264,16 @@ def test_refusals(asked, words):
     assert "\n" not in str(found.value)
 
 
+@pytest.mark.parametrize("stepper", ["forward-backward", "fb-rk3"])
+def test_steppers_that_do_not_sum_up_fluxes_are_refused(stepper):
+    settings = {"ne": 2, "np": 4, "stepper": stepper, "dt": 600, "days": 1}
+    with pytest.raises(ConfigError, match=f"{stepper} does not sum up"):
+        Simulation(over_hill(), tracer_steps=2, **settings).begin()
+    sim = Simulation(over_hill(), tracer_steps="auto", **settings)
+    sim.begin()
+    assert sim.plan.cycle == 1
+
+
 def test_scenes_without_tracers_take_none_of_it():
     with pytest.raises(ConfigError, match="williamson2 has no tracers"):
         Simulation("williamson2", ne=2, np=4, tracer_steps=2).begin()

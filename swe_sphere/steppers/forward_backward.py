@@ -31,6 +31,8 @@ class SplitExplicit(Stepper):
     (`_altered`) has the combinations of levels made anew.
     """
 
+    sums_fluxes = False
+
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._passes = Passes(self.model)

@@ -63,6 +63,9 @@ class Stepper(ABC):
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
     diffusion_apart: bool = True
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
+    sums_fluxes: ClassVar[bool] = True
+    """Whether it steps all that a model has behind wind and depth by the model's tendencies, and so
+    can sum up the mass flux that tracers on steps of their own ask for."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
     safety: ClassVar[float] = 0.85

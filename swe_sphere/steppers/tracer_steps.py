@@ -34,6 +34,8 @@ def why_not(model: Model, kind: type[Stepper]) -> str | None:
         return f"{scene.name} has no tracers"
     if kind.family not in ("explicit", "imex"):
         return f"{kind.name} takes tracers along in its solves"
+    if scene.wind is None and not kind.sums_fluxes:
+        return f"{kind.name} does not sum up its mass fluxes"
     if scene.forcing is not None or any("mass" not in e.conserves for e in scene.effects):
         return f"{scene.name} has sources of depth"
     return None
