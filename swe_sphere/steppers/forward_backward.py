@@ -234,7 +234,7 @@ class ForwardBackwardRK3(SplitExplicit):
     name, order = "fb-rk3", 2
     expected_error = ((900.0, 5.665654e-06, 7.301736e-05), (450.0, 1.344998e-06, 1.817516e-05))
     vectors = 8
-    style = ("#B7DC5D", (7, 0, 0))
+    style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """What part of the step each stage takes, from its start."""
     weights: ClassVar[tuple[float, ...]] = (0.359, 0.578, 0.234)
