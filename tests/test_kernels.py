@@ -50,7 +50,7 @@ def test_element_shape_for_many_np(np_: int) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("np_", [4, 7])
+@pytest.mark.parametrize("np_", [4, pytest.param(7, marks=pytest.mark.thorough)])
 def test_single_precision(np_: int, shape: str) -> None:
     check(Mesh.build(2, np_), FULL, shape, "float32", 1e-5)
 

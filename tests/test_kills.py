@@ -47,6 +47,7 @@ def quick_folder(tmp_path):
         yield Path(folder)
 
 
+@pytest.mark.thorough
 def test_a_kill_at_any_call_leaves_whole_files(shim, quick_folder):
     """Before each write, truncation, sync, rename and removal in turn, and amid each write.
 

@@ -73,6 +73,7 @@ def test_a_function_that_fails_later_ends_the_run_in_good_order(run_scene, tmp_p
     assert list(RunFile(tmp_path / "a.nc").times) == [0.0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_number_stands_for_an_array_of_it(run_scene, name) -> None:
     """Whole numbers and lists of one, too: bit for bit the same."""
@@ -113,6 +114,7 @@ def test_a_complaint_names_scene_field_and_line(run_scene) -> None:
     assert "mine: coriolis has the shape (55,); it must be an array of shape (56,)" in short
 
 
+@pytest.mark.thorough
 @settings(max_examples=100, deadline=None)
 @given(
     shape=hnp.array_shapes(min_dims=1, max_dims=2, max_side=4),
