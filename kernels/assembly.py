@@ -15,7 +15,8 @@ import warp as wp
 
 CONTRIBUTORS = 4
 OPTIONS = {"max_unroll": 1}
-"""Compiler flags are left alone: each set of them costs a process 3 s for Warp's own headers."""
+"""Of all kernels with loops, which compile for long when they are unrolled.  Compiler flags are
+left alone: each set of them costs a process 3 s for Warp's own headers."""
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 """Places of a node's first field in the local tendencies, -1 for a contributor it lacks."""
 

@@ -9,6 +9,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.formulas import Formula
@@ -114,7 +115,7 @@ def element_gradient(t: SimpleNamespace) -> wp.Kernel:
     geometry, vector, local, load, wedge = t.geometry, t.vector, t.local, t.ops.load, t.ops.wedge
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def over_elements(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
         e = wp.tid()
         f = wp.zeros(shape=(np_, np_), dtype=value)
@@ -152,7 +153,7 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
                 vs[i, j] = load(a, geo.size, geo.nodes[e, i * np_ + j])
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def over_elements(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
         e = wp.tid()
         f1 = wp.zeros(shape=(np_, np_), dtype=value)

@@ -14,9 +14,9 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.terms import kernel_types
 
-OPTIONS = {"max_unroll": 1}
 TINY = 1e-30
 """Room below which nothing is put: far below any depth, and a number in float32 too."""
 

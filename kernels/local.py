@@ -10,6 +10,7 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.dynamics import gradient, shallow_water, transport
 from swe_sphere.kernels.element import (
     element_diffusion,
@@ -20,8 +21,6 @@ from swe_sphere.kernels.element import (
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
 from swe_sphere.kernels.terms import Terms, kernel_types
-
-OPTIONS = {"max_unroll": 1}
 
 
 def tendency_kernel(terms: Terms, np_: int, real: type, shape: str) -> SimpleNamespace:

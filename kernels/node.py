@@ -10,6 +10,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.formulas import Formula
 
@@ -60,7 +61,7 @@ def flux_kernel(t: SimpleNamespace) -> wp.Kernel:
     derivatives = _derivatives(t, of.formula)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def flux(geo: t.geometry, x: t.vector):
         e, n = wp.tid()
         s1, s2 = derivatives(geo, x, x, 0, e, n)

@@ -13,11 +13,10 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import Contributors
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.terms import kernel_types
 
-OPTIONS = {"max_unroll": 1}
 LANES = (4, 8)
 """Tracers side by side, few or many."""
 

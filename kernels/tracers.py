@@ -12,9 +12,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import Contributors, gather_sum
-
-OPTIONS = {"max_unroll": 1}
+from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 
 
 @functools.cache

@@ -5,6 +5,8 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.assembly import OPTIONS
+
 AT_ONCE = 4
 """Vectors that one kernel adds up."""
 
@@ -65,7 +67,7 @@ def combine_rows_kernel(real: type) -> wp.Kernel:
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def combine_rows(
         scale: wp.float64,
         x: wp.array(dtype=real),
@@ -88,7 +90,7 @@ def axpby_kernel(real: type) -> wp.Kernel:
     """Kernel (a, x (n,), b, y (n,)): y = a x + b y, with a and b float64."""
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def axpby(
         a: wp.float64, x: wp.array(dtype=real), b: wp.float64, y: wp.array(dtype=real)
     ) -> None:
@@ -108,7 +110,7 @@ def products_kernel(real: type) -> wp.Kernel:
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def products(
         stack: wp.array2d(dtype=real),
         weights: wp.array(dtype=wp.float64),
@@ -135,7 +137,7 @@ def least_kernel(real: type) -> wp.Kernel:
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def least(
         x: wp.array(dtype=real),
         begin: int,
