@@ -81,7 +81,8 @@ def test_a_stage_is_minus_the_divergence_of_what_the_flux_carries(mesh, shape, c
     upload = model.device_mesh.upload
     u, v = 1e4 * random.standard_normal((2, n))
     depth, masses = 1000.0 + random.random(n), random.random((count, n))
-    step = TracerStep(model.device_mesh, model.launch, count, first=0)
+    crossings = Crossings(model.device_mesh, model.launch)
+    step = TracerStep(model.device_mesh, model.launch, crossings, count, first=0)
     flux, air, tau = upload(np.concatenate([u, v])), Air(upload(depth), upload(np.zeros(n))), 7.0
     state = upload(masses.ravel())
     step(flux, air, state, tau, 1, (1.0,))

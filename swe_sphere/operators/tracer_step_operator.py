@@ -58,10 +58,12 @@ class TracerStep:
     F (2N,) is a mass flux and h the depth of some `Air` whose rate is -div(F).
     """
 
-    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int, first: int) -> None:
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, crossings: Crossings, count: int, first: int
+    ) -> None:
         self._launch, self._count, self._first = launch, count, first
-        self.crossings = Crossings(mesh, launch)
-        self._mesh, real, device = self.crossings.mesh, mesh.real, mesh.device
+        self._crossings = crossings
+        self._mesh, real, device = crossings.mesh, mesh.real, mesh.device
         lanes = (LANES[0] if count <= LANES[0] else LANES[1]) if mesh.lanes > 1 else 1
         self._blocks, size = -(-count // lanes), mesh.mesh.size
         self._divergence = divergence_kernel(mesh.mesh.np, real, lanes)
@@ -97,7 +99,7 @@ class TracerStep:
         """
         launch, size, kernels = self._launch, self._mesh.mesh.size, self._kernels
         dim, tracers = (size, self._blocks), (self._first, self._count, size)
-        self.crossings.take(flux)
+        self._crossings.take(flux)
         depth = air.start, air.rate
         launch(kernels.begin, dim, state, *tracers, *depth, 0.0, self._mass, self._q)
         for part in range(parts):
@@ -114,7 +116,7 @@ class TracerStep:
         mesh = self._mesh
         self._launch(
             self._divergence, (mesh.mesh.elements, self._blocks), mesh.nodes, mesh.derivative,
-            mesh.weight, self.crossings.across, mesh.mesh.size, self._q, self._local,
+            mesh.weight, self._crossings.across, mesh.mesh.size, self._q, self._local,
         )  # fmt: skip
 
 
