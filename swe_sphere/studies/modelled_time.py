@@ -32,7 +32,8 @@ ENOUGH = 12
 """From so many calls on one of them was hardly disturbed."""
 LOOKS, PERIOD = 64, 257
 """The stopwatch looks at so many calls in a row out of so many, a prime: no part of a step is
-missed for good.  Runs begin with a look, as what is done once is done then."""
+missed for good.  Runs begin with a look, as what is done once is done then; the first call of each
+kind is looked at wherever it comes."""
 
 
 @dataclass(slots=True)
@@ -73,8 +74,11 @@ class Stopwatch:
     ) -> Any:
         """Call the function, and look at the clock now and then."""
         self._place = (self._place + 1) % PERIOD
+        first = self._place > LOOKS and tally.name not in self._found
+        if first:  # the call before was not looked at
+            self._last = self._clock()
         result = function(*arguments)
-        if self._place <= LOOKS:
+        if first or self._place <= LOOKS:
             self._look(tally.name, rows)
         return result
 
