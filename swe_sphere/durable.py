@@ -71,6 +71,12 @@ def _sync_folder(folder: Path) -> None:
             os.close(file)
 
 
+def refuse_to_replace(path: Path, overwrite: bool) -> None:
+    """ConfigError if there is something at the path already and nobody said `overwrite`."""
+    if path.exists() and not overwrite:
+        raise ConfigError(f"{path} is there already: choose another name, or say --overwrite")
+
+
 def part_of(path: Path) -> Path:
     """Where the file for a path is made."""
     return path.with_name(path.name + ".part")

@@ -114,7 +114,7 @@ def test_matrices_that_are_too_large_to_keep_are_made_anew(mesh, monkeypatch):
     field = wave(mesh.lon, mesh.lat)
     kept = Points(mesh, gaussian(8))
     monkeypatch.setattr("swe_sphere.analysis.regrid.MOST_ENTRIES", 0)
-    monkeypatch.setattr("swe_sphere.analysis.regrid.TILE", 100)
+    monkeypatch.setattr("swe_sphere.mesh.interpolate.TILE", 100)
     anew = Points(mesh, gaussian(8))
     for _ in range(2):
         np.testing.assert_array_equal(anew.scalar(field), kept.scalar(field))

@@ -11,11 +11,9 @@ from scipy import sparse
 
 from swe_sphere.analysis.grids import Grid
 from swe_sphere.arrays import Array
-from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh import Interpolator, Mesh, interpolators
 from swe_sphere.sphere import frame
 
-TILE = 20_000
-"""Points evaluated at once."""
 MOST_ENTRIES = 16_000_000
 """Matrices with no more entries than this are kept (200 MB); others are made anew when needed."""
 FEWEST = 3
@@ -52,9 +50,7 @@ class Points:
             return
         lon, lat = (x.ravel() for x in self.grid.points)
         made = []
-        for start in range(0, lon.size, TILE):
-            part = slice(start, start + TILE)
-            tile = Interpolator(self.mesh, lon[part], lat[part])
+        for tile in interpolators(self.mesh, lon, lat):
             made += [tile] if self._keep else []
             yield tile
         self._kept = made

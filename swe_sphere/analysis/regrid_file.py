@@ -13,7 +13,7 @@ import xarray as xr
 from swe_sphere.analysis.grids import parse_grid
 from swe_sphere.analysis.on_grid import on_grid
 from swe_sphere.analysis.regrid import Regridder, regridder
-from swe_sphere.durable import clear_errors, part_of
+from swe_sphere.durable import clear_errors, part_of, refuse_to_replace
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.history import history
 from swe_sphere.io.layout import SERIES
@@ -71,8 +71,7 @@ def regrid_file(
 def _check_place(out: Path, overwrite: bool) -> None:
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
+    refuse_to_replace(out, overwrite)
     if out.suffix == ".zarr" and find_spec("zarr") is None:
         raise ConfigError(f"{out} needs the package zarr: pip install zarr")
 

@@ -10,15 +10,12 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.layout import MESH_ATTRIBUTES
+from swe_sphere.io.layout import MESH_ATTRIBUTES, START
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
 
 if TYPE_CHECKING:
     import xarray as xr
-
-START = np.datetime64("2000-01-01")
-"""The date that files give the start of a run."""
 
 
 def mesh_of(data: xr.Dataset) -> Mesh:
@@ -50,7 +47,7 @@ def seconds(data: xr.Dataset) -> Array:
         return np.zeros(1)
     times = np.atleast_1d(data["time"].values)
     if np.issubdtype(times.dtype, np.datetime64):
-        times = (times - START) / np.timedelta64(1, "s")
+        times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
     return times.astype(np.float64)
 
 

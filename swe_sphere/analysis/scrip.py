@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import clear_errors, part_of
-from swe_sphere.errors import ConfigError
+from swe_sphere.durable import clear_errors, part_of, refuse_to_replace
 from swe_sphere.io.history import history
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
@@ -59,8 +58,7 @@ def write_scrip(path: Path, out: Path, overwrite: bool = False) -> Path:
     if the file is not of a run, or if `out` is there already or cannot be written.
     """
     mesh = RunFile(path).mesh
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
+    refuse_to_replace(out, overwrite)
     part = part_of(out)
     with clear_errors(f"cannot write {out}"):
         try:

@@ -59,7 +59,9 @@ COORDINATES = {
 }
 TOPOLOGY = ("mesh", "face_nodes", "sphere")
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
-TIME = {"units": "seconds since 2000-01-01 00:00:00", "calendar": "proleptic_gregorian"}
+START = "2000-01-01"
+"""The date that files give the start of a run."""
+TIME = {"units": f"seconds since {START} 00:00:00", "calendar": "proleptic_gregorian"}
 
 DIAGNOSTICS = {
     "mass": ("area mean of the fluid depth", "m"),

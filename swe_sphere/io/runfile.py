@@ -19,11 +19,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh import Mesh, interpolators
 from swe_sphere.planet import DAY
-
-POINTS = 20_000
-"""Points evaluated at once: bounds the memory of the interpolation matrix."""
 
 TOLERANCE = 1e-6 * DAY
 """How far [s] a frame may be from the time asked for."""
@@ -110,11 +107,7 @@ class Nodal(ABC):
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
         frame = self.frame(time)
-        pieces = [slice(start, start + POINTS) for start in range(0, lon.size, POINTS)]
-        parts = [
-            evaluate(Interpolator(self.mesh, lon[piece], lat[piece]), frame, field)
-            for piece in pieces
-        ]
+        parts = [evaluate(tile, frame, field) for tile in interpolators(self.mesh, lon, lat)]
         return np.concatenate(parts, axis=-1)
 
 

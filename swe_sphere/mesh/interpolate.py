@@ -1,5 +1,7 @@
 """Spectral-element interpolation of nodal fields to any points of the sphere."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
@@ -10,6 +12,9 @@ from swe_sphere.mesh import cubed_sphere
 from swe_sphere.mesh.gll import lagrange
 from swe_sphere.mesh.mesh import Mesh
 from swe_sphere.sphere import frame, position
+
+TILE = 20_000
+"""Points whose matrix is made at once, which bounds its memory."""
 
 
 class Interpolator:
@@ -45,6 +50,13 @@ class Interpolator:
         values = (self.matrix @ cartesian).reshape(*self.shape, 3)
         east, north = self._frame
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
+
+
+def interpolators(mesh: Mesh, lon: Array, lat: Array) -> Iterator[Interpolator]:
+    """Those of points lon, lat (M,) [rad], some of them at a time, in order."""
+    for start in range(0, lon.size, TILE):
+        part = slice(start, start + TILE)
+        yield Interpolator(mesh, lon[part], lat[part])
 
 
 def _matrix(mesh: Mesh, xyz: Array) -> sparse.csr_array:

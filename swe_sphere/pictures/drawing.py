@@ -12,7 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
-from swe_sphere.mesh import Interpolator
+from swe_sphere.mesh import Interpolator, interpolators
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.levels import contours, drawable, limits
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
 
-PIECE = 20_000
-"""Points evaluated at once."""
 SEEN = 4e-3
 """Parts of the bottom's height above its lowest point that get a contour."""
 
@@ -73,9 +71,7 @@ class Drawing:
         if not (self._keep and isinstance(self.source, Nodal)):
             return self.source.at(field, *self._points, time)
         if not self._kept:
-            pieces = [slice(k, k + PIECE) for k in range(0, self._points[0].size, PIECE)]
-            mesh = self.source.mesh
-            self._kept = [Interpolator(mesh, *(x[p] for x in self._points)) for p in pieces]
+            self._kept = [*interpolators(self.source.mesh, *self._points)]
         frame = self.source.frame(time)
         return np.concatenate([evaluate(piece, frame, field) for piece in self._kept])
 

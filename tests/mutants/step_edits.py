@@ -154,8 +154,8 @@ METADATA = _edits(
         "times in hours",
         "swe_sphere/io/layout.py",
         _CONVENTIONS,
-        '"seconds since 2000-01-01 00:00:00"',
-        '"hours since 2000-01-01 00:00:00"',
+        'f"seconds since {START}',
+        'f"hours since {START}',
     ),
     (
         "calendar without leap years",
