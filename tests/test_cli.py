@@ -342,8 +342,11 @@ def test_a_first_run_says_that_it_compiles(tmp_path):
         out, err = run.communicate(timeout=120)
         assert (run.returncode, err) == (0, said)
         assert json.loads(out)["completed"] is True
+    (headers,) = tmp_path.glob("cache/*/headers_*/*.pch")
+    made = headers.stat().st_mtime_ns
     run = process(*options, "--np", 5, "--quiet", env=cache)
     assert run.communicate(timeout=120) == ("", "")
+    assert headers.stat().st_mtime_ns == made  # other kernels, the same headers
 
 
 def _wait_for_frames(file):

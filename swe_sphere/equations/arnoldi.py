@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg as sl
+import scipy
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
@@ -79,7 +79,7 @@ def _unit(vector: Array, out: Float32) -> float:
 
 def _restart(basis: Float32, small: Array, least: float) -> int:
     """Keep the Schur vectors of Ritz values of that modulus or more; returns how many these are."""
-    upper, turn, kept = sl.schur(
+    upper, turn, kept = scipy.linalg.schur(
         small[:BASIS], "real", sort=lambda re, im=0.0: abs(re + 1j * im) >= least
     )
     turn = turn[:, :kept].astype(np.float32)

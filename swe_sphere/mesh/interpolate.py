@@ -1,10 +1,12 @@
 """Spectral-element interpolation of nodal fields to any points of the sphere."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
@@ -25,7 +27,7 @@ class Interpolator:
     is beyond the poles.
     """
 
-    matrix: sparse.csr_array
+    matrix: scipy.sparse.csr_array
 
     def __init__(self, mesh: Mesh, lon: ArrayLike, lat: ArrayLike) -> None:
         lon, lat = np.broadcast_arrays(np.asarray(lon, dtype=float), np.asarray(lat, dtype=float))
@@ -59,11 +61,11 @@ def interpolators(mesh: Mesh, lon: Array, lat: Array) -> Iterator[Interpolator]:
         yield Interpolator(mesh, lon[part], lat[part])
 
 
-def _matrix(mesh: Mesh, xyz: Array) -> sparse.csr_array:
+def _matrix(mesh: Mesh, xyz: Array) -> scipy.sparse.csr_array:
     """Interpolation matrix (T, N) for unit vectors (T, 3)."""
     element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(xyz), mesh.ne)
     first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
     values = first[:, :, None] * second[:, None, :]
     starts = np.arange(len(xyz) + 1) * mesh.np**2
     entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
-    return sparse.csr_array(entries, shape=(len(xyz), mesh.size))
+    return scipy.sparse.csr_array(entries, shape=(len(xyz), mesh.size))

@@ -1,7 +1,7 @@
 """Cheap repeated launches of Warp kernels."""
 
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ class Launcher:
     """
 
     def __init__(self, device: str) -> None:
+        keep_headers()
         self.device = device
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
@@ -71,6 +72,21 @@ class Launcher:
         tally = self.work.tally(f"{kernel.module.name} {dim}")
         self._commands[key] = (command, tally, (kernel, *arguments))
         return self._commands[key]
+
+
+def keep_headers() -> None:
+    """Keep Warp's own headers, compiled, beside the kernels: every process would take 2 s for them.
+
+    Warp has no setting for the place: each thread has a temporary one.  Clang moves a whole file to
+    its place, so that processes may share it; another processor needs another one.
+    """
+    with suppress(ImportError, AttributeError, OSError):  # another Warp, a cache of others
+        from warp._src import context
+
+        processor = context._get_cpu_target_hash(wp.config.cpu_compiler_flags)
+        folder = Path(wp.config.kernel_cache_dir, f"headers_{processor}")
+        folder.mkdir(parents=True, exist_ok=True)
+        context.runtime.get_clang_pch_dir = lambda: str(folder)
 
 
 def _identity(argument: Any) -> object:

@@ -4,10 +4,12 @@ They are the operators of the kernels, entry by entry: block elimination of the 
 has to use these and not a compact Laplacian.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
+import scipy
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
@@ -26,26 +28,28 @@ class ElementSpace:
     numbers: NDArray[np.int32]
     """(E, k) their numbers; -1 for one that is left out."""
 
-    def matrix(self, rows: NDArray[np.int32], values: Array) -> sp.coo_array:
+    def matrix(self, rows: NDArray[np.int32], values: Array) -> scipy.sparse.coo_array:
         """Values (E, np*np, k) of the functions in rows (E, np*np); those in one place add up."""
         shape = (*rows.shape, self.numbers.shape[1])
         values = np.broadcast_to(values, shape)
         columns = np.broadcast_to(self.numbers[:, None, :], shape)
         used = (columns >= 0) & (values != 0.0)
         index = (np.broadcast_to(rows[..., None], shape)[used], columns[used])
-        return sp.coo_array((values[used], index), (rows.max() + 1, self.numbers.max() + 1))
+        return scipy.sparse.coo_array(
+            (values[used], index), (rows.max() + 1, self.numbers.max() + 1)
+        )
 
 
-def gradient(mesh: Mesh) -> sp.csr_matrix:
+def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     """(2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
     b = mesh.basis
     weight = _weights(mesh)
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
     north = _derivatives(mesh, -weight * b[..., 1, 0], weight * b[..., 0, 0])
-    return sp.vstack([east, north], format="csr")
+    return scipy.sparse.vstack([east, north], format="csr")
 
 
-def slopes(mesh: Mesh, space: ElementSpace) -> sp.csr_matrix:
+def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     """(2N, V) [m-1]: the gradients of the functions, without the large matrix on the nodes."""
     rows = mesh.nodes.reshape(mesh.elements, -1)
     b = _weights(mesh)[..., None, None] * mesh.basis
@@ -54,20 +58,22 @@ def slopes(mesh: Mesh, space: ElementSpace) -> sp.csr_matrix:
     along_1, along_2 = line_1 @ space.values, line_2 @ space.values
     east = space.matrix(rows, b[..., 1, 1] * along_1 - b[..., 0, 1] * along_2).tocsr()
     north = space.matrix(rows, b[..., 0, 0] * along_2 - b[..., 1, 0] * along_1).tocsr()
-    return sp.vstack([_over_area(mesh, east), _over_area(mesh, north)], format="csr")
+    return scipy.sparse.vstack([_over_area(mesh, east), _over_area(mesh, north)], format="csr")
 
 
-def divergence(mesh: Mesh) -> sp.csr_matrix:
+def divergence(mesh: Mesh) -> scipy.sparse.csr_matrix:
     """(N, 2N) [m-1]: divergence of a nodal wind; minus the adjoint of `gradient`.
 
     The discrete integration by parts <s, div V> = -<grad s, V> in the inner product weighted by the
     nodal areas (Taylor & Fournier 2010, doi:10.1016/j.jcp.2010.04.008, eq. 42).
     """
-    area = sp.diags_array(np.concatenate([mesh.area, mesh.area]))
+    area = scipy.sparse.diags_array(np.concatenate([mesh.area, mesh.area]))
     return _over_area(mesh, -(gradient(mesh).T @ area).tocsr())
 
 
-def stiffness(mesh: Mesh, coefficient: Array, space: ElementSpace | None = None) -> sp.csr_matrix:
+def stiffness(
+    mesh: Mesh, coefficient: Array, space: ElementSpace | None = None
+) -> scipy.sparse.csr_matrix:
     """(N, N) integral of coefficient grad phi . grad s, from the element matrices.
 
     With a `space` it is that of its functions, made without the large matrix on the nodes.
@@ -82,7 +88,7 @@ def stiffness(mesh: Mesh, coefficient: Array, space: ElementSpace | None = None)
     columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     index = (rows.ravel(), columns.ravel())
     size = int(numbers.max()) + 1
-    return sp.coo_array((blocks.ravel(), index), (size, size)).tocsr()
+    return scipy.sparse.coo_array((blocks.ravel(), index), (size, size)).tocsr()
 
 
 def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
@@ -100,7 +106,7 @@ def _lines(mesh: Mesh) -> Array:
     return np.stack([np.kron(d, eye), np.kron(eye, d)])
 
 
-def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> sp.csr_matrix:
+def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> scipy.sparse.csr_matrix:
     """(N, N) DSS of along_1 D1 + along_2 D2, mass-weighted coefficients (E, np, np)."""
     d, n = mesh.derivative, mesh.np
     shape = (2, mesh.elements, n, n, n)
@@ -110,10 +116,12 @@ def _derivatives(mesh: Mesh, along_1: Array, along_2: Array) -> sp.csr_matrix:
     columns[0] = mesh.nodes.transpose(0, 2, 1)[:, None, :, :]
     columns[1] = mesh.nodes[:, :, None, :]
     index = (np.broadcast_to(mesh.nodes[..., None], shape).ravel(), columns.ravel())
-    return _over_area(mesh, sp.coo_array((values.ravel(), index), (mesh.size, mesh.size)).tocsr())
+    return _over_area(
+        mesh, scipy.sparse.coo_array((values.ravel(), index), (mesh.size, mesh.size)).tocsr()
+    )
 
 
-def _over_area(mesh: Mesh, matrix: sp.csr_matrix) -> sp.csr_matrix:
+def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     """The matrix, its rows divided by the nodal areas in place."""
     matrix.data *= np.repeat(1.0 / mesh.area, np.diff(matrix.indptr))
     return matrix

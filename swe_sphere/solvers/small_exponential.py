@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.linalg as sl
+import scipy
 
 from swe_sphere.arrays import Array
 
@@ -38,7 +38,7 @@ class SmallMatrix:
         matrix[0, m] = 1.0
         matrix[range(m, m + order), range(m + 1, m + order + 1)] = 1.0
         with np.errstate(over="ignore", invalid="ignore"):
-            found = sl.expm(matrix)
+            found = scipy.linalg.expm(matrix)
         last = t * self._entries[m, m - 1] * found[m - 1, m + order]
         return t**order * np.append(found[:m, m + order - 1], last), t**order * abs(float(last))
 

@@ -1,7 +1,9 @@
 """Coarse correction on the element vertices: one solve for each family of waves, added up."""
 
+from __future__ import annotations
+
 import numpy as np
-import scipy.sparse as sp
+import scipy
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
@@ -29,11 +31,13 @@ class CoarseCorrection:
 
     def __init__(self, schur: SchurMatrix) -> None:
         mesh = schur.mesh
-        functions, area = coarse_spaces(mesh), sp.diags_array(mesh.area)
+        functions, area = coarse_spaces(mesh), scipy.sparse.diags_array(mesh.area)
         self._schur, self._hats = schur, functions[0]
         spaces = [interpolation(mesh, function) for function in functions]
         self._mass, *masses = [(space.T @ (area @ space)).tocsr() for space in spaces]
-        self._prolongation = sp.hstack([s.astype(np.float32) for s in spaces], format="csr")
+        self._prolongation = scipy.sparse.hstack(
+            [s.astype(np.float32) for s in spaces], format="csr"
+        )
         del spaces
         restriction = self._prolongation.T.tocsr()
         restriction.data *= mesh.area.astype(np.float32)[restriction.indices]
@@ -43,17 +47,16 @@ class CoarseCorrection:
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
-        from scipy.sparse.linalg import splu
-
         schur = self._schur
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
-        self._direct = splu(
+        self._direct = scipy.sparse.linalg.splu(
             smooth.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
-        self._matrix = _without_small(sp.block_diag(blocks, format="coo")).astype(np.float32)
+        modes = scipy.sparse.block_diag(blocks, format="coo")
+        self._matrix = _without_small(modes).astype(np.float32)
         self._inverse = (1.0 / self._matrix.diagonal()).astype(np.float32)
         largest = spectral_bound(lambda x: self._inverse * (self._matrix @ x), self._inverse.size)
         self._coefficients = chebyshev_coefficients(MODE_SWEEPS, largest)
@@ -79,9 +82,9 @@ class CoarseCorrection:
         return x
 
 
-def _without_small(matrix: sp.coo_array) -> sp.csr_array:
+def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
     """The matrix without entries that are NEGLIGIBLE beside the diagonal."""
     scale = np.sqrt(matrix.diagonal())
     kept = np.abs(matrix.data) > NEGLIGIBLE * scale[matrix.row] * scale[matrix.col]
     entries = matrix.data[kept], (matrix.row[kept], matrix.col[kept])
-    return sp.csr_array(entries, shape=matrix.shape)
+    return scipy.sparse.csr_array(entries, shape=matrix.shape)

@@ -9,8 +9,10 @@ function hat x pattern along each of the two directions, and one along both: fou
 orthogonal to each other.
 """
 
+from __future__ import annotations
+
 import numpy as np
-import scipy.sparse as sp
+import scipy
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
@@ -100,7 +102,7 @@ def _turned(vertices: Int) -> NDArray[np.bool_]:
     return turned.reshape(-1, 4)
 
 
-def interpolation(mesh: Mesh, space: ElementSpace) -> sp.csr_matrix:
+def interpolation(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     """(N, V) nodal values of the functions.
 
     A node on an element boundary is met once from each side, with the same value.

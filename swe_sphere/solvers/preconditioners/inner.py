@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
+import scipy
 import warp as wp
 from numpy.typing import NDArray
 
@@ -141,9 +142,9 @@ class Direct(InnerSolver):
 
     def setup(self, tau: float, depth: Array) -> None:
         """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
-        from scipy.sparse.linalg import splu
-
-        factors = splu(self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A")
+        factors = scipy.sparse.linalg.splu(
+            self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
+        )
         work = self.operator.launch.work
         self._factors_solve = work.counted(f"direct solve {self.operator.size}", factors.solve)
 

@@ -1,7 +1,9 @@
 """The Schur complement as sparse matrices on the host, for diagonals, coarse levels and patches."""
 
+from __future__ import annotations
+
 import numpy as np
-import scipy.sparse as sp
+import scipy
 
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
@@ -24,22 +26,26 @@ class SchurMatrix:
         squares = column_squares(self.mesh, self.mesh.area * self.weight(tau, depth))
         return 1.0 + tau**2 * self.gravity * squares / self.mesh.area
 
-    def matrix(self, tau: float, depth: Array) -> sp.csr_matrix:
+    def matrix(self, tau: float, depth: Array) -> scipy.sparse.csr_matrix:
         """S (N, N)."""
         angle = tau * self.coriolis
-        same = sp.diags_array(depth / (1.0 + angle**2))
-        cross = sp.diags_array(depth * angle / (1.0 + angle**2))
-        turn = sp.block_array([[same, cross], [-cross, same]], format="csr")
+        same = scipy.sparse.diags_array(depth / (1.0 + angle**2))
+        cross = scipy.sparse.diags_array(depth * angle / (1.0 + angle**2))
+        turn = scipy.sparse.block_array([[same, cross], [-cross, same]], format="csr")
         product = sparse.divergence(self.mesh) @ (turn @ sparse.gradient(self.mesh))
-        return (sp.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
+        return (scipy.sparse.eye_array(self.mesh.size) - tau**2 * self.gravity * product).tocsr()
 
     def galerkin(
-        self, mass: sp.csr_matrix, slopes: sp.csr_matrix, tau: float, depth: Array
-    ) -> sp.csr_matrix:
+        self,
+        mass: scipy.sparse.csr_matrix,
+        slopes: scipy.sparse.csr_matrix,
+        tau: float,
+        depth: Array,
+    ) -> scipy.sparse.csr_matrix:
         """B^T M S B of the symmetric part of S for a basis B, with M the areas.
 
         mass = B^T M B and slopes = G B (2N, V).
         """
         weight = (self.mesh.area * self.weight(tau, depth)).astype(slopes.dtype)
-        stiffness = slopes.T @ (sp.diags_array(np.tile(weight, 2)) @ slopes)
+        stiffness = slopes.T @ (scipy.sparse.diags_array(np.tile(weight, 2)) @ slopes)
         return (mass + tau**2 * self.gravity * stiffness).tocsr()
