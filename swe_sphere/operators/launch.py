@@ -1,6 +1,7 @@
 """Cheap repeated launches of Warp kernels."""
 
 import time
+import zlib
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -83,8 +84,8 @@ def keep_headers() -> None:
     with suppress(ImportError, AttributeError, OSError):  # another Warp, a cache of others
         from warp._src import context
 
-        processor = context._get_cpu_target_hash(wp.config.cpu_compiler_flags)
-        folder = Path(wp.config.kernel_cache_dir, f"headers_{processor}")
+        processor = zlib.crc32(context.runtime.llvm.wp_get_host_cpu_features())
+        folder = Path(wp.config.kernel_cache_dir, f"headers_{processor:08x}")
         folder.mkdir(parents=True, exist_ok=True)
         context.runtime.get_clang_pch_dir = lambda: str(folder)
 
