@@ -22,7 +22,7 @@ def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
     """All fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
     import xarray as xr
 
-    names = [n for n in data.data_vars if "node" in data[n].dims and n not in LEFT_OUT]
+    names = [name for name in fields_of(data) if name not in LEFT_OUT]
     found: dict[Any, xr.DataArray] = {}
     if {"u", "v"} & set(names):
         pair = holding(data, "u", "v")
@@ -35,6 +35,11 @@ def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": bring.grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
     return result.assign_coords(_coordinates(bring.grid, bring.mesh.radius))
+
+
+def fields_of(data: xr.Dataset) -> list[str]:
+    """Names of the variables that have a value at each node."""
+    return [str(name) for name in data.data_vars if data[name].dims[-1:] == ("node",)]
 
 
 def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray) -> xr.DataArray:

@@ -11,7 +11,7 @@ import netCDF4
 import xarray as xr
 
 from swe_sphere.analysis.grids import parse_grid
-from swe_sphere.analysis.on_grid import on_grid
+from swe_sphere.analysis.on_grid import fields_of, on_grid
 from swe_sphere.analysis.regrid import Regridder, regridder
 from swe_sphere.durable import clear_errors, part_of, refuse_to_replace
 from swe_sphere.errors import ConfigError, unknown_name
@@ -78,7 +78,7 @@ def _check_place(out: Path, overwrite: bool) -> None:
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     """The fields asked for, with the series of diagnostics; only what lies on the nodes counts."""
-    there = [str(name) for name in data.data_vars if "node" in data[name].dims]
+    there = fields_of(data)
     for name in fields:
         if name not in there:
             raise unknown_name("field", name, there)

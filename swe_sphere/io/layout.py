@@ -4,7 +4,8 @@ All is defined before anything is written, and what is large last: every definit
 library move all variables of fixed size that stand in the file already.
 
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
-nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.
+nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.  For
+tools that know values of cells alone, the bounds of the coordinates are those of a cell a node.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere import __version__
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.cells import cell_corners
 
 FRAME_FIELDS = {
     "h": {"long_name": "depth of the fluid", "units": "m"},
@@ -57,11 +59,17 @@ COORDINATES = {
     "lat": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
     "lon": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
 }
-TOPOLOGY = ("mesh", "face_nodes", "sphere")
+BOUNDS = "_bnds"
+"""What the names of the bounds of a coordinate end with."""
+TOPOLOGY = ("mesh", "face_nodes", "sphere", *(name + BOUNDS for name in COORDINATES))
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 START = "2000-01-01"
 """The date that files give the start of a run."""
-TIME = {"units": f"seconds since {START} 00:00:00", "calendar": "proleptic_gregorian"}
+TIME = {
+    "units": f"seconds since {START} 00:00:00",
+    "calendar": "proleptic_gregorian",
+    "units_metadata": "leap_seconds: none",
+}
 
 DIAGNOSTICS = {
     "mass": ("area mean of the fluid depth", "m"),
@@ -87,8 +95,8 @@ SUMMARY = "summary"
 SUMMARY_BYTES = 32 * 1024
 """Room for it."""
 
-LAYOUT_BYTES = 64
-"""Bytes per node that `add_layout` writes: lat, lon, area, b, f and the corners of one face."""
+LAYOUT_BYTES = 128
+"""Bytes per node that `add_layout` writes: lat, lon, four corners of each, area, b, f, one face."""
 
 
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
@@ -131,8 +139,10 @@ def add_layout(
     _add_series(dataset, diagnostics, samples)
     _add_topology(dataset, mesh)
     for name, attributes in (COORDINATES | STATIC_FIELDS).items():
-        nodal = attributes | ({} if name in COORDINATES else ON_NODES)
-        dataset.createVariable(name, "f8", ("node",)).setncatts(nodal)
+        nodal = {"bounds": name + BOUNDS} if name in COORDINATES else ON_NODES
+        dataset.createVariable(name, "f8", ("node",)).setncatts(attributes | nodal)
+    for name in COORDINATES:
+        dataset.createVariable(name + BOUNDS, "f8", ("node", "corner"))
     _fill(dataset, mesh, quads, constants)
 
 
@@ -190,7 +200,9 @@ def _fill(
 ) -> None:
     dataset["mesh"][...] = dataset["sphere"][...] = 0  # their attributes are what counts
     dataset["face_nodes"][:] = quads
-    dataset["lat"][:], dataset["lon"][:] = np.degrees(mesh.lat), np.degrees(mesh.lon)
+    places = zip(("lon", "lat"), (mesh.lon, mesh.lat), cell_corners(mesh), strict=True)
+    for name, centre, corners in places:
+        dataset[name][:], dataset[name + BOUNDS][:] = np.degrees(centre), np.degrees(corners)
     dataset["area"][:] = mesh.area
     for name in ("b", "f"):
         dataset[name][:] = constants.get(name, 0.0)

@@ -1,0 +1,93 @@
+"""Files of runs in tools that know nothing of this model; each needs the tool."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from swe_sphere import open_run
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.mesh import Mesh
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return Mesh.build(6, 6, spin=0.3)
+
+
+@pytest.fixture(scope="module")
+def run(mesh, tmp_path_factory):
+    """A file of a depth without any symmetry."""
+    path = tmp_path_factory.mktemp("tools") / "run.nc"
+    x, y, z = mesh.xyz.T
+    h = 1000.0 * np.exp(0.3 * x + 0.5 * y * z - 0.4 * z)
+    fields = dict.fromkeys(("u", "v", "vorticity", "divergence"), 0.0 * h) | {"h": h}
+    with FrameWriter(path, mesh, {"title": "bulges"}, 0.1 * h, coriolis=1e-4 * z) as writer:
+        for k in range(2):
+            writer.write(600.0 * k, fields, {"mass": 1.0})
+        writer.finish({"completed": True})
+    return path
+
+
+KNOWN = {
+    # a cell around a pole: longitude and latitude of its corners do not enclose it
+    "2 point(s) specified by the coordinate variable 'lat' lie outside the bounding box of the"
+    " associated boundary variable 'lat_bnds'",
+    # roles of UGRID, which CF-1.11 takes in and the checker does not know
+    "mesh_topology is not a valid cf_role value. It must be one of timeseries_id, profile_id,"
+    " trajectory_id",
+    "face_node_connectivity is not a valid cf_role value. It must be one of timeseries_id,"
+    " profile_id, trajectory_id",
+    "There may only be one variable containing the cf_role attribute. Currently the following"
+    " variables have cf_role attributes: ['mesh', 'face_nodes']",
+}
+
+
+def test_the_file_is_what_cf_asks_for(run):
+    runner = pytest.importorskip("compliance_checker.runner")
+    runner.CheckSuite.load_all_available_checkers()
+    suite = runner.CheckSuite()
+    with suite.load_dataset(str(run)) as dataset:
+        ((results, failed),) = suite.run_all(dataset, ["cf:1.11"]).values()
+    assert len(results) > 20 and not failed
+    assert {message for result in results for message in messages(result)} == KNOWN
+
+
+def messages(result):
+    """Of what is not as it should be; the checker also says what is."""
+    scored, possible = result.value if isinstance(result.value, tuple) else (result.value, True)
+    if scored < possible:
+        yield from result.msgs or ()
+    for child in result.children or ():
+        yield from messages(child)
+
+
+@pytest.mark.skipif(shutil.which("cdo") is None, reason="cdo is not installed")
+def test_cdo_remaps_and_keeps_the_integral(run, mesh, tmp_path):
+    out = tmp_path / "grid.nc"
+    command = ["cdo", "-s", "remapcon,r72x36", "-selname,h", str(run), str(out)]
+    subprocess.run(command, check=True, capture_output=True)
+    with xr.open_dataset(run) as before, xr.open_dataset(out) as after:
+        zones = np.diff(np.sin(np.radians(np.linspace(-90.0, 90.0, 37))))
+        found = np.average(after.h.mean("lon").isel(time=-1), weights=zones)
+        assert np.ptp(after.h.values) > 900.0
+        assert found == pytest.approx(np.average(before.h[-1], weights=mesh.area), rel=1e-6)
+
+
+@pytest.mark.thorough
+def test_uxarray_takes_areas_and_zonal_means(run):
+    """Almost all of its time goes into numba's compiling."""
+    ux = pytest.importorskip("uxarray")
+    data = ux.open_dataset(run, run)
+    assert float(data.uxgrid.face_areas.sum()) == pytest.approx(4.0 * np.pi, rel=1e-6)
+    means = data.h.isel(time=-1).topological_mean("face").zonal_mean((-70, 50, 40))
+    ours = (
+        open_run(run)
+        .swe.zonal_mean(181)
+        .h.isel(time=-1)
+        .sel(lat=[-70, -30, 10, 50], method="nearest")
+    )
+    np.testing.assert_allclose(means.values, ours.values, rtol=2e-3)
+    assert np.ptp(ours.values) > 1000.0 * 2e-3
