@@ -99,8 +99,9 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
 def sphere_limiter(real: type) -> SimpleNamespace:
     """Kernels for the whole sphere, in the order in which they run.
 
-    sums over (count, blocks): (area (N,), x, depth, first, N, span, lower, upper, partial
-    (count, blocks) of three numbers): excess and room above and below of `span` nodes each.
+    sums over (count, blocks): (area (N,), x, depth, first, N, starts (kinds, blocks + 1), lower,
+    upper, partial (blocks, count) of three numbers): excess and room above and below of the nodes
+    from starts[k, block] to starts[k, block + 1], all k.
     parts over (count,): (partial, blocks, part (count,) of two numbers).
     limit over (count, N): (depth, first, N, lower, upper, part, x).
     """
@@ -114,24 +115,25 @@ def sphere_limiter(real: type) -> SimpleNamespace:
         depth: int,
         first: int,
         size: int,
-        span: int,
+        starts: wp.array2d(dtype=wp.int32),
         lower: vector,
         upper: vector,
         partial: wp.array2d(dtype=wp.vec3d),
     ):
         k, block = wp.tid()
         total = wp.vec3d()
-        for node in range(block * span, wp.min((block + 1) * span, size)):
-            h = x[depth + node]
-            m = x[first + k * size + node]
-            low = lower[k] * h
-            high = upper[k] * h
-            clipped = wp.min(wp.max(m, low), high)
-            rooms = wp.vec3d(
-                wp.float64(m - clipped), wp.float64(high - clipped), wp.float64(clipped - low)
-            )
-            total += area[node] * rooms
-        partial[k, block] = total
+        for kind in range(starts.shape[0]):
+            for node in range(starts[kind, block], starts[kind, block + 1]):
+                h = x[depth + node]
+                m = x[first + k * size + node]
+                low = lower[k] * h
+                high = upper[k] * h
+                clipped = wp.min(wp.max(m, low), high)
+                rooms = wp.vec3d(
+                    wp.float64(m - clipped), wp.float64(high - clipped), wp.float64(clipped - low)
+                )
+                total += area[node] * rooms
+        partial[block, k] = total
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -139,7 +141,7 @@ def sphere_limiter(real: type) -> SimpleNamespace:
         k = wp.tid()
         total = wp.vec3d()
         for block in range(blocks):
-            total += partial[k, block]
+            total += partial[block, k]
         none = wp.float64(0.0)
         one = wp.float64(1.0)
         least = wp.float64(TINY)

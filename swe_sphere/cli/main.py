@@ -10,6 +10,7 @@ from swe_sphere import __version__
 from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all
 from swe_sphere.cli.pictures import animate, plot
+from swe_sphere.cli.ranks import fail, refuse_ranks
 from swe_sphere.cli.regrid import regrid, scrip
 from swe_sphere.cli.run import run
 from swe_sphere.cli.stress import stress
@@ -42,11 +43,14 @@ def _tell_version(asked: bool) -> None:
 
 @app.callback()
 def _program(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version."),
     ] = False,
-) -> None: ...
+) -> None:
+    if context.invoked_subcommand != "run":
+        refuse_ranks()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -59,9 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _status(arguments: Sequence[str]) -> int:
     try:
-        return app(arguments, prog_name="swe-sphere", standalone_mode=False) or 0
+        return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
     except Exception as error:
         show_traceback()
         line, status = explain(error)
-    sys.stderr.write(f"swe-sphere: {line}\n")
-    return status
+    return fail(line, status)

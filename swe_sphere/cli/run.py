@@ -7,8 +7,10 @@ import typer
 
 from swe_sphere.cli.explain import Stopped, explain
 from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.ranks import start_ranks
 from swe_sphere.cli.show import Terminal, show_summary
 from swe_sphere.compiling import on_compile
+from swe_sphere.parallel import world
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.run import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
@@ -16,25 +18,35 @@ from swe_sphere.simulation.summary import Summary, failed_summary
 
 @with_flags(RunConfig, argument="scene")
 def run(
+    context: typer.Context,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Options by name; flags go first.")
+    ] = None,
+    ranks: Annotated[
+        int | None, typer.Option(metavar="P", help="Processes that share the mesh, by MPI.")
     ] = None,
     **values: Any,
 ) -> int:
     """Run a scene and report errors, conservation and cost."""
+    comm = world()
+    if ranks is not None and not comm.shared:
+        return start_ranks(ranks, context.obj)
     try:
         read = load_config(config) if config is not None else {}
         asked = make_config(read | given(values, RunConfig))
         summary = _run(asked)
     except Exception as error:
-        if values["as_json"]:
+        if values["as_json"] and comm.rank == 0:
             typer.echo(failed_summary(values, *explain(error)).as_json())
         raise
-    show_summary(summary, asked)
+    if comm.rank == 0:
+        show_summary(summary, asked)
     return summary.exit_status
 
 
 def _run(asked: RunConfig) -> Summary:
+    if world().rank:
+        return run_scene(asked)
     terminal = Terminal(asked)
     try:
         with on_compile(terminal.compiling):

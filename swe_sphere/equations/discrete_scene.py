@@ -40,12 +40,12 @@ class DiscreteScene:
     @property
     def fluid_size(self) -> int:
         """Length of wind and depth in a state."""
-        return len(self.fluid) * self.mesh.size
+        return len(self.fluid) * self.device_mesh.size
 
     @property
     def size(self) -> int:
         """Length of a state."""
-        return len(self.names) * self.mesh.size
+        return len(self.names) * self.device_mesh.size
 
     def inviscid(self) -> "DiscreteScene":
         """This one without effects that diffuse, with the same arrays."""
@@ -72,18 +72,18 @@ class DiscreteScene:
     @cached_property
     def parameters(self) -> dict[str, Any]:
         """Coefficients and fields of the effects, by the names that the kernels have for them."""
-        mesh, scene, upload = self.mesh, self.scene, self.device_mesh.upload
+        mesh, scene, upload = self.device_mesh, self.scene, self.device_mesh.scatter
         parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
         if scene.bottom:
             parameters["bottom"] = upload(self.bottom - self._surface_level())
         if scene.coriolis:
             parameters["coriolis"] = upload(self.coriolis)
         if scene.wind:
-            parameters["wind"] = upload(np.zeros(2 * mesh.size))
+            parameters["wind"] = mesh.upload(np.zeros(2 * mesh.size))
         if scene.forcing:
-            parameters["forcing"] = upload(np.zeros(self.fluid_size))
+            parameters["forcing"] = mesh.upload(np.zeros(self.fluid_size))
         if scene.base:
-            parameters["base"] = upload(np.concatenate(scene.base(mesh.lon, mesh.lat)))
+            parameters["base"] = upload(np.concatenate(scene.base(self.mesh.lon, self.mesh.lat)))
         for effect in scene.effects:
             mine = self._coefficients(effect)
             parameters |= {effect.name: mine} if isinstance(effect, PointwiseEffect) else mine
@@ -98,7 +98,7 @@ class DiscreteScene:
         for name, value in found.items():
             if np.ndim(value):
                 field = fitted(f"{label}: {name}", value, mesh.lon, mesh.lat)
-                found[name] = self.device_mesh.upload(field)
+                found[name] = self.device_mesh.scatter(field)
             elif not np.isfinite(value):
                 raise ConfigError(f"{label}: {name} must be finite, not {value}")
         return found

@@ -36,7 +36,7 @@ class PoissonTendency:
         self._operator = TendencyOperator(mesh, terms, model.launch, own, point)
         self._average = average_kernel(mesh.real, scene.bottom is not None)
         self._constants = self._average.structure()
-        self._constants.size, self._constants.gravity = model.mesh.size, scene.planet.gravity
+        self._constants.size, self._constants.gravity = mesh.size, scene.planet.gravity
         if scene.bottom:
             self._constants.bottom = model.parameters["bottom"]
         self._combine = axpby_kernel(mesh.real)
@@ -56,7 +56,7 @@ class PoissonTendency:
 
         Counted as one right-hand side.
         """
-        model, nodes = self._model, self._model.mesh.size
+        model, nodes = self._model, self._model.device_mesh.size
         model.set_time(t)
         model.counters["rhs_evaluations"] += 1
         model.launch(

@@ -89,6 +89,7 @@ class DifferenceJacobian(Jacobian):
         self._one, self._two = combine_kernel(real, 1), combine_kernel(real, 2)
         self._base, self._slope, self._moved, self._zero = (discrete.zeros() for _ in range(4))
         self._root = float(np.sqrt(np.finfo(discrete.device_mesh.numpy_real).eps))
+        self._comm = discrete.device_mesh.comm
         self._time, self._sizes = 0.0, np.ones(len(self._blocks))
         launch.load(self._one, self._two)
 
@@ -112,7 +113,8 @@ class DifferenceJacobian(Jacobian):
 
     def _largest(self, state: wp.array) -> Array:
         """Largest modulus of the winds together and of each other field, never below a rounding."""
-        largest = np.abs(state.numpy()).reshape(len(self._blocks), -1).max(axis=1)
+        mine = np.abs(state.numpy()).reshape(len(self._blocks), -1).max(axis=1)
+        largest = np.max(self._comm.tell_all(mine), axis=0)
         if "u" in self._blocks:
             largest[:2] = largest[:2].max()
         return np.asarray(np.maximum(largest, np.finfo(np.float32).tiny), dtype=np.float64)

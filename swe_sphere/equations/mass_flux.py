@@ -17,7 +17,7 @@ class MassFlux:
     names = ("flux_u", "flux_v")
 
     def __init__(self, discrete: DiscreteScene) -> None:
-        self._launch, self._size = discrete.launch, discrete.mesh.size
+        self._launch, self._size = discrete.launch, discrete.device_mesh.size
         self.first = discrete.fluid_size
         """Where G begins in a state vector."""
         self.depth = self.first - self._size

@@ -19,6 +19,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.parallel import Alone
 
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
@@ -32,7 +33,8 @@ class Model:
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
     the depths alone where the wind is prescribed; then the masses hq [m] of tracers, N of each.
     `shape` chooses the launch shape of the kernels; by default one thread a group of elements on a
-    CPU and one thread a node elsewhere.
+    CPU and one thread a node elsewhere.  comm: the ranks that share the mesh; by default there are
+    none.
 
     Raises ConfigError for an unknown device, precision, launch shape or kind of Jacobian.
     """
@@ -45,6 +47,7 @@ class Model:
         precision: str = "float64",
         shape: str | None = None,
         jacobian: str = "exact",
+        comm: Alone | None = None,
     ) -> None:
         if precision not in REALS:
             raise ConfigError(f"precision is float64 or float32, not {precision!r}")
@@ -55,8 +58,12 @@ class Model:
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-        self.launch = Launcher(self.device)
-        self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape)
+        self.comm = comm or Alone()
+        """The ranks that share the mesh."""
+        self.launch = Launcher(self.device, self.comm)
+        self.device_mesh = DeviceMesh(
+            mesh, self.device, REALS[precision], self.shape, self.comm
+        )
         made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)
         self.discrete = made
         self.names, self.size = made.names, made.size
@@ -115,7 +122,7 @@ class Model:
         vars(other).pop("inviscid", None)
         other.tracers, other.carried, other.limiter = None, MassFlux(self.discrete), None
         other.names = (*self.discrete.fluid, *MassFlux.names)
-        other.size = len(other.names) * self.mesh.size
+        other.size = len(other.names) * self.device_mesh.size
         return other
 
     # --- states
@@ -134,7 +141,7 @@ class Model:
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
         values = {"u": u, "v": v, "h": h} | masses
         blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
-        return self.device_mesh.upload(np.concatenate(blocks))
+        return self.device_mesh.scatter(np.concatenate(blocks))
 
     def initial_state(self) -> wp.array:
         """The scene's initial state.
@@ -153,7 +160,7 @@ class Model:
 
         For each tracer also its mass hq_NAME [m] and its mixing ratio q_NAME.
         """
-        blocks = state.numpy().astype(np.float64).reshape(len(self.names), -1)
+        blocks = self.device_mesh.collect(state).astype(np.float64).reshape(len(self.names), -1)
         fields = dict(zip(self.names, blocks, strict=True))
         if self.scene.wind:
             u, v = self.scene.wind(self.mesh.lon, self.mesh.lat, t)

@@ -72,7 +72,7 @@ class Passes:
         levels: now, past; flows: weights of (out, now, past) in the masses of `carried`; mixes: in
         the depth of `pushed`.
         """
-        model, mesh, size = self._model, self._mesh, self._mesh.mesh.size
+        model, mesh, size = self._model, self._mesh, self._mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         if self._transport is not None:
@@ -81,6 +81,7 @@ class Passes:
                 self._transport, mesh.dim, self._geometry, wind, self.carried,
                 self._first * size, self._masses, self._local_depth,
             )  # fmt: skip
+            mesh.exchange(self._flat_depth)
         model.launch(
             self._kernels.depth, size, mesh.places(self._masses), mesh.inverse_area, mesh.lanes,
             size, self._masses, self._flat_depth, self._structure, tau, *levels, self._loss,
@@ -94,9 +95,10 @@ class Passes:
         """
         if not self._moves:
             return
-        launch, mesh, size = self._model.launch, self._mesh, self._mesh.mesh.size
+        launch, mesh, size = self._model.launch, self._mesh, self._mesh.size
         if self._force is not None:
             launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind)
+            mesh.exchange(self._flat_wind)
         launch(
             self._kernels.wind, size, mesh.places(2), mesh.inverse_area, mesh.lanes, size,
             self._flat_wind, self._structure, tau, *levels, self._loss, self._shift, turns, out,
@@ -105,7 +107,7 @@ class Passes:
 
     def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:
         """Make `carried` and `pushed` anew from (now, past, older), with those weights of them."""
-        size, moving = self._model.size, self._first * self._mesh.mesh.size
+        size, moving = self._model.size, self._first * self._mesh.size
         jobs = [(size - moving, moving, masses, self.carried)]
         if self._moves:
             jobs += [(moving, 0, winds, self.pushed), (moving, 0, winds, self.carried)]

@@ -29,7 +29,7 @@ class PrescribedFields:
         if self._target is None or t == self._time:
             return
         if self._time is None or not self._steady:
-            wp.copy(self._target, self._discrete.device_mesh.upload(self._evaluate(t)))
+            wp.copy(self._target, self._discrete.device_mesh.scatter(self._evaluate(t)))
         self._time = t
 
     def _evaluate(self, t: float) -> Array:

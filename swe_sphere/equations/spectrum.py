@@ -65,7 +65,7 @@ def spectral_radius(
     Raises ConfigError where it is not finite.
     """
     product = _scaled_product(discrete, state, operator, reach)
-    start = np.random.default_rng(0).standard_normal(discrete.fluid_size)
+    start = np.random.default_rng(0).standard_normal(len(discrete.fluid) * discrete.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE)
     if found is None:
@@ -82,12 +82,12 @@ def _scaled_product(
     discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> Product:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
-    base = state.numpy()[: discrete.fluid_size].astype(np.float64)
+    mesh = discrete.device_mesh
+    base = mesh.collect(state[: discrete.fluid_size]).astype(np.float64)
     scale = _units(discrete, base)
     size = reach * (np.abs(base / scale).max() or 1.0)
-    mesh = discrete.device_mesh
     moved, plus, minus = (
-        wp.zeros(base.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
+        wp.zeros(discrete.fluid_size, dtype=mesh.real, device=mesh.device) for _ in range(3)
     )
     room = np.empty(base.size)
 
@@ -96,10 +96,10 @@ def _scaled_product(
         for sign, out in ((1.0, plus), (-1.0, minus)):
             np.multiply(d, sign * step, out=room, dtype=np.float64)
             np.multiply(room, scale, out=room)
-            moved.assign(np.add(base, room, out=room))
+            moved.assign(mesh.restrict(np.add(base, room, out=room)))
             operator(moved, out)  # on one array: launches keep all those they are recorded with
-        difference: Array = plus.numpy().astype(np.float64)
-        difference -= minus.numpy()
+        difference: Array = mesh.collect(plus).astype(np.float64)
+        difference -= mesh.collect(minus)
         difference /= np.multiply(scale, 2.0 * step, out=room)
         return difference
 
@@ -109,7 +109,7 @@ def _scaled_product(
 def _units(discrete: DiscreteScene, base: Array) -> Array:
     """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
     n = discrete.mesh.size
-    scale = np.ones(discrete.fluid_size)
+    scale = np.ones(base.size)
     if discrete.scene.wind is None:
         depth = np.average(base[-n:], weights=discrete.mesh.area)
         scale[-n:] = np.sqrt(depth / discrete.scene.planet.gravity)

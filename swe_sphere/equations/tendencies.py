@@ -111,7 +111,7 @@ class TermsOperator:
         mesh, launch, parameters = discrete.device_mesh, discrete.launch, discrete.parameters
         self._laplacian, self._first = None, None
         if terms.biharmonic:
-            size = terms.unknowns * mesh.mesh.size
+            size = terms.unknowns * mesh.size
             self._laplacian = wp.zeros(size, dtype=mesh.real, device=mesh.device)
             raised = terms.bottom and not terms.tangent
             once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)

@@ -38,7 +38,7 @@ class TracerEquations:
         self.first = discrete.fluid_size
         """Where the first tracer begins in a state vector."""
         self.count = len(discrete.names) - len(discrete.fluid)
-        self.depth = self.first - discrete.mesh.size
+        self.depth = self.first - self._mesh.size
         """Where the depth begins."""
         self._wind: wp.array | None = discrete.parameters.get("wind")
         self._transport = TracerTransport(self._mesh, self._launch, self.count)
@@ -100,13 +100,13 @@ class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
     def __init__(self, tracers: TracerEquations, discrete: DiscreteScene, terms: Terms) -> None:
-        mesh, size = discrete.device_mesh, discrete.mesh.size
+        mesh, size = discrete.device_mesh, discrete.device_mesh.size
         count, real = tracers.count, mesh.real
         self._launch, self._kernels = discrete.launch, pointwise_kernels(real)
         self._dim, self._first = (count, size), tracers.first
         self._offsets = (tracers.depth, tracers.first, size)
         raised = discrete.scene.bottom is not None
-        self._bottom = mesh.upload(discrete.bottom) if raised else None
+        self._bottom = mesh.scatter(discrete.bottom) if raised else None
         self._raised, self._rate = (
             wp.zeros(count * size, dtype=real, device=mesh.device) for _ in range(2)
         )

@@ -13,12 +13,17 @@ from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.partition import Part, partition, whole
+from swe_sphere.operators.chunks import Chunks
+from swe_sphere.operators.halo import Halo
+from swe_sphere.parallel import Alone
 
+ALONE = Alone()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
 class DeviceMesh:
-    """Element data of a mesh on a device, `lanes` elements side by side.
+    """Element data of a mesh, or of this rank's part of it, `lanes` elements side by side.
 
     Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with
     copies of the last element, which DSS never reads.  Metric terms are computed in float64 and
@@ -26,12 +31,27 @@ class DeviceMesh:
     2018, doi:10.1175/MWR-D-17-0257.1).
     """
 
-    def __init__(self, mesh: Mesh, device: str, real: Any, shape: str) -> None:
-        self.mesh, self.device, self.real, self.shape = mesh, device, real, shape
+    def __init__(
+        self, mesh: Mesh, device: str, real: Any, shape: str, comm: Alone = ALONE,
+        part: Part | None = None,
+    ) -> None:  # fmt: skip
+        self.mesh, self.device, self.real, self.shape, self.comm = mesh, device, real, shape, comm
+        if part is None:
+            part = partition(mesh, comm.rank, comm.size) if comm.shared else whole(mesh)
+        self.part = part
+        self.size, self.elements = part.nodes.size, part.elements.size
+        """Nodes and elements of this rank."""
         self.lanes = lanes_of(real) if shape == "element" else 1
-        self.groups = -(-mesh.elements // self.lanes)
+        self.groups = -(-self.elements // self.lanes)
         self.points = mesh.np**2
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
+        self._halos: dict[int, Halo] = {}
+
+    def like(self, real: Any, shape: str) -> "DeviceMesh":
+        """The same part in another number type or order."""
+        if (real, shape) == (self.real, self.shape):
+            return self
+        return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part)
 
     @property
     def dim(self) -> int | tuple[int, int]:
@@ -39,19 +59,25 @@ class DeviceMesh:
         return self.groups if self.shape == "element" else (self.groups, self.points)
 
     @functools.cached_property
+    def chunks(self) -> Chunks:
+        """By which sums over the nodes are taken."""
+        return Chunks(self.part, self.comm, self.device)
+
+    @functools.cached_property
     def nodes(self) -> wp.array:
         """Unique node numbers of the element nodes."""
-        return self._element_array(self.mesh.nodes[..., None], wp.int32, ())
+        return self._element_array(self.part.node_of[..., None], wp.int32, ())
 
     @functools.cached_property
     def basis(self) -> wp.array:
         """The four entries of dx/dxi_i . e_k [m] at the element nodes."""
-        return self._element_array(self.mesh.basis, self.real, (4,))
+        return self._element_array(self.mesh.basis[self.part.elements], self.real, (4,))
 
     @functools.cached_property
     def inverse_jacobian(self) -> wp.array:
         """One over the area element [m-2]."""
-        return self._element_array(1.0 / self.mesh.jacobian[..., None], self.real, ())
+        jacobian = self.mesh.jacobian[self.part.elements]
+        return self._element_array(1.0 / jacobian[..., None], self.real, ())
 
     @functools.cached_property
     def derivative(self) -> wp.array:
@@ -66,7 +92,7 @@ class DeviceMesh:
     @functools.cached_property
     def inverse_area(self) -> wp.array:
         """One over the nodal area (N,) [m-2]."""
-        return self.upload(1.0 / self.mesh.area)
+        return self.scatter(1.0 / self.mesh.area)
 
     @functools.cache  # noqa: B019 - lives as long as the mesh, with two or three entries
     def places(self, unknowns: int) -> wp.array:
@@ -74,36 +100,129 @@ class DeviceMesh:
 
         A node lacks those that are -1; the fourth of three stands in the empty last group.
         """
-        mesh = self.mesh
-        element, point = np.divmod(mesh.gather_entries, self.points)
-        group, lane = np.divmod(element, self.lanes)
-        position = (group * self.points + point) * (unknowns * self.lanes) + lane
-        empty = self.groups * self.points * unknowns * self.lanes
-        places = np.full((mesh.size, CONTRIBUTORS), -1, dtype=np.int32)
-        count = np.diff(mesh.gather_offsets)
+        part, width = self.part, unknowns * self.lanes
+        position = self._positions(part.contributors, width)
+        empty = self.groups * self.points * width
+        places = np.full((self.size, CONTRIBUTORS), -1, dtype=np.int32)
+        count = part.counts
         places[count == 3, 3] = empty
-        node = np.repeat(np.arange(mesh.size), count)
-        places[node, np.arange(node.size) - mesh.gather_offsets[node]] = position
+        node = np.repeat(np.arange(self.size), count)
+        places[node, np.arange(node.size) - np.repeat(np.cumsum(count) - count, count)] = position
         return wp.array(places, dtype=Contributors, device=self.device)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """A structure of that kind: members by name from those given, else from the mesh."""
-        known = {"size": self.mesh.size} | dict(given or {})
+        known = {"size": self.size} | dict(given or {})
         filled = kind()
         for name in kind.vars:
             setattr(filled, name, known[name] if name in known else getattr(self, name))
         return filled
 
     def local(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
-        """Room for local tendencies, (groups + 1, np*np, unknowns) of `value`, and a flat view.
+        """Room for local tendencies, (groups + 1 ..., np*np, unknowns) of `value`, and a flat view.
 
-        No element writes to the last group, which stays zero.
+        No element writes to the first group behind the others, which stays zero; those after it
+        are for what other ranks send.
         """
-        shape = (self.groups + 1, self.points, unknowns)
+        shape = (self.rows // self.points, self.points, unknowns)
         local = wp.zeros(shape, dtype=value, device=self.device)
         count = math.prod(shape) * self.lanes
         flat = wp.array(ptr=local.ptr, shape=(count,), dtype=self.real, device=self.device)
+        self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
         return local, flat
+
+    @property
+    def rows(self) -> int:
+        """Places of element nodes in local tendencies, `lanes` in each, those behind included."""
+        behind = -(-self._received // self.lanes)
+        return (self.groups + 1 + -(-behind // self.points)) * self.points
+
+    def share(self, flat: wp.array, offsets: NDArray[Any], width: int) -> None:
+        """Have `exchange` serve an array (n,) whose element nodes begin in rows of that width.
+
+        offsets: where their numbers stand, from there.
+        """
+        if self.comm.shared:
+            part = self.part
+            slots = np.split(-1 - np.arange(self._received), np.cumsum([*part.receives.values()]))
+            entries = dict(zip(part.receives, slots, strict=False))
+            sends, receives = (
+                {rank: self._positions(e, width)[:, None] + offsets for rank, e in each.items()}
+                for each in (part.sends, entries)
+            )
+            self._halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
+
+    def share_blocks(self, local: wp.array, lanes: int) -> wp.array:
+        """The same of an array (blocks, rows) of so many numbers each; returns its flat view."""
+        blocks, rows = local.shape
+        flat = wp.array(
+            ptr=local.ptr, shape=(local.size * lanes,), dtype=self.real, device=self.device
+        )
+        starts = rows * lanes * np.arange(blocks)
+        self.share(flat, (starts[:, None] + np.arange(lanes)).ravel(), lanes)
+        return flat
+
+    @property
+    def _received(self) -> int:
+        return sum(self.part.receives.values())
+
+    def exchange(self, flat: wp.array) -> None:
+        """Fetch from other ranks what their elements have left for nodes that this one has too.
+
+        Between the elements and the nodes of every step; flat: the view that came with `local`.
+        """
+        if self._halos:
+            self._halos[flat.ptr]()
+
+    def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
+        """Where element nodes (element np^2 + point) begin, in rows of that many numbers.
+
+        Those that are received, -1 - k, stand behind the empty group.
+        """
+        element, point = np.divmod(entries, self.points)
+        group, lane = np.divmod(element, self.lanes)
+        behind, lane_behind = np.divmod(-1 - entries, self.lanes)
+        row = np.where(
+            entries >= 0, group * self.points + point, (self.groups + 1) * self.points + behind
+        )
+        return row * width + np.where(entries >= 0, lane, lane_behind)
+
+    def scatter(self, values: Array) -> wp.array:
+        """Fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
+        return self.upload(self.restrict(values))
+
+    def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
+        if not self.comm.shared:
+            return values
+        fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
+        return fields.reshape(*values.shape[:-1], -1)
+
+    def collect(self, vector: wp.array) -> NDArray[Any]:
+        """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N)."""
+        values: NDArray[Any] = vector.numpy()
+        if not self.comm.shared:
+            return values
+        return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
+
+    def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
+        """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
+        sizes = values.size * self.size, vector.size * self.mesh.size
+        return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
+
+    def _join(self, values: NDArray[Any]) -> NDArray[Any]:
+        numbers, fields = self._owners, len(values)
+        counts = [fields * each.size for each in numbers]
+        parts = self.comm.gather(values[:, self.part.owned], counts)
+        joined = np.empty((fields, self.mesh.size), values.dtype)
+        for number, part in zip(numbers, np.split(parts, np.cumsum(counts)[:-1]), strict=True):
+            joined[:, number] = part.reshape(fields, -1)
+        return joined
+
+    @functools.cached_property
+    def _owners(self) -> list[NDArray[Any]]:
+        """The nodes that each rank counts."""
+        return self.comm.tell_all(self.part.nodes[self.part.owned])
 
     def upload(self, values: Array) -> wp.array:
         """A numpy array on the device in the number type of the run."""
@@ -113,8 +232,8 @@ class DeviceMesh:
 
     def _element_array(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
         """(E, np, np, ...) regrouped to (groups, np*np, *tail) of lanes."""
-        parts = values.reshape(self.mesh.elements, self.points, -1)
-        short = self.groups * self.lanes - self.mesh.elements
+        parts = values.reshape(self.elements, self.points, -1)
+        short = self.groups * self.lanes - self.elements
         padded = np.concatenate([parts, np.repeat(parts[-1:], short, axis=0)])
         lanes_last = padded.reshape(self.groups, self.lanes, self.points, -1).transpose(0, 2, 3, 1)
         shape = (self.groups, self.points, *tail)

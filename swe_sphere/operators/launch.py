@@ -11,6 +11,7 @@ import warp as wp
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators.work import Tally, Work
+from swe_sphere.parallel import Alone
 
 REMEMBERED = 512
 
@@ -23,9 +24,10 @@ class Launcher:
     steppers reuse all the time.
     """
 
-    def __init__(self, device: str) -> None:
-        keep_headers()
-        self.device = device
+    def __init__(self, device: str, comm: Alone | None = None) -> None:
+        self.device, self._comm = device, comm or Alone()
+        with self._comm.root_first():
+            keep_headers()
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
         self.work = Work()
@@ -37,9 +39,10 @@ class Launcher:
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start = time.perf_counter()
-        for kernel in kernels:
-            with nullcontext() if self._is_cached(kernel.module) else compiling():
-                kernel.module.load(self.device, block_dim=self._block_dim)
+        with self._comm.root_first():  # which compiles for all
+            for kernel in kernels:
+                with nullcontext() if self._is_cached(kernel.module) else compiling():
+                    kernel.module.load(self.device, block_dim=self._block_dim)
         self.compile_seconds += time.perf_counter() - start
 
     def _is_cached(self, module: Any) -> bool:

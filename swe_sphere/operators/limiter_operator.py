@@ -1,7 +1,5 @@
 """The limiter of tracers on the device."""
 
-import math
-
 import warp as wp
 
 from swe_sphere.arrays import Array
@@ -30,10 +28,14 @@ class Limiter:
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local, self._flat = mesh.local(self._count, self._inside.value)
         self._places, self._add = mesh.places(self._count), blocks_kernel(mesh.real, adds=True)
-        self._area = wp.array(mesh.mesh.area, dtype=wp.float64, device=mesh.device)
-        self._span = math.isqrt(mesh.mesh.size) + 1
-        blocks = -(-mesh.mesh.size // self._span)
-        self._partial = wp.zeros((self._count, blocks), dtype=wp.vec3d, device=mesh.device)
+        area = mesh.restrict(mesh.mesh.area)
+        self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
+        chunks, count = mesh.chunks, self._count
+        self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
+        self._everything = self._partial
+        """The partial sums of all ranks."""
+        if mesh.comm.shared:
+            self._everything = wp.zeros((chunks.total, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
         launch.load(self._inside.limit, self._add, *vars(self._across).values())
 
@@ -43,23 +45,26 @@ class Limiter:
         self._over_the_sphere(state)
 
     def _within_elements(self, state: wp.array) -> None:
-        mesh, size, (_, first) = self._mesh, self._mesh.mesh.size, self._offsets
+        mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
         self._launch(
             self._inside.limit, mesh.groups, self._geometry, state, *self._offsets, self._count,
             *self._bounds, self._local,
         )  # fmt: skip
+        mesh.exchange(self._flat)
         self._launch(
             self._add, size, self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
             self._flat, state,
         )  # fmt: skip
 
     def _over_the_sphere(self, state: wp.array) -> None:
-        size, across = self._mesh.mesh.size, self._across
+        size, across, chunks = self._mesh.size, self._across, self._mesh.chunks
         self._launch(
-            across.sums, self._partial.shape, self._area, state, *self._offsets, size, self._span,
-            *self._bounds, self._partial,
+            across.sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
+            chunks.starts, *self._bounds, self._partial,
         )  # fmt: skip
-        self._launch(across.parts, self._count, self._partial, self._partial.shape[1], self._part)
+        if self._everything is not self._partial:
+            self._everything.assign(chunks.of_all(self._partial.numpy()))
+        self._launch(across.parts, self._count, self._everything, chunks.total, self._part)
         self._launch(
             across.limit, (self._count, size), *self._offsets, size, *self._bounds, self._part,
             state,

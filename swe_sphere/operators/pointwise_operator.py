@@ -25,7 +25,7 @@ class PointwiseOperator:
         launch: Launcher,
         parameters: dict[str, Any],
     ) -> None:
-        self.point, self._launch, self._size = point, launch, mesh.mesh.size
+        self.point, self._launch, self._size = point, launch, mesh.size
         made = pointwise_kernel(unknowns, mesh.real, point)
         self._kind, self._parameters = made.structure, parameters
         self.kernel, self.structure = made.alone, fill(made.structure, parameters, point)

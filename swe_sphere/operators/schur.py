@@ -27,7 +27,7 @@ class SchurOperator:
         self, mesh: DeviceMesh, launch: Launcher, gravity: float, coriolis: Array, given: Any
     ) -> None:
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
-        self.size, self.tau = mesh.mesh.size, 0.0
+        self.size, self.tau = mesh.size, 0.0
         self._derivatives = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         self._steps = elimination_kernels(mesh.real, given)
         self._geometry = mesh.geometry(self._derivatives.geometry)
@@ -53,7 +53,7 @@ class SchurOperator:
             (cross, angle / (1.0 + angle**2)),
             (self._inverse_diagonal, inverse_diagonal),
         ):
-            wp.copy(target, self.mesh.upload(values))
+            wp.copy(target, self.mesh.scatter(values))
 
     def eliminate(self, r: wp.array, b: wp.array) -> None:
         """b (N,) = r_h - tau D H T r_V for r (3N,)."""
@@ -113,13 +113,14 @@ class SchurOperator:
         self._diverge()
 
     def _differentiate(self, s: wp.array) -> None:
-        self._over_elements(self._derivatives.gradient, s, self._local_2)
+        self._over_elements(self._derivatives.gradient, s, self._local_2, self._flat_2)
 
     def _diverge(self) -> None:
-        self._over_elements(self._derivatives.divergence, self._flux, self._local_1)
+        self._over_elements(self._derivatives.divergence, self._flux, self._local_1, self._flat_1)
 
-    def _over_elements(self, kernel: Any, x: wp.array, local: wp.array) -> None:
+    def _over_elements(self, kernel: Any, x: wp.array, local: wp.array, flat: wp.array) -> None:
         self.launch(kernel, self.mesh.dim, self._geometry, x, x, 0, 1, local)
+        self.mesh.exchange(flat)
 
     def _nodal_1(self, kernel: Any, *arguments: Any) -> None:
         """A nodal step that gathers one field."""

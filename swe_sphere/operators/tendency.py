@@ -55,6 +55,7 @@ class TendencyOperator:
         for flux in self._flux_kernels:
             self._launch(flux, self.mesh.dim, self.geometry, x)
         self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local)
+        self.mesh.exchange(self._flat)
         self._assemble(x, out)
 
     def _fill(self, parameters: dict[str, Any]) -> None:
@@ -74,7 +75,7 @@ class TendencyOperator:
 
     def _assemble(self, x: wp.array, out: wp.array) -> None:
         """DSS, and what acts at a point."""
-        mesh, size = self.mesh, self.mesh.mesh.size
+        mesh, size = self.mesh, self.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
         turned = (*self._own, wind) if self._own else ()
         self._launch(

@@ -34,7 +34,7 @@ class Crossings:
         self._launch, self._symbol = launch, symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
         self._kernels = crossing_kernels(mesh.mesh.np, mesh.real)
         self._geometry = self.mesh.geometry(self._kernels.geometry)
-        elements, real, device = mesh.mesh.elements, mesh.real, mesh.device
+        elements, real, device = mesh.elements, mesh.real, mesh.device
         self.across = wp.zeros((elements, self.mesh.points, 2), dtype=real, device=device)
         """The flux across lines of the reference coordinates, times the area element."""
         self._most = wp.zeros(elements, dtype=real, device=device)
@@ -42,14 +42,14 @@ class Crossings:
 
     def take(self, flux: wp.array) -> None:
         """Make `across` of a mass flux (2N, ...) [m2 s-1]."""
-        kernel, elements = self._kernels.contravariant, self.mesh.mesh.elements
+        kernel, elements = self._kernels.contravariant, self.mesh.elements
         self._launch(kernel, elements, self._geometry, flux, self.across)
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
         """About the spectral radius [s-1], or up to a third more, of q -> div(q flux) / air."""
-        kernel, elements = self._kernels.crossings, self.mesh.mesh.elements
+        kernel, mesh, elements = self._kernels.crossings, self.mesh, self.mesh.elements
         self._launch(kernel, elements, self._geometry, flux, air, self._most)
-        return self._symbol * float(self._most.numpy().max())
+        return self._symbol * max(mesh.comm.tell_all(float(self._most.numpy().max())))
 
 
 class TracerStep:
@@ -65,14 +65,15 @@ class TracerStep:
         self._crossings = crossings
         self._mesh, real, device = crossings.mesh, mesh.real, mesh.device
         lanes = (LANES[0] if count <= LANES[0] else LANES[1]) if mesh.lanes > 1 else 1
-        self._blocks, size = -(-count // lanes), mesh.mesh.size
+        self._blocks, size = -(-count // lanes), mesh.size
         self._divergence = divergence_kernel(mesh.mesh.np, real, lanes)
         self._kernels = stage_kernels(real, lanes)
         self._mass, self._q = (
             wp.zeros(self._blocks * size, dtype=self._kernels.value, device=device) for _ in "mq"
         )
-        places = (self._mesh.groups + 1) * self._mesh.points  # the last one stays zero
-        self._local = wp.zeros((self._blocks, places), dtype=self._kernels.value, device=device)
+        scalar, value = self._mesh, self._kernels.value
+        self._local = wp.zeros((self._blocks, scalar.rows), dtype=value, device=device)
+        self._flat = scalar.share_blocks(self._local, lanes)
         self._air_transport, self._ones = (
             TracerTransport(mesh, launch, 1),
             mesh.upload(np.ones(size)),
@@ -97,7 +98,7 @@ class TracerStep:
 
         In each m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
         """
-        launch, size, kernels = self._launch, self._mesh.mesh.size, self._kernels
+        launch, size, kernels = self._launch, self._mesh.size, self._kernels
         dim, tracers = (size, self._blocks), (self._first, self._count, size)
         self._crossings.take(flux)
         depth = air.start, air.rate
@@ -115,14 +116,15 @@ class TracerStep:
     def _tendency(self) -> None:
         mesh = self._mesh
         self._launch(
-            self._divergence, (mesh.mesh.elements, self._blocks), mesh.nodes, mesh.derivative,
-            mesh.weight, self._crossings.across, mesh.mesh.size, self._q, self._local,
+            self._divergence, (mesh.elements, self._blocks), mesh.nodes, mesh.derivative,
+            mesh.weight, self._crossings.across, mesh.size, self._q, self._local,
         )  # fmt: skip
+        mesh.exchange(self._flat)
 
 
 def scalar_mesh(mesh: DeviceMesh) -> DeviceMesh:
     """The mesh with one element in each group."""
-    return mesh if mesh.lanes == 1 else DeviceMesh(mesh.mesh, mesh.device, mesh.real, "node")
+    return mesh if mesh.lanes == 1 else mesh.like(mesh.real, "node")
 
 
 def symbol(derivative: NDArray[np.float64], weights: NDArray[np.float64]) -> float:

@@ -37,8 +37,9 @@ class TracerTransport:
     def _run(
         self, kernel: Any, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int
     ) -> None:
-        mesh, size = self.mesh, self.mesh.mesh.size
+        mesh, size = self.mesh, self.mesh.size
         self._launch(kernel, mesh.dim, self._geometry, wind, x, first, self.count, self._local)
+        mesh.exchange(self._flat)
         self._launch(
             self._assemble, size, self._places, mesh.inverse_area, mesh.lanes, size, self.count,
             to, self._flat, out,
@@ -54,10 +55,10 @@ class MixingRatio:
     def __init__(
         self, mesh: DeviceMesh, launch: Launcher, count: int, depth: int, first: int
     ) -> None:
-        self._launch, self._offsets = launch, (depth, first, mesh.mesh.size)
-        self._dim = (count, mesh.mesh.size)
+        self._launch, self._offsets = launch, (depth, first, mesh.size)
+        self._dim = (count, mesh.size)
         self._kernels = pointwise_kernels(mesh.real)
-        self.values = wp.zeros(count * mesh.mesh.size, dtype=mesh.real, device=mesh.device)
+        self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
         """(count*N,)"""
         kernels = self._kernels
         launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct, kernels.scaled)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, cast
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.planet import DAY
@@ -50,16 +50,17 @@ def execute(sim: Running, callbacks: Sequence[Callback], watcher: Watcher) -> Ou
         watcher.warn(text)
     if sim.config.out is None:
         return _recorded(sim, callbacks, watcher, None)
-    with _writer(sim) as writer:
+    with ExitStack() as stack:
+        writer = _writer(sim, stack)
         return _noted(sim, writer, _recorded(sim, callbacks, watcher, Recorder(sim, writer)))
 
 
 def _noted(sim: Running, writer: FrameWriter, outcome: Outcome) -> Outcome:
     """Write into the file how the run ended; where that cannot be done, the run has failed."""
     told = summary_of(sim, outcome).as_dict()
+    known = {name: value for name, value in told.items() if value is not None}
     try:
-        if writer.frames:
-            writer.finish({name: value for name, value in told.items() if value is not None})
+        sim.comm.on_root(lambda: writer.finish(known) if writer.frames else None)
     except RunFailed as error:
         return outcome if outcome.reason else _ended_by(error, sim)
     return outcome
@@ -74,15 +75,20 @@ def _warning_of_step(sim: Running) -> Iterator[str]:
         )
 
 
-def _writer(sim: Running) -> FrameWriter:
+def _writer(sim: Running, stack: ExitStack) -> FrameWriter:
+    """What rank 0 writes with, closed with the stack; on other ranks nobody asks for it."""
     from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
 
     assert sim.config.out is not None
-    return FrameWriter(
+    from_time = sim.time if sim.comm.on_root(lambda: appends(sim.config)) else None
+    given = (
         sim.config.out, sim.mesh, attributes_of(sim), sim.model.bottom, sim.scene.tracers or (),
-        most_samples(sim.plan, sim.steps), sim.time if appends(sim.config) else None,
-        sim.own_attributes(), sim.own_fields, sim.model.coriolis, sim.config.fields,
+        most_samples(sim.plan, sim.steps), from_time, sim.own_attributes(), sim.own_fields,
+        sim.model.coriolis, sim.config.fields,
     )  # fmt: skip
+    made: list[FrameWriter] = []
+    sim.comm.on_root(lambda: made.append(stack.enter_context(FrameWriter(*given))))
+    return made[0] if made else cast(FrameWriter, None)
 
 
 def _recorded(
@@ -147,6 +153,7 @@ def _watched(sim: Running, watcher: Watcher) -> Iterator[None]:
 
 
 def _ended_by(error: Exception, sim: Running) -> Outcome:
+    sim.comm.agree_to_fail(" ".join(str(error).split()))
     if isinstance(error, Interrupted):
         reason = f"interrupted by {error} at day {sim.time / DAY:.4g}"
         return Outcome("interrupted", reason, INTERRUPTED)

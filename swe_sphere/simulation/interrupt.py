@@ -39,6 +39,11 @@ class Interruption:
     ) -> None:
         self._restore()
 
+    @property
+    def received(self) -> str | None:
+        """The signal that has come, if one has."""
+        return self._received
+
     def check(self) -> None:
         """Raise Interrupted if a signal has come."""
         if self._received is not None:

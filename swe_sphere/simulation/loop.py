@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Observer
-from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.running import Running
 
 TICK = 0.1
@@ -48,7 +48,7 @@ class Loop:
         while self._stepper.steps < self._plan.steps:
             self._advance(self._next_stop(), interruption)
             self._observe()
-            interruption.check()
+            self._stop(interruption)
 
     def _next_stop(self) -> int:
         """The next step after which anyone is due."""
@@ -67,11 +67,9 @@ class Loop:
         try:
             while self._stepper.steps < stop:
                 self._stepper.step()
-                interruption.check()
                 now = time.perf_counter()
                 self._report(now)
-                if now > deadline + self._model.compile_seconds:
-                    self._give_up()
+                self._stop(interruption, now > deadline + self._model.compile_seconds)
             self._finish_device()
         finally:
             elapsed = time.perf_counter() - start
@@ -89,6 +87,17 @@ class Loop:
         for observer in self._observers:
             if step == self._plan.steps or observer.due(step):
                 observer.observe(self._sim)
+
+    def _stop(self, interruption: Interruption, late: bool = False) -> None:
+        """Raise Interrupted or TimedOut on all ranks where there is reason to on one."""
+        comm = self._sim.comm
+        if not comm.any_lately(late or interruption.received is not None):
+            return
+        signals, hurry = zip(*comm.tell_all((interruption.received, late)), strict=True)
+        for signal in filter(None, signals):
+            raise Interrupted(signal)
+        if any(hurry):
+            self._give_up()
 
     def _give_up(self) -> None:
         steps = self._stepper.steps

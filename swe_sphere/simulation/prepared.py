@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.parallel import world
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics
@@ -60,7 +61,9 @@ class Prepared:
         self.scene: Scene = supplied.scene_of(config)
         self._kind = supplied.kind or get_stepper(config.stepper)
         self.mesh: Mesh = supplied.mesh or make_mesh(config, self.scene)
-        check_paths(config)
+        self.comm = world()
+        """The ranks of the run."""
+        self.comm.on_root(lambda: check_paths(config))
         if checkpoint is not None:
             check_identity(config, checkpoint, self.identity)
         self._reference = self._read_reference()

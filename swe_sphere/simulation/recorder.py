@@ -36,7 +36,7 @@ def _interval(plan: TimePlan) -> int:
 
 
 class Recorder:
-    """Samples a run and writes all that it sees."""
+    """Samples a run and writes all that it sees, by the writer that rank 0 has."""
 
     def __init__(self, sim: Running, writer: FrameWriter) -> None:
         self._plan, self._writer = sim.plan, writer
@@ -51,8 +51,9 @@ class Recorder:
         """Sample, and write a frame if one is due."""
         if self._plan.is_frame(sim.steps):
             self.frame(sim)
-        else:
-            self._writer.record(sim.time, sim.diagnostics)
+            return
+        time, numbers = sim.time, sim.diagnostics
+        sim.comm.on_root(lambda: self._writer.record(time, numbers))
 
     def frame(self, sim: Running) -> None:
         """Sample, and write a frame and a checkpoint, unless there is a frame of this step."""
@@ -60,9 +61,13 @@ class Recorder:
             return
         numbers, fields = sim.diagnostics, sim.snapshot.all_fields | sim.own_fields
         self._framed = sim.steps
-        self._writer.write(sim.time, fields, numbers)
-        dt, name = self._plan.dt, sim.config.stepper
-        self._writer.checkpoint(restart_arrays(sim), dt * sim.steps, sim.steps, name)
+        time, dt, arrays, name = sim.time, self._plan.dt, restart_arrays(sim), sim.config.stepper
+
+        def write() -> None:
+            self._writer.write(time, fields, numbers)
+            self._writer.checkpoint(arrays, dt * sim.steps, sim.steps, name)
+
+        sim.comm.on_root(write)
 
 
 def attributes_of(sim: Running) -> dict[str, object]:
@@ -110,6 +115,11 @@ def save(sim: Running, path: Path) -> Path:
     attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}
     arrays = dict(restart_arrays(sim))
     time, name = sim.plan.dt * sim.steps, sim.config.stepper
-    with clear_errors(f"cannot write {path}", RunFailed):
-        write_checkpoint(path, Checkpoint(arrays, time, sim.steps, name, attributes))
+    checkpoint = Checkpoint(arrays, time, sim.steps, name, attributes)
+
+    def write() -> None:
+        with clear_errors(f"cannot write {path}", RunFailed):
+            write_checkpoint(path, checkpoint)
+
+    sim.comm.on_root(write)
     return path

@@ -9,6 +9,7 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.parallel import world
 from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
@@ -49,11 +50,14 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
 def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
     """The compiled right-hand side; ConfigError for a device that is not there,
     or a function of the scene that fails."""
+    comm = world()
+    if comm.shared and config.device != "cpu":
+        raise ConfigError(f"device={config.device}: several ranks run on the cpu only")
     start_warp()  # takes its time: after the cheap checks
     from swe_sphere.equations.model import Model
 
     scene.check_answers(mesh.lon, mesh.lat)
-    return Model(mesh, scene, config.device, config.precision, config.launch)
+    return Model(mesh, scene, config.device, config.precision, config.launch, comm=comm)
 
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:

@@ -157,7 +157,7 @@ class Simulation(Running):
         if out is not None:
             kept |= {"out": Path(out)} | ({"restart": Path(out)} if Path(out) == self._out else {})
         self.config = make_config(kept)
-        check_paths(self.config)
+        self.comm.on_root(lambda: check_paths(self.config))
         calls = scheduled(callbacks)
         self.begin(also=intervals(calls))
         self._out, watcher = self.config.out, watcher or Notebook(progress)

@@ -84,11 +84,11 @@ class GravityWaves:
         self.model, self.depth = model, reference_depth(model)
         turning = coriolis == "implicit" and model.scene.coriolis is not None
         self.coriolis = model.coriolis if turning else np.zeros(model.mesh.size)
-        n, upload = model.mesh.size, model.device_mesh.upload
+        n, scatter = model.mesh.size, model.device_mesh.scatter
         parameters = {
             "gravity": model.scene.planet.gravity,
-            "base": upload(np.concatenate([np.zeros(2 * n), np.full(n, self.depth)])),
-            "coriolis": upload(self.coriolis),
+            "base": scatter(np.concatenate([np.zeros(2 * n), np.full(n, self.depth)])),
+            "coriolis": scatter(self.coriolis),
         }
         self.apply_to_fluid = TendencyOperator(
             model.device_mesh, Terms(pressure=True, tangent=True), model.launch, parameters,
@@ -152,7 +152,7 @@ def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
 
 
 def _advection(model: Model, state: wp.array, t: float) -> Operator:
-    winds = 2 * model.mesh.size
+    winds = 2 * model.device_mesh.size
     wind = wp.clone(state[:winds])
 
     def advection(x: wp.array, out: wp.array) -> None:
@@ -179,7 +179,9 @@ class GravityWaveSolver:
         self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
         self._rough_r, self._rough_z = self._rough.vector(), self._rough.vector()
         area = model.mesh.area / model.mesh.area.sum()
-        self.space = VectorSpace(area, model.device, work=model.launch.work)
+        self.space = VectorSpace(
+            area, model.device, work=model.launch.work, mesh=model.device_mesh
+        )
         self.setups, self.setup_seconds = 0, 0.0
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
         self._krylov: KrylovSolver = (

@@ -21,7 +21,7 @@ class TracerWaves:
 
     def __init__(self, model: Model, tracers: TracerEquations, depth: float) -> None:
         """depth: the reference depth H [m]."""
-        mesh, count, n = model.device_mesh, tracers.count, model.mesh.size
+        mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._height, self._first = depth, tracers.first
         self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, model.launch, count)
@@ -31,7 +31,7 @@ class TracerWaves:
         blocks = np.kron(np.eye(len(model.names))[3:], np.ones(n))
         self._units = [mesh.upload(block) for block in blocks]
         area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
-        self._space = VectorSpace(area, model.device, mesh.real, work=model.launch.work)
+        self._space = VectorSpace(area, model.device, mesh.real, work=model.launch.work, mesh=mesh)
 
     def linearise(self, state: wp.array) -> None:
         """Take the mixing ratios of a state."""
@@ -56,7 +56,7 @@ class FluxWaves:
 
     def __init__(self, model: Model, flux: MassFlux, depth: float) -> None:
         """depth: the reference depth H [m]."""
-        self._launch, self._height, n = model.launch, depth, model.mesh.size
+        self._launch, self._height, n = model.launch, depth, model.device_mesh.size
         self._winds, self._crossed = slice(0, 2 * n), slice(flux.first, flux.first + 2 * n)
         self._zeros = model.device_mesh.upload(np.zeros(2 * n))
         self._add = combine_kernel(model.device_mesh.real, 1)

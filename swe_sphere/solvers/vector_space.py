@@ -7,16 +7,19 @@ sums run in float64, whatever the vectors hold, in a fixed order.
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.work import Work
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
+from swe_sphere.solvers.shared_space import SharedVectors
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None, "lowest": None,
@@ -54,21 +57,30 @@ class VectorSpace:
         real: type = wp.float64,
         kernels: bool | None = None,
         work: Work | None = None,
+        mesh: DeviceMesh | None = None,
     ) -> None:
         """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
+
+        mesh: whose nodal fields (k N,) the weights are; several ranks may share them.
 
         kernels: use Warp kernels rather than BLAS; the default is to do so except on "cpu".
         work: counts the operations.
         Raises ConfigError unless all weights are positive and finite.
         """
+        self._mesh = mesh
         values = np.array(weights, dtype=np.float64)
+        values = values if mesh is None else mesh.restrict(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
             raise ConfigError("the weights of a vector space must be positive and finite")
         self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels
-        kind = DeviceVectors if by_kernels else HostVectors
-        do = kind(values, real, self.device)
+        do: HostVectors | DeviceVectors
+        if mesh is not None and mesh.comm.shared:
+            do = SharedVectors(values, real, mesh)
+        else:
+            kind = DeviceVectors if by_kernels else HostVectors
+            do = kind(values, real, self.device)
         name = f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}"
         for operation, rows in OPERATIONS.items():
             function = getattr(do, operation)
@@ -91,6 +103,15 @@ class VectorSpace:
         costs nothing until they are needed.
         """
         return wp.empty((rows, self.n), dtype=self.real, device=self.device)
+
+    def saved(self, x: wp.array) -> NDArray[Any]:
+        """A copy of a vector on the host, of the whole mesh (k N,) where ranks share it."""
+        values: NDArray[Any] = x.numpy() if self._mesh is None else self._mesh.collect(x)
+        return values.copy()
+
+    def load(self, values: NDArray[Any], x: wp.array) -> None:
+        """x = what `saved` returned."""
+        x.assign(values if self._mesh is None else self._mesh.restrict(values))
 
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """y = y + a x."""

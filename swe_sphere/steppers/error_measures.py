@@ -93,7 +93,8 @@ class EnergyDrift(Measure):
         return 2.0 * DAY * self.relative_rate()
 
     def _energy(self, state: wp.array) -> float:
-        fluid = state.numpy()[: self._scheme.model.fluid_size]
+        model = self._scheme.model
+        fluid = model.device_mesh.collect(state[: model.fluid_size])
         u, v, h = fluid.astype(np.float64).reshape(3, -1)
         potential = self._gravity * (h + 2.0 * self._bottom)
         return float(0.5 * np.sum(self._area * h * (u**2 + v**2 + potential)))

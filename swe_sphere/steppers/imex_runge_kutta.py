@@ -40,7 +40,7 @@ class ImexRungeKutta(ImexStepper):
             cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
 
     def _allocate(self, model: Model) -> None:
-        stages, n, dt = len(self.b), model.mesh.size, self.dt
+        stages, n, dt = len(self.b), model.device_mesh.size, self.dt
         self._tau = dt * self.implicit[0][-1]
         stack = self.space.stack(2 * stages)
         self._full = [stack[i] for i in range(stages)]
@@ -51,7 +51,9 @@ class ImexRungeKutta(ImexStepper):
         self._rhs, self._change, self._stage = model.zeros(), model.zeros(), model.zeros()
         self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
         self._nothing = model.zeros()
-        self._depths = VectorSpace(model.mesh.area, model.device, real, work=model.launch.work)
+        self._depths = VectorSpace(
+            model.mesh.area, model.device, real, work=model.launch.work, mesh=model.device_mesh
+        )
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._sums = [
             Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))

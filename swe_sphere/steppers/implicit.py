@@ -227,7 +227,7 @@ class ImplicitStepper(SteppedInParts):
         blocks = np.kron(np.eye(len(model.names)), np.ones(model.mesh.size))
         named = [("mass" if name == "h" else "tracers", name) for name in model.names]
         return [
-            (mass, model.device_mesh.upload(block))
+            (mass, model.device_mesh.scatter(block))
             for (mass, name), block in zip(named, blocks, strict=True)
             if name not in ("u", "v") and mass in kept
         ]

@@ -62,5 +62,5 @@ class SteppedInParts(SolvingStepper):
         if not self._needs_depth:
             return None
         end = self.model.fluid_size
-        lowest = self.space.lowest(self.new, end - self.model.mesh.size, end)
+        lowest = self.space.lowest(self.new, end - self.model.device_mesh.size, end)
         return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"

@@ -77,15 +77,15 @@ class Motion:
         """What an exact restart needs."""
         numbers = np.array([self.rate, self.last_dt, *self.frequencies])
         vectors = {"mean_slope": self._slope, "bend": self.bend}
-        return {"motion": numbers} | {k: v.numpy().copy() for k, v in vectors.items()}
+        return {"motion": numbers} | {k: self._space.saved(v) for k, v in vectors.items()}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         """Go on from what `state_dict` returned."""
         numbers = (float(number) for number in saved["motion"])
         self.rate, self.last_dt, *frequencies = numbers
         self.frequencies = frequencies[0], frequencies[1]
-        self._slope.assign(saved["mean_slope"])
-        self.bend.assign(saved["bend"])
+        self._space.load(saved["mean_slope"], self._slope)
+        self._space.load(saved["bend"], self.bend)
 
 
 def _ratio(above: float, below: float) -> float:

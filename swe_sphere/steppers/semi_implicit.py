@@ -36,7 +36,7 @@ class SemiImplicit(ImexStepper):
         self._starter.motion, self._starter.counters = self.motion, self.counters
         self._previous, self._slope, self._linear = model.zeros(), model.zeros(), model.zeros()
         self._change, self._difference = model.zeros(), model.zeros()
-        real, n = model.device_mesh.real, model.mesh.size
+        real, n = model.device_mesh.real, model.device_mesh.size
         self._guess = wp.zeros(n, dtype=real, device=model.device)
         self._kernel = leapfrog_kernel(real)
         model.launch.load(self._kernel)

@@ -147,8 +147,12 @@ class Stepper(ABC):
         return dict(self.counters)
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run."""
-        arrays = {name: array.numpy().copy() for name, array in self._remembered().items()}
+        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
+
+        Of the whole mesh, however many ranks share it, and on all of them.
+        """
+        mesh = self.model.device_mesh
+        arrays = {name: mesh.collect(array).copy() for name, array in self._remembered().items()}
         return arrays | {"origin": np.array(self._origin)}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
@@ -156,10 +160,11 @@ class Stepper(ABC):
 
         Raises ConfigError when the state is of another stepper or another size.
         """
+        mesh = self.model.device_mesh
         for name, array in self._remembered().items():
-            if name not in state or state[name].shape != array.shape:
+            if name not in state or not mesh.matches(state[name], array):
                 raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
-            wp.copy(array, wp.array(state[name], dtype=array.dtype, device=self.model.device))
+            wp.copy(array, mesh.scatter(state[name]))
         self._origin, self.steps = float(state["origin"]), steps
 
     def _remembered(self) -> dict[str, wp.array]:

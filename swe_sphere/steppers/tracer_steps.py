@@ -50,7 +50,7 @@ class TransportRate:
 
     def __init__(self, model: Model) -> None:
         crossings = Crossings(model.device_mesh, model.launch)
-        ones = model.device_mesh.upload(np.ones(model.mesh.size))
+        ones = model.device_mesh.upload(np.ones(model.device_mesh.size))
         model.set_time(0.0)
         wind = model.parameters.get("wind", model.initial_state())
         self.crossings, bound = crossings, crossings.bound(wind, ones)
@@ -68,12 +68,13 @@ def _radius(model: Model, wind: wp.array, bound: float) -> float:
     if bound == 0.0:
         return 0.0
     transport = TracerTransport(model.device_mesh, model.launch, 1)
-    x, out = (model.device_mesh.upload(np.zeros(model.mesh.size)) for _ in "xy")
+    mesh = model.device_mesh
+    x, out = (mesh.upload(np.zeros(mesh.size)) for _ in "xy")
 
     def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
-        x.assign(d)
+        x.assign(mesh.restrict(d))
         transport(wind, x, 0, out, 0)
-        rates: NDArray[np.float64] = out.numpy().astype(np.float64)
+        rates: NDArray[np.float64] = mesh.collect(out).astype(np.float64)
         return rates
 
     start = np.random.default_rng(0).standard_normal(model.mesh.size)
@@ -102,7 +103,7 @@ class TracerSteps(Stepper):
         assert model.tracers is not None
         self.every, self._length = every, every * dt / self.pieces
         self.diffusion = Diffusion(model, every * dt) if model.diffusive else None
-        size, depth = model.mesh.size, model.tracers.depth
+        size, depth = model.device_mesh.size, model.tracers.depth
         self._old, rate = (model.device_mesh.upload(np.zeros(size)) for _ in "or")
         self._block = self.state[depth : depth + size]
         self._air = Air(self._old, rate)
@@ -218,13 +219,15 @@ class _Residual:
 
     def __init__(self, model: Model) -> None:
         assert model.tracers is not None
-        tracers, n = model.tracers, model.mesh.size
+        tracers, n = model.tracers, model.device_mesh.size
         self._ratio, self._before = tracers.mixing_ratio(), model.zeros()
         starts = range(tracers.first, model.size, n)
         self._blocks = [slice(first, first + n) for first in starts]
         self._depth = slice(tracers.depth, tracers.first)
         share = model.mesh.area / model.mesh.area.sum()
-        self._space = VectorSpace(share, model.device, model.device_mesh.real)
+        self._space = VectorSpace(
+            share, model.device, model.device_mesh.real, mesh=model.device_mesh
+        )
         self._ones = model.device_mesh.upload(np.ones(n))
 
     def __call__(self, state: wp.array, flow: wp.array) -> None:
@@ -251,7 +254,7 @@ class CarriedWithDepth(TracerSteps):
         """scheme: whose steps would be of dt [s]."""
         self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
         super().__init__(model, dt, every)
-        mesh, n = model.device_mesh, model.mesh.size
+        mesh, n = model.device_mesh, model.device_mesh.size
         self._stage, self._slope, self._part, self._mean, ones = (
             mesh.upload(np.zeros(n)) for _ in range(5)
         )
@@ -261,7 +264,7 @@ class CarriedWithDepth(TracerSteps):
         model.launch.load(self._make_flux)
 
     def _move(self, t: float) -> None:
-        model, n = self.model, self.model.mesh.size
+        model, n = self.model, self.model.device_mesh.size
         model.set_time(t + 0.5 * self._length)
         self._step_depth()
         wind = model.parameters["wind"]
@@ -269,7 +272,8 @@ class CarriedWithDepth(TracerSteps):
 
     def _step_depth(self) -> None:
         """Find the depth `_mean` that the wind carries in the mean."""
-        launch, n, wind = self.model.launch, self.model.mesh.size, self.model.parameters["wind"]
+        launch, wind = self.model.launch, self.model.parameters["wind"]
+        n = self.model.device_mesh.size
         parts, fractions = stages_for(self._length * self._rate(wind, self._ones))
         tau = self._length / parts
         wp.copy(self._part, self._old)

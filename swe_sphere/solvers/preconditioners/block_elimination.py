@@ -54,8 +54,9 @@ class BlockElimination(Preconditioner):
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
-        n = self._model.mesh.size
-        depth = state.numpy()[2 * n : 3 * n].astype(np.float64)
+        mesh = self._model.device_mesh
+        n = mesh.size
+        depth = mesh.collect(state[2 * n : 3 * n]).astype(np.float64)
         if abs(tau - self._tau) <= STEP_CHANGE * tau and self._is_near(depth):
             return
         self._set_up(tau, depth)

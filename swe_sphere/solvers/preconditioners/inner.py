@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
@@ -36,9 +35,7 @@ def schur_operator(model: Model, coriolis: Array, real: Any, outer: Any) -> Schu
 
     outer: number type of the states that it eliminates from and substitutes into.
     """
-    mesh = model.device_mesh
-    if mesh.real is not real:
-        mesh = DeviceMesh(model.mesh, model.device, real, model.shape)
+    mesh = model.device_mesh.like(real, model.shape)
     return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer)
 
 
@@ -89,12 +86,12 @@ class InnerSolver(ABC):
 
     def largest_eigenvalue(self, inverse: Array) -> float:
         """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
-        x, image = self.operator.vector(), self.operator.vector()
+        x, image, mesh = self.operator.vector(), self.operator.vector(), self.operator.mesh
 
         def product(values: Array) -> Array:
-            self._put(values, x)
+            self._put(mesh.restrict(values), x)
             self.operator.apply(x, image)
-            result: Array = inverse * image.numpy()
+            result: Array = inverse * mesh.collect(image)
             return result
 
         return spectral_bound(product, inverse.size)
@@ -118,7 +115,7 @@ class Jacobi(InnerSolver):
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
+        self._inverse = self.operator.mesh.restrict(1.0 / self.matrix.diagonal(tau, depth))
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x = b / diag S, both (N,)."""
@@ -150,7 +147,8 @@ class Direct(InnerSolver):
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x = S^-1 b, both (N,)."""
-        self._put(self._factors_solve(b.numpy().astype(np.float64)), x)
+        mesh = self.operator.mesh
+        self._put(mesh.restrict(self._factors_solve(mesh.collect(b).astype(np.float64))), x)
 
 
 class Multilevel(InnerSolver):
@@ -188,13 +186,18 @@ class Multilevel(InnerSolver):
                 self._copy(b, self._rest)
                 self._smooth(self._rest, x, from_zero=cycle == 0)
                 self.operator.residual(b, x, self._rest)
-                self._put(x.numpy() + self._correction(self._rest.numpy()), x)
+                self._put(x.numpy() + self._corrected(self._rest), x)
             else:
-                self._put(self._correction(b.numpy()), x)
+                self._put(self._corrected(b), x)
             if self._symmetric and cycle < self._cycles - 1:
                 self._copy(b, self._rest)
                 self._smooth(self._rest, x)
         self._smooth(b, x)
+
+    def _corrected(self, b: wp.array) -> NDArray[Any]:
+        """The coarse correction (n,) for b, which every rank works out for the whole sphere."""
+        mesh = self.operator.mesh
+        return mesh.restrict(self._correction(mesh.collect(b)))
 
     def _smooth(self, r: wp.array, x: wp.array, from_zero: bool = False) -> None:
         """Chebyshev steps from x or from zero; r, the right-hand side, is overwritten."""

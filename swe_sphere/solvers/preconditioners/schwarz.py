@@ -41,7 +41,8 @@ class Schwarz(InnerSolver):
             inverse = np.linalg.inv(matrix[patch][:, patch].toarray())
             columns[mine, : len(patch)] = patch
             rows[mine, : len(patch)] = inverse[np.searchsorted(patch, mine)]
-        operator = self.operator
+        operator, nodes = self.operator, self.operator.mesh.part.nodes
+        columns, rows = columns[nodes], rows[nodes]
         self._kernel = patch_kernel(operator.mesh.real)
         self._columns = wp.array(columns, dtype=wp.int32, device=operator.mesh.device)
         self._rows = wp.array(rows, dtype=wp.float32, device=operator.mesh.device)
@@ -49,7 +50,10 @@ class Schwarz(InnerSolver):
 
     def solve(self, b: wp.array, x: wp.array) -> None:
         """x = one sweep for b, both (N,)."""
-        self.operator.launch(self._kernel, self.operator.size, self._columns, self._rows, b, x)
+        operator = self.operator
+        if operator.mesh.comm.shared:  # patches reach over the rim
+            b = operator.mesh.upload(operator.mesh.collect(b))
+        operator.launch(self._kernel, operator.size, self._columns, self._rows, b, x)
 
     def _patches(self) -> list[NDArray[np.int64]]:
         """Nodes of each element and of the elements that share a node with it, ascending."""

@@ -1,0 +1,146 @@
+"""Which part of a mesh each rank holds: elements along the curve, and all nodes that they touch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.curve import curve
+from swe_sphere.mesh.mesh import Mesh
+from swe_sphere.mesh.numbering import Integers
+
+CHUNKS = 512
+"""About how many pieces of equally many elements a mesh is dealt out in, and sums are taken by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements and nodes of one rank, which counts both from zero.
+
+    A node on the rim is held by every rank whose elements touch it.  Each of them sums up all its
+    contributors in the order of the whole mesh, so that they keep the same bits.
+    """
+
+    elements: Integers
+    """(e,) numbers in the mesh; those that touch the rim stand first."""
+    on_rim: int
+    """How many do."""
+    nodes: Integers
+    """(n,) numbers in the mesh: interior nodes, edges, vertices, each along the curve."""
+    node_of: NDArray[np.int32]
+    """(e, np, np) place among `nodes` of each element node."""
+    counts: NDArray[np.integer]
+    """(n,) contributors of each node."""
+    contributors: NDArray[np.integer]
+    """Element nodes (element np^2 + point) of this part, node by node in the order of the mesh; one
+    that another rank computes is -1 - its place among those received."""
+    sends: dict[int, Integers]
+    """Element nodes whose values go to each neighbour."""
+    receives: dict[int, int]
+    """How many come from each."""
+    starts: Integers
+    """(3, chunks + 1) where among interior nodes, edges and vertices those of each chunk begin,
+    which stand together; a node is of the chunk that comes to it first along the curve."""
+
+    @property
+    def owned(self) -> Integers:
+        """Places of the nodes that are counted here and nowhere else."""
+        return np.concatenate([np.arange(row[0], row[-1]) for row in self.starts])
+
+
+def whole(mesh: Mesh) -> Part:
+    """All of a mesh, in its own order."""
+    return Part(
+        np.arange(mesh.elements), 0, np.arange(mesh.size), mesh.nodes,
+        np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 1), int),
+    )  # fmt: skip
+
+
+def partition(mesh: Mesh, rank: int, size: int) -> Part:
+    """The part of that rank, of `size`.
+
+    Raises ConfigError where there are fewer pieces to deal out than ranks.
+    """
+    return _Dealer(mesh, size).part(rank)
+
+
+class _Dealer:
+    """Who has what, for all ranks."""
+
+    def __init__(self, mesh: Mesh, size: int) -> None:
+        per_chunk = -(-mesh.elements // CHUNKS)
+        chunks = -(-mesh.elements // per_chunk)
+        if size > chunks:
+            raise ConfigError(
+                f"a mesh of ne={mesh.ne} is shared by {chunks} ranks at the most, not {size}:"
+                " take fewer ranks or a larger ne"
+            )
+        self._mesh, self._points = mesh, mesh.np**2
+        self._order = curve(mesh.ne)
+        along = np.empty_like(self._order)
+        along[self._order] = np.arange(mesh.elements)
+        self._bounds = np.arange(size + 1) * chunks // size
+        self._chunk = along // per_chunk
+        self._rank = np.searchsorted(self._bounds, self._chunk, side="right") - 1
+        offsets = mesh.gather_offsets[:-1]
+        element, point = np.divmod(mesh.gather_entries.astype(np.int64), self._points)
+        first = np.minimum.reduceat(along[element] * self._points + point, offsets)
+        self._counts = np.diff(mesh.gather_offsets)
+        self._kind = np.minimum(self._counts, 3) - 1
+        self._owner = self._chunk[self._order[first // self._points]]
+        self._place = np.empty(mesh.size, dtype=np.int64)
+        self._place[np.lexsort((first, self._kind))] = np.arange(mesh.size)
+        holder = self._rank[element]
+        low, high = (f.reduceat(holder, offsets) for f in (np.minimum, np.maximum))
+        self._shared = low < high
+        """(N,) whether a node stands on a rim."""
+
+    def part(self, rank: int) -> Part:
+        mesh = self._mesh
+        mine = self._order[self._rank[self._order] == rank]
+        touches = self._shared[mesh.nodes[mine]].any(axis=(1, 2))
+        elements = np.concatenate([mine[touches], mine[~touches]])
+        nodes = np.unique(mesh.nodes[elements])
+        nodes = nodes[np.argsort(self._place[nodes])]
+        number = np.full(mesh.size, -1, dtype=np.int32)
+        number[nodes] = np.arange(nodes.size, dtype=np.int32)
+        sends, receives, contributors = self._traffic(rank, elements, nodes)
+        return Part(
+            elements, int(touches.sum()), nodes, number[mesh.nodes[elements]],
+            self._counts[nodes], contributors, sends, receives, self._starts(rank, nodes),
+        )  # fmt: skip
+
+    def _traffic(
+        self, rank: int, elements: Integers, nodes: Integers
+    ) -> tuple[dict[int, Integers], dict[int, int], Integers]:
+        """What is sent and received, and the contributors of the nodes."""
+        mesh, counts = self._mesh, self._counts[nodes]
+        start = np.repeat(mesh.gather_offsets[nodes], counts)
+        within = np.arange(start.size) - np.repeat(np.cumsum(counts) - counts, counts)
+        entries = mesh.gather_entries[start + within].astype(np.int64)
+        node = np.repeat(np.arange(nodes.size), counts)
+        element, point = np.divmod(entries, self._points)
+        owner = self._rank[element]
+        number = np.full(mesh.elements, -1)
+        number[elements] = np.arange(elements.size)
+        contributors = number[element] * self._points + point
+        away = np.flatnonzero(owner != rank)
+        away = away[np.lexsort((entries[away], owner[away]))]
+        contributors[away] = -1 - np.arange(away.size)
+        neighbours, received = np.unique(owner[away], return_counts=True)
+        sends = {}
+        for other in neighbours:
+            theirs = np.zeros(nodes.size, dtype=bool)
+            theirs[node[owner == other]] = True
+            going = np.flatnonzero(theirs[node] & (owner == rank))
+            sends[int(other)] = contributors[going[np.argsort(entries[going])]]
+        return sends, dict(zip(neighbours.tolist(), received.tolist(), strict=True)), contributors
+
+    def _starts(self, rank: int, nodes: Integers) -> Integers:
+        kind, owner = self._kind[nodes], self._owner[nodes]
+        chunks = np.arange(self._bounds[rank], self._bounds[rank + 1] + 1)
+        begins = np.searchsorted(kind, np.arange(4))
+        return np.stack([
+            begins[k] + np.searchsorted(owner[begins[k] : begins[k + 1]], chunks) for k in range(3)
+        ])  # fmt: skip

@@ -1,0 +1,189 @@
+"""The ranks of a run: one process alone, or those that MPI has started.
+
+Each rank has all of the mesh on the host, and steps its part of it.  What every rank can work out
+for itself from the same numbers, every rank does: their decisions agree because their bits do.
+"""
+
+import atexit
+import functools
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError
+
+T = TypeVar("T")
+
+SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE")
+"""Where those who start the ranks say how many there are."""
+PATIENCE = 4.0
+"""Seconds that a rank which fails waits for the others to fail too."""
+
+
+class Channel:
+    """Messages to neighbours and from them, always of the same arrays; alone there are none."""
+
+    def start(self) -> None:
+        """Let the messages go."""
+
+    def wait(self) -> None:
+        """Until all have come."""
+
+
+class Alone:
+    """A single process."""
+
+    rank, size = 0, 1
+    shared = False
+    """Whether the mesh is dealt out."""
+
+    def channel(
+        self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
+    ) -> Channel:
+        """What exchanges arrays with neighbours, by their ranks."""
+        return Channel()
+
+    def gather(self, mine: NDArray[Any], counts: Sequence[int]) -> NDArray[Any]:
+        """The arrays of all ranks, of one number type, flat and one after the other.
+
+        counts: how many numbers each of them has.
+        """
+        return mine.ravel()
+
+    def tell_all(self, mine: T) -> list[T]:
+        """What each rank has to say."""
+        return [mine]
+
+    def on_root(self, function: Callable[[], T]) -> T:
+        """What the function returns, or raises, on rank 0; it is called nowhere else."""
+        return function()
+
+    @contextmanager
+    def root_first(self) -> Iterator[None]:
+        """The other ranks enter the block when rank 0 has left it."""
+        yield
+
+    def any_lately(self, mine: bool) -> bool:
+        """Whether it held on any rank when they were asked last, or now."""
+        return mine
+
+    def agree_to_fail(self, line: str) -> None:
+        """Return where all ranks fail; else write the line and end all of them."""
+
+
+class Ranks(Alone):
+    """The ranks of MPI's world."""
+
+    shared = True
+
+    def __init__(self) -> None:
+        from mpi4py import MPI
+
+        self._mpi, self._comm, self._failures = MPI, MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
+        self.rank, self.size = self._comm.rank, self._comm.size
+        self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
+        self._answer: Any = None
+        atexit.register(self._settle)
+
+    def channel(
+        self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
+    ) -> Channel:
+        """Messages that do not block."""
+        return _Messages(self._comm, self._mpi.Request.Waitall, outgoing, incoming)
+
+    def gather(self, mine: NDArray[Any], counts: Sequence[int]) -> NDArray[Any]:
+        """By one message of all to all."""
+        room = np.empty(sum(counts), mine.dtype)
+        self._comm.Allgatherv(np.ascontiguousarray(mine), (room, counts))
+        return room
+
+    def tell_all(self, mine: T) -> list[T]:
+        """By one message of all to all."""
+        return list(self._comm.allgather(mine))
+
+    def on_root(self, function: Callable[[], T]) -> T:
+        """And tell the others."""
+        value: Any = None
+        error: Exception | None = None
+        if self.rank == 0:
+            try:
+                value = function()
+            except Exception as raised:
+                error = raised
+        value, error = self._comm.bcast((value, error))
+        if error is not None:
+            raise error
+        return cast(T, value)
+
+    @contextmanager
+    def root_first(self) -> Iterator[None]:
+        """By a barrier."""
+        if self.rank:
+            self._comm.Barrier()
+        yield
+        if not self.rank:
+            self._comm.Barrier()
+
+    def any_lately(self, mine: bool) -> bool:
+        """Whether it held when they were asked the last time: the message takes its time."""
+        known = self._answer is not None
+        if known:
+            self._answer.Wait()
+        said, heard = self._asked
+        found = known and bool(heard[0])
+        said[0] = mine and not found
+        self._answer = self._comm.Iallreduce(said, heard, self._mpi.MAX)
+        return found
+
+    def _settle(self) -> None:
+        """Leave nothing open for MPI to complain of."""
+        if self._answer is not None:
+            self._answer.Wait()
+        self._failures.Free()
+
+    def agree_to_fail(self, line: str) -> None:
+        """By a barrier that is not waited for any longer than a while."""
+        all_here = self._failures.Ibarrier()
+        patience = time.monotonic() + PATIENCE
+        while not all_here.Test():
+            if time.monotonic() > patience:
+                sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
+                sys.stderr.flush()
+                self._comm.Abort(1)
+            time.sleep(0.01)
+
+
+class _Messages(Channel):
+    def __init__(self, comm: Any, wait: Any, outgoing: Any, incoming: Any) -> None:
+        self._calls = [(comm.Irecv, array, rank) for rank, array in incoming.items()]
+        self._calls += [(comm.Isend, array, rank) for rank, array in outgoing.items()]
+        self._wait, self._requests = wait, list[Any]()
+
+    def start(self) -> None:
+        self._requests = [call(array, rank) for call, array, rank in self._calls]
+
+    def wait(self) -> None:
+        self._wait(self._requests)
+
+
+@functools.cache
+def world() -> Alone:
+    """The ranks that this process is one of.
+
+    Raises ConfigError where it was started as one of several, and mpi4py is not there.
+    """
+    if not any(name in os.environ for name in SIZES):
+        return Alone()
+    try:
+        return Ranks()
+    except ImportError:
+        raise ConfigError(
+            "several ranks were started, but there is no mpi4py for them: pip install"
+            " 'swe-sphere[mpi]'"
+        ) from None

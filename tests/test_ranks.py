@@ -1,0 +1,145 @@
+"""A mesh dealt out to several ranks: the same bits, whatever their number."""
+
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from ranks import fingerprint
+
+from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.curve import curve
+from swe_sphere.mesh.partition import partition, whole
+
+MPIEXEC = [str(Path(sys.executable).with_name("mpiexec")), "-n"]
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return Mesh.build(4, 3)
+
+
+@pytest.fixture(scope="module")
+def parts(mesh):
+    return [partition(mesh, rank, 5) for rank in range(5)]
+
+
+def test_the_curve_goes_from_neighbour_to_neighbour(mesh):
+    order = curve(mesh.ne)
+    assert sorted(order) == list(range(mesh.elements))
+    nodes = [set(mesh.nodes[e].ravel()) for e in order]
+    assert all(len(one & other) == mesh.np for one, other in pairwise(nodes))
+    assert all(sorted(curve(ne)) == list(range(6 * ne**2)) for ne in (1, 3, 5, 6))
+
+
+def test_every_element_and_every_node_is_counted_once(mesh, parts):
+    assert sorted(np.concatenate([part.elements for part in parts])) == list(range(mesh.elements))
+    owned = np.concatenate([part.nodes[part.owned] for part in parts])
+    assert sorted(owned) == list(range(mesh.size))
+    for part in parts:
+        assert np.array_equal(part.nodes[part.node_of], mesh.nodes[part.elements])
+
+
+def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
+    """Numbered by their place in the mesh, and sent as ranks send them."""
+    points, everything = mesh.np**2, whole(mesh)
+    own = [(p.elements[:, None] * points + np.arange(points)).ravel() for p in parts]
+    expected = np.split(everything.contributors, np.cumsum(everything.counts)[:-1])
+    for rank, part in enumerate(parts):
+        sent = [own[other][parts[other].sends[rank]] for other in part.receives]
+        assert [len(each) for each in sent] == [*part.receives.values()]
+        there = np.concatenate([own[rank], np.concatenate(sent)[::-1]])  # -1 - k is the k-th sent
+        found = np.split(there[part.contributors], np.cumsum(part.counts)[:-1])
+        assert all(map(np.array_equal, found, [expected[node] for node in part.nodes]))
+
+
+def test_elements_on_the_rim_stand_first(mesh, parts):
+    for part in parts:
+        sent = {entry // mesh.np**2 for entries in part.sends.values() for entry in entries}
+        assert sent == set(range(part.on_rim))
+
+
+EXPLICIT = [
+    ["williamson5", "rk4", 900.0, 3, 4, 4, {}],
+    ["williamson5", "leapfrog", 400.0, 4, 3, 4, {"effects": {"viscosity.nu": 1e5}}],
+    ["galewsky", "forward-backward", 400.0, 4, 3, 4, {}],
+    ["deformational", "ssprk3", 1800.0, 3, 3, 4, {"effects": {"tracers.limiter": True}}],
+]
+SOLVING = [
+    ["williamson5", "semi-implicit", 1200.0, 3, 3, 4, {}],
+    ["williamson5", "bdf2", 3600.0, 3, 3, 4, {}],
+]
+
+
+@pytest.fixture(scope="module")
+def mpi():
+    """Skips where there is none."""
+    pytest.importorskip("mpi4py")
+
+
+@pytest.fixture(scope="module")
+def found(mpi):
+    """By number of ranks: what `ranks.py` tells of each case."""
+
+    def run(ranks):
+        cases, script = json.dumps(EXPLICIT + SOLVING), Path(__file__).with_name("ranks.py")
+        command = [*MPIEXEC, str(ranks), sys.executable, str(script), cases]
+        return json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
+
+    return {ranks: run(ranks) for ranks in (2, 3)}
+
+
+@pytest.mark.parametrize("case", range(len(EXPLICIT)))
+def test_explicit_steps_have_the_bits_of_one_process(found, case):
+    expected = [*fingerprint(*EXPLICIT[case])]
+    assert found[2][case] == found[3][case] == expected
+
+
+@pytest.mark.parametrize("case", range(len(SOLVING)))
+def test_steps_that_solve_have_the_same_bits_on_any_number_of_ranks(found, case):
+    """A single process sums up in the order of BLAS."""
+    (two, depth), (three, _) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
+    assert two == three
+    assert depth == pytest.approx(fingerprint(*SOLVING[case])[1], rel=1e-9)
+
+
+def program(*arguments, ranks=None):
+    command = [sys.executable, "-m", "swe_sphere", *map(str, arguments)]
+    if ranks is not None:
+        command = [*MPIEXEC, str(ranks), *command]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):
+    run = ["run", "williamson5", "--ne", 2, "--dt", 1800, "--every", 3, "--quiet"]
+    alone, several = tmp_path / "alone.nc", tmp_path / "several.nc"
+    assert program(*run, "--days", 0.5, "--out", alone).returncode == 0
+    assert program(*run, "--days", 0.25, "--out", several, ranks=2).returncode == 0
+    rest = ["--restart", several, "--out", several]
+    assert program(*run, "--days", 0.375, *rest).returncode == 0
+    ended = program(*run, "--days", 0.5, *rest, "--ranks", 3)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
+    with xr.open_dataset(alone) as one, xr.open_dataset(several) as other:
+        assert one.equals(other) and one.sizes["time"] == 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--ne", 1, "--ranks", 7], "6 ranks at the most"),
+        (["--ne", 2, "--dt", 40000, "--days", 5, "--ranks", 2], "take a smaller dt"),
+    ],
+)
+def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
+    ended = program("run", "williamson5", *arguments, "--every", 24)
+    lines = [line for line in ended.stderr.splitlines() if "warning" not in line]
+    assert ended.returncode in (1, 2) and len(lines) == 1 and said in lines[0]
+
+
+def test_other_commands_refuse_ranks(mpi):
+    ended = program("list", ranks=2)
+    assert ended.returncode == 2 and ended.stderr.count("\n") == 1
