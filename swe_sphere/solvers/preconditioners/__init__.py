@@ -3,11 +3,17 @@
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners import block_elimination
+from swe_sphere.solvers.preconditioners import block_elimination, jacobian_direct
 from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
 from swe_sphere.solvers.preconditioners.with_tracers import WithTracers
 
-__all__ = ["PRECONDITIONERS", "Preconditioner", "block_elimination", "make_preconditioner"]
+__all__ = [
+    "PRECONDITIONERS",
+    "Preconditioner",
+    "block_elimination",
+    "jacobian_direct",
+    "make_preconditioner",
+]
 
 
 def make_preconditioner(

@@ -1,0 +1,101 @@
+"""Preconditioning by sparse factors of the whole Jacobian, advection included."""
+
+import math
+
+import numpy as np
+import scipy.sparse as sp
+import warp as wp
+
+from swe_sphere.arrays import Array
+from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.dissection import dissection_order
+from swe_sphere.operators.probing import Probing
+from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY
+from swe_sphere.solvers.preconditioners.kept import KeptSetup
+from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
+
+COURANT_CHANGE = 2.0
+"""Change of wind, as an advective Courant number of tau, from which new factors pay."""
+FIELDS = 3
+
+
+class JacobianDirect(KeptSetup):
+    """(I - tau J)^-1 by sparse LU on the host, in float32, J without viscosity.
+
+    J is found by probing, with every effect that couples nodes of one element alone.  Its products
+    are nearly skew in the energy norm, so that I - tau J needs no pivots, and nodes in the order of
+    nested dissection keep the factors small.
+    """
+
+    name = "jacobian-direct"
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        mesh = model.mesh
+        memory = self.memory_estimate(mesh.ne, mesh.np)
+        if memory > LARGEST_MEMORY:
+            raise ConfigError(
+                f"the factors of the Jacobian would take about {memory / 1e9:.0f} GB; choose the "
+                "preconditioner helmholtz instead of jacobian-direct"
+            )
+        self._probing, self._spacing = Probing(mesh), np.sqrt(mesh.area)
+        self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
+        self._jacobian = model.inviscid.jacobian()
+        self._direction, self._image = model.zeros(), model.zeros()
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """Memory [bytes] that it takes on that mesh; rather too much."""
+        n = unique_nodes(ne, np)
+        return (330.0 * math.log2(n) + 1900.0 * np) * n
+
+    def _needed(self, fluid: Array) -> Array:
+        return fluid
+
+    def _is_near(self, flow: Array) -> bool:
+        n = self._model.mesh.size
+        u, v, _ = (flow - self._flow).reshape(FIELDS, n)
+        courant = self._tau * float((np.hypot(u, v) / self._spacing).max())
+        return courant <= COURANT_CHANGE and self._is_near_in_depth(
+            flow[2 * n :], self._flow[2 * n :]
+        )
+
+    def _prepare(self, tau: float, flow: Array) -> None:
+        from scipy.sparse.linalg import splu
+
+        self._place(flow, self._direction)
+        self._jacobian.update(self._direction, 0.0)
+        jacobian = self._probing.matrix(self._product, FIELDS)
+        matrix = (sp.eye_array(flow.size) - tau * jacobian).tocsr()[self._order][:, self._order]
+        self._factors = splu(
+            matrix.tocsc().astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )  # fmt: skip
+        work = self._model.launch.work
+        self._solve = work.counted(f"direct solve {flow.size}", self._factors.solve)
+
+    def _product(self, direction: Array) -> Array:
+        self._place(direction, self._direction)
+        self._jacobian(self._direction, self._image)
+        return self._collected(self._image)
+
+    def apply(self, r: wp.array, out: wp.array) -> None:
+        """out near (I - tau J)^-1 r, both states."""
+        fluid = self._collected(r)
+        solution = np.empty_like(fluid)
+        solution[self._order] = self._solve(fluid[self._order].astype(np.float32))
+        self._place(solution, out)
+
+    def _collected(self, state: wp.array) -> Array:
+        """Wind and depth (3N,) of the whole mesh."""
+        fluid: Array = self._model.device_mesh.collect(state[: self._model.fluid_size])
+        return fluid
+
+    def _place(self, fluid: Array, state: wp.array) -> None:
+        """Put them in front of a state; on the CPU without Warp's slow detours."""
+        mesh, size = self._model.device_mesh, self._model.fluid_size
+        if state.device.is_cpu:
+            state.numpy()[:size] = mesh.restrict(fluid)
+        else:
+            wp.copy(state, mesh.scatter(fluid), count=size)
