@@ -93,6 +93,11 @@ class Model:
         return self.launch.compile_seconds
 
     @property
+    def repeats(self) -> bool:
+        """Whether a right-hand side is the same launches at all times, with nothing in between."""
+        return self._wind.steady and self._forcing.steady and not self.comm.shared
+
+    @property
     def dissipative(self) -> bool:
         """Whether the scene has an effect that damps."""
         return any(effect.dissipation for effect in self.scene.effects)

@@ -17,9 +17,11 @@ class PrescribedFields:
     ) -> None:
         """name: of the scene's function, and of the parameter with the blocks (N,) of its results,
         if there is one; steady: once is enough."""
-        self._discrete, self._blocks, self._steady = discrete, blocks, steady
+        self._discrete, self._blocks = discrete, blocks
         self._formula = getattr(discrete.scene, name)
         self._target: wp.array | None = discrete.parameters.get(name)
+        self.steady = steady or self._target is None
+        """Whether they are the same at all times."""
         self._time: float | None = None
         self.mean_of_depth = 0.0
         """Mean over the sphere of what is prescribed for the depth."""
@@ -28,7 +30,7 @@ class PrescribedFields:
         """Bring the fields to time t [s], unless they are there already."""
         if self._target is None or t == self._time:
             return
-        if self._time is None or not self._steady:
+        if self._time is None or not self.steady:
             wp.copy(self._target, self._discrete.device_mesh.scatter(self._evaluate(t)))
         self._time = t
 

@@ -149,6 +149,7 @@ class ForwardBackward(SplitExplicit):
     diffusion_steps = 1
     expected_error = ((900.0, 3.130558e-05, 7.691910e-04), (450.0, 8.782066e-06, 2.055525e-04))
     vectors = RK4.vectors + 6
+    repeats_from: ClassVar[int] = 2
     style = ("#080123", (9, 1, 0))
     waves: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 3, gamma=3 / 20)
     advection: ClassVar[LevelWeights] = LevelWeights(wind=5 / 12, mass=5 / 12, gamma=0.0)
@@ -175,19 +176,31 @@ class ForwardBackward(SplitExplicit):
         return cls.advection if share == NOTHING_BUT_WIND else cls.waves
 
     def _advance(self) -> None:
-        if self.steps < 2:
+        if self.steps < self.repeats_from:
             self._first_step()
             return
-        now, past, new, passes, dt = self.state, self._past, self._past, self._passes, self.dt
+        now, past, passes, dt = self.state, self._past, self._passes, self.dt
         if self._altered:
             self._extrapolate()
-            new, self._older = self._older, past
+        new = self._new
         passes.damp(now)
         passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, self._masses, self._depth)
         passes.step_wind(dt, (now, past), new, self._winds)
-        self.state, self._past = new, now
         if self.diffusion is not None:
             self.diffusion.act(new)
+
+    @property
+    def _new(self) -> wp.array:
+        """Where the new level comes: what changes it in between needs the past one again."""
+        return self._older if self._altered else self._past
+
+    def _turn(self) -> None:
+        if self.steps < self.repeats_from:
+            return
+        new = self._new
+        if self._altered:
+            self._older = self._past
+        self.state, self._past = new, self.state
 
     def _first_step(self) -> None:
         wp.copy(self._older, self._past)
@@ -234,6 +247,7 @@ class ForwardBackwardRK3(SplitExplicit):
     name, order = "fb-rk3", 2
     expected_error = ((900.0, 5.665654e-06, 7.301736e-05), (450.0, 1.344998e-06, 1.817516e-05))
     vectors = 8
+    repeats_from = 0
     style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)
     """What part of the step each stage takes, from its start."""
@@ -277,7 +291,9 @@ class ForwardBackwardRK3(SplitExplicit):
             passes.step_depth(t, tau, (now, new), new, self._last, mixes)
             passes.step_wind(tau, (now, new), new, self._last)
             offset = fraction
-        self.state, self._stage = new, now
+
+    def _turn(self) -> None:
+        self.state, self._stage = self._stage, self.state
 
     @classmethod
     def _matrix(

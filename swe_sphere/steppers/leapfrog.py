@@ -24,6 +24,7 @@ class Leapfrog(Stepper):
 
     name, order = "leapfrog", 2
     diffusion_steps = 2
+    repeats_from = 1
     vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))

@@ -17,6 +17,7 @@ class RungeKutta(Stepper):
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau below the diagonal, from the second stage on."""
     b: ClassVar[tuple[float, ...]]
+    repeats_from = 0
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -15,6 +15,7 @@ from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.registry import Registry
 from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.replay import Replay
 from swe_sphere.user_file import users_code
 
 RECOMMENDED = "tr-bdf2"
@@ -68,6 +69,9 @@ class Stepper(ABC):
     can sum up the mass flux that tracers on steps of their own ask for."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
+    repeats_from: ClassVar[int | None] = None
+    """The step from which on all launch the same kernels, on arrays that `_turn` exchanges, and so
+    can be recorded; None: never.  A class that defines `_advance` says so itself."""
     safety: ClassVar[float] = 0.85
     """Part of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -77,6 +81,8 @@ class Stepper(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
+        if "_advance" in vars(cls) and "repeats_from" not in vars(cls):
+            cls.repeats_from = None
         if "name" in vars(cls):
             if not hasattr(cls, "order"):
                 raise ConfigError(f"stepper {cls.name} has no `order`: say it beside its name")
@@ -94,6 +100,8 @@ class Stepper(ABC):
         self.steps = 0
         self.counters: dict[str, int] = {}
         self._origin = 0.0
+        repeats = self.repeats_from is not None and model.repeats
+        self._replay = Replay(model) if repeats else None
 
     @property
     def time(self) -> float:
@@ -107,19 +115,34 @@ class Stepper(ABC):
 
     def step(self) -> None:
         """Move `state` forward by dt."""
-        apart = self.diffusion if self.diffusion_steps is None else None
+        with users_code():
+            if self._replay is None or self.steps < (self.repeats_from or 0):
+                self._launch_step()
+            else:
+                odd = self._apart is not None and self.steps % 2
+                self._replay((self.state.ptr, odd), self._launch_step, self._turn)
+        self.steps += 1
+
+    @property
+    def _apart(self) -> Diffusion | None:
+        return self.diffusion if self.diffusion_steps is None else None
+
+    def _launch_step(self) -> None:
+        apart = self._apart
         if apart and self.steps % 2:
             apart.act(self.state)
-        with users_code():
-            self._advance()
+        self._advance()
+        self._turn()
         if apart and not self.steps % 2:
             apart.act(self.state)
         if self.model.limiter is not None:
             self.model.limiter(self.state)
-        self.steps += 1
 
     @abstractmethod
     def _advance(self) -> None: ...
+
+    def _turn(self) -> None:  # noqa: B027 - most have none that do
+        """Let arrays exchange their roles after `_advance`, where they do; launches nothing."""
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:

@@ -1,0 +1,72 @@
+"""Steps that are the same launches every time: recorded once, then launched as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from swe_sphere.equations.model import Model
+from swe_sphere.operators.work import Tally
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """A graph of launches, and what it adds to the counts of them."""
+
+    graph: Any
+    work: list[tuple[Tally, int]]
+    counters: dict[str, int]
+
+
+class Replay:
+    """Runs functions that launch kernels: a CUDA graph on a GPU, a list in Warp's C++ on a CPU.
+
+    What is launched one by one costs more than the kernels themselves where meshes are small.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._seen: set[Hashable] = set()
+        self._recorded: dict[Hashable, _Recorded] = {}
+
+    def __call__(
+        self, key: Hashable, function: Callable[[], None], instead: Callable[[], None]
+    ) -> None:
+        """Do what the function does, which is to launch the same kernels each time for a key.
+
+        It is run the first time, so that all kernels are loaded, and the second time to record
+        them.  Then `instead` is run beside them: what else the function does.
+        """
+        if self._model.launch.work.timer is not None:  # which wants to see each of them
+            function()
+        elif (known := self._recorded.get(key)) is not None:
+            wp.capture_launch(known.graph)
+            self._count(known)
+            instead()
+        elif key in self._seen:
+            self._recorded[key] = self._record(function)
+            wp.capture_launch(self._recorded[key].graph)
+        else:
+            self._seen.add(key)
+            function()
+
+    def _record(self, function: Callable[[], None]) -> _Recorded:
+        work, counters = self._model.launch.work, self._model.counters
+        before, counted = work.counts(), dict(counters)
+        with wp.ScopedCapture(device=self._model.device, force_module_load=False) as capture:
+            function()
+        calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
+        return _Recorded(
+            capture.graph,
+            [(work.tally(name), n) for name, n in calls.items() if n],
+            {name: n - counted[name] for name, n in counters.items()},
+        )
+
+    def _count(self, known: _Recorded) -> None:
+        for tally, calls in known.work:
+            tally.calls += calls
+        for name, calls in known.counters.items():
+            self._model.counters[name] += calls

@@ -1,0 +1,85 @@
+"""Steps that are recorded and launched as a whole are those that are launched one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from swe_sphere.equations import Model
+from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
+from swe_sphere.steppers import get_stepper
+from swe_sphere.steppers.stepper import STEPPERS
+from swe_sphere.testcases import get_scene
+
+STEPS = 9
+REPEATED = [name for name, cls in STEPPERS.items() if cls.repeats_from is not None]
+SPLIT = ("rk4", "leapfrog", "forward-backward", "fb-rk3")
+
+
+@pytest.fixture(scope="module")
+def plain(small_mesh):
+    return Model(small_mesh, get_scene("williamson5"))
+
+
+@pytest.fixture(scope="module")
+def diffusive(small_mesh):
+    """With diffusion on its own, and tracers with a limiter that acts after every step."""
+    scene = get_scene("williamson5").with_effect(Hyperviscosity(1e16))
+    effects, bells = (*scene.effects, Tracers(limiter=True)), get_scene("deformational").tracers
+    return Model(small_mesh, replace(scene, effects=effects, tracers=bells))
+
+
+def stepped(model, name, recorded):
+    """State, right-hand sides and launches after some steps."""
+    stepper, work = get_stepper(name)(model, 200.0), model.launch.work
+    work.timer = None if recorded else lambda tally, rows, function, given: function(*given)
+    stepper.start(model.initial_state())
+    evaluations, before = model.counters["rhs_evaluations"], work.counts()
+    for _ in range(STEPS):
+        stepper.step()
+    calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
+    used = {name: n for name, n in calls.items() if n}
+    return stepper.state.numpy(), model.counters["rhs_evaluations"] - evaluations, used
+
+
+def graphs(monkeypatch):
+    """The graphs that are launched from now on."""
+    import warp as wp
+
+    launched, launch = [], wp.capture_launch
+    monkeypatch.setattr(wp, "capture_launch", lambda graph: (launched.append(graph), launch(graph)))
+    return launched
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_recorded_steps_are_the_same_bit_by_bit(plain, name, monkeypatch):
+    """With the same counts of right-hand sides and launches."""
+    launched = graphs(monkeypatch)
+    state, *counts = stepped(plain, name, True)
+    assert len(launched) >= STEPS - 5
+    expected, *others = stepped(plain, name, False)
+    np.testing.assert_array_equal(state, expected)
+    assert counts == others
+
+
+@pytest.mark.parametrize("name", SPLIT)
+def test_diffusion_and_limiter_are_recorded_too(diffusive, name, monkeypatch):
+    launched = graphs(monkeypatch)
+    state, *counts = stepped(diffusive, name, True)
+    assert launched
+    expected, *others = stepped(diffusive, name, False)
+    np.testing.assert_array_equal(state, expected)
+    assert counts == others
+
+
+def test_what_changes_in_time_is_not_recorded(small_mesh):
+    scene = get_scene("williamson4")
+    assert scene.effect(Forcing.name) and not Model(small_mesh, scene).repeats
+
+
+def test_a_class_with_steps_of_its_own_says_whether_they_repeat():
+    class Own(get_stepper("rk4")):
+        def _advance(self):
+            super()._advance()
+
+    assert Own.repeats_from is None
