@@ -1,4 +1,5 @@
-"""Run under mpiexec: states after a few steps, as a hash and a depth; rank 0 writes JSON.
+"""Run under mpiexec: states after a few steps, as a hash and a depth, and the bytes that all ranks
+send for one right-hand side; rank 0 writes them as JSON.
 
 Arguments: a JSON list of [scene, stepper, dt, steps, ne, np, settings].
 """
@@ -17,9 +18,12 @@ def fingerprint(scene, stepper, dt, steps, ne, np, settings):
     for _ in range(steps):
         sim.step()
     states = sim.stepper.state_dict()
-    told = repr([sim.diagnostics, sim.counts() | {"wall_seconds": 0, "setup_seconds": 0}])
-    parts = [states[name].tobytes() for name in sorted(states)] + [told.encode()]
-    return hashlib.sha256(b"".join(parts)).hexdigest(), float(sim.state.h[7])
+    numbers = repr([sim.diagnostics, sim.counts() | {"wall_seconds": 0, "setup_seconds": 0}])
+    parts = [states[name].tobytes() for name in sorted(states)] + [numbers.encode()]
+    told = hashlib.sha256(b"".join(parts)).hexdigest(), float(sim.state.h[7])
+    mesh, before = sim.model.device_mesh, sim.model.device_mesh.bytes_sent
+    sim.model.tendency(sim.stepper.state, 0.0, sim.model.zeros())
+    return *told, sum(sim.comm.tell_all(mesh.bytes_sent - before))
 
 
 if __name__ == "__main__":

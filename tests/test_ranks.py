@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -95,14 +96,27 @@ def found(mpi):
 
 @pytest.mark.parametrize("case", range(len(EXPLICIT)))
 def test_explicit_steps_have_the_bits_of_one_process(found, case):
-    expected = [*fingerprint(*EXPLICIT[case])]
-    assert found[2][case] == found[3][case] == expected
+    expected = [*fingerprint(*EXPLICIT[case])][:2]
+    assert found[2][case][:2] == found[3][case][:2] == expected
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_nothing_is_sent_but_what_others_need(found, ranks):
+    """Each element node at a node that others hold goes to each of them: three float64 fields."""
+    mesh = Mesh.build(*EXPLICIT[0][4:6])
+    owner = {e: rank for rank in range(ranks) for e in partition(mesh, rank, ranks).elements}
+    holders = [set() for _ in range(mesh.size)]
+    for e, nodes in enumerate(mesh.nodes.reshape(mesh.elements, -1)):
+        for node in nodes:
+            holders[node].add(owner[e])
+    needed = sum(len(holders[node]) - 1 for node in mesh.nodes.ravel())
+    assert found[ranks][0][2] == 24 * needed > 0
 
 
 @pytest.mark.parametrize("case", range(len(SOLVING)))
 def test_steps_that_solve_have_the_same_bits_on_any_number_of_ranks(found, case):
     """A single process sums up in the order of BLAS."""
-    (two, depth), (three, _) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
+    (two, depth, _), (three, _, _) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
     assert two == three
     assert depth == pytest.approx(fingerprint(*SOLVING[case])[1], rel=1e-9)
 
@@ -138,6 +152,41 @@ def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
     ended = program("run", "williamson5", *arguments, "--every", 24)
     lines = [line for line in ended.stderr.splitlines() if "warning" not in line]
     assert ended.returncode in (1, 2) and len(lines) == 1 and said in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("deed", "said"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", "a rank has died"),
+        (
+            "raise ValueError('what a pity')",
+            "rank 1 of 3: the diagnostic fails_on_day fails: ValueError: what a pity",
+        ),
+    ],
+)
+def test_a_rank_that_fails_alone_ends_the_job(mpi, tmp_path, deed, said):
+    """In one line, with the frames before it in the file, from which the run goes on."""
+    own, out = tmp_path / "own.py", tmp_path / "run.nc"
+    own.write_text(f"""
+import os, signal
+from swe_sphere.parallel import world
+from swe_sphere.simulation.diagnostics import diagnostic
+
+@diagnostic(units="1", long_name="nothing")
+def fails_on_day(sim):
+    if sim.time > 40000 and world().rank == 1:
+        {deed}
+    return 0.0
+""")
+    run = ["run", "williamson5", "--ne", 2, "--dt", 1800, "--every", 3, "--days", 1, "--quiet"]
+    start = time.monotonic()
+    ended = program(*run, "--out", out, "--diagnostics", own, "--ranks", 3)
+    assert time.monotonic() - start < 60.0
+    assert ended.returncode != 0 and ended.stdout == "" and ended.stderr.count("\n") == 1
+    assert said in ended.stderr
+    with xr.open_dataset(out) as frames:
+        assert frames.sizes["time"] == 4
+    assert program(*run, "--restart", out, "--out", out, "--ranks", 2).returncode == 0
 
 
 def test_other_commands_refuse_ranks(mpi):

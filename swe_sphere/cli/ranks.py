@@ -3,14 +3,20 @@
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import PIPE
+from threading import Thread
+from typing import TextIO
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.parallel import world
 
-BANNER = ("===", "=   ")
+NOISE = (
+    "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
+    "Abort(", "application called MPI_Abort", "MPICH:",
+)  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
 
 
@@ -27,19 +33,26 @@ def start_ranks(ranks: int, arguments: Sequence[str]) -> int:
         missing = "mpi4py" if starter else "mpiexec"
         raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as job:
-        assert job.stderr is not None
-        told = [_pass_on(line) for line in job.stderr]
-    if job.returncode and not any(told):
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as job:
+        assert job.stdout is not None and job.stderr is not None
+        results = Thread(target=_pass_on, args=(job.stdout, sys.stdout))
+        results.start()
+        told = _pass_on(job.stderr, sys.stderr)
+        results.join()
+    if job.returncode and not told:
         sys.stderr.write("swe-sphere: a rank has died; all frames written so far can be read\n")
     return min(abs(int(job.returncode)), 255)
 
 
-def _pass_on(line: str) -> bool:
-    """Print a line of stderr, but for the noise of mpiexec; whether it is one of ours."""
-    if not line.startswith(BANNER):
-        sys.stderr.write(line)
-    return line.startswith("swe-sphere: ") and "warning:" not in line
+def _pass_on(lines: Iterable[str], to: TextIO) -> bool:
+    """Print them, but for the noise of mpiexec; whether one of them says why the program fails."""
+    told = False
+    for line in lines:
+        if line.strip() and not line.startswith(NOISE):
+            to.write(line)
+            to.flush()
+        told = told or (line.startswith("swe-sphere: ") and "warning:" not in line)
+    return told
 
 
 def fail(line: str, status: int) -> int:

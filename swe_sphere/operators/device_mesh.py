@@ -46,6 +46,8 @@ class DeviceMesh:
         self.points = mesh.np**2
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
         self._halos: dict[int, Halo] = {}
+        self.bytes_sent = 0
+        """By this rank, to its neighbours."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """The same part in another number type or order."""
@@ -172,7 +174,7 @@ class DeviceMesh:
         Between the elements and the nodes of every step; flat: the view that came with `local`.
         """
         if self._halos:
-            self._halos[flat.ptr]()
+            self.bytes_sent += self._halos[flat.ptr]()
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Where element nodes (element np^2 + point) begin, in rows of that many numbers.

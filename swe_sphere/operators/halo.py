@@ -28,15 +28,14 @@ class Halo:
         self._going, self._out, outgoing = _room(sends, self._flat.dtype)
         self._coming, self._in, incoming = _room(receives, self._flat.dtype)
         self._channel = comm.channel(outgoing, incoming)
-        self.bytes = self._out.nbytes
-        """Sent by this rank at each exchange."""
 
-    def __call__(self) -> None:
-        """Exchange them."""
+    def __call__(self) -> int:
+        """Exchange them; returns how many bytes this rank has sent."""
         np.take(self._flat, self._going, out=self._out, mode="clip")
         self._channel.start()
         self._channel.wait()
         self._flat[self._coming] = self._in
+        return self._out.nbytes
 
 
 def _room(
