@@ -133,8 +133,11 @@ def picture(path: Path, seconds: float, latency: float, bandwidth: float) -> Non
 
 def page(found: dict[tuple[str, int], dict[str, Any]], ne: int, pings: dict[int, float]) -> str:
     """Tables of what was measured."""
-    rows = ["| stepper | ranks | least [ms] | median [ms] | over one process, least (median) "
-            "| halo [kB a step] | reductions a step |", "|---|---|---|---|---|---|---|"]  # fmt: skip
+    rows = [
+        "| stepper | ranks | least [ms] | median [ms] | over one process, least (median)"
+        " | halo [kB a step] | reductions a step |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for (stepper, ranks), each in found.items():
         times, alone = each["times"], found[stepper, 0]["times"]
         least, median = min(times), statistics.median(times)

@@ -1,6 +1,7 @@
 """Processes that share a run: started by `swe-sphere run --ranks P`, or by mpiexec."""
 
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -15,7 +16,7 @@ from swe_sphere.parallel import world
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
-    "Abort(", "application called MPI_Abort", "MPICH:",
+    "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
 )  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
 
@@ -34,6 +35,8 @@ def start_ranks(ranks: int, arguments: Sequence[str]) -> int:
         raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as job:
+        signal.signal(signal.SIGINT, lambda *_: None)  # the ranks have got it too
+        signal.signal(signal.SIGTERM, lambda number, _: job.send_signal(number))
         assert job.stdout is not None and job.stderr is not None
         results = Thread(target=_pass_on, args=(job.stdout, sys.stdout))
         results.start()

@@ -29,7 +29,8 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
             out=out, overwrite=config.overwrite, watcher=watcher or Watcher()
         )
         if out is not None and config.plot is not None:
-            summary = _plotted(summary, out, config.plot)
+            file, picture = out, config.plot
+            summary = sim.comm.on_root(lambda: _plotted(summary, file, picture))
     asked = {"out": None if config.out is None else str(config.out)}
     total = {"total_seconds": time.perf_counter() - started}
     return replace(summary, numbers={**summary.numbers, **asked, **total})

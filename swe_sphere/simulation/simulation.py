@@ -160,7 +160,8 @@ class Simulation(Running):
         self.comm.on_root(lambda: check_paths(self.config))
         calls = scheduled(callbacks)
         self.begin(also=intervals(calls))
-        self._out, watcher = self.config.out, watcher or Notebook(progress)
+        self._out = self.config.out
+        watcher = watcher or (Watcher() if self.comm.rank else Notebook(progress))
         self._own.warn = watcher.warn
         self.outcome = execute(self, calls, watcher)
         return self.summary
