@@ -29,7 +29,7 @@ from swe_sphere.parallel import Alone, world
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
 """Steps [s], and how many of them are timed at once."""
-PIECES = 30
+PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
 ROUND_TRIPS = 200

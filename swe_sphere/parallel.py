@@ -156,6 +156,7 @@ class Ranks(Alone):
                 sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
                 sys.stderr.flush()
                 self._comm.Abort(1)
+                time.sleep(10.0 * PATIENCE)  # the end comes from outside
             time.sleep(0.01)
 
 

@@ -160,7 +160,7 @@ def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
         ("os.kill(os.getpid(), signal.SIGKILL)", "a rank has died"),
         (
             "raise ValueError('what a pity')",
-            "rank 1 of 3: the diagnostic fails_on_day fails: ValueError: what a pity",
+            "rank 1 of 3: the diagnostic fails_on_day fails: ValueError",
         ),
     ],
 )
