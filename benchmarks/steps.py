@@ -2,23 +2,29 @@
 
     python benchmarks/steps.py                      all sections
     python benchmarks/steps.py forward-backward
+    python benchmarks/steps.py multirate
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 import typer
 from implicit_common import Section
 from sections import write_page
+from tracer_steps import eight
 
+from swe_sphere.equations.scene import Scene
+from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import SHIPPED, reference_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.execution import step_through
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.testcases import get_scene
 
 ROUNDS = 2
 """Runs of each kind, in turns."""
@@ -92,7 +98,77 @@ def _error(scene: str, days: float, sim: Simulation) -> float:
     return reference_errors(file, sim.mesh, sim.snapshot.with_constants, field="surface")["l2"]
 
 
-SECTIONS = {"forward-backward": forward_backward}
+MULTIRATE = ("rk4", "forward-backward", "mis2", "mis3c")
+
+
+def multirate() -> Section:
+    """Gravity waves in sub-steps beside steppers that have none."""
+    mesh, fine = Mesh.build(12, 4), Mesh.build(16, 4)
+    cases = (
+        ("williamson5", "williamson5", fine, 5.0),
+        ("williamson5 at 5 m/s", slow_wind(5.0), fine, 5.0),
+        ("galewsky", "galewsky", fine, 3.0),
+        ("williamson5, 8 tracers", eight("williamson5", False), mesh, 1.0),
+        ("williamson5, 8 tracers, limiter", eight("williamson5", True), mesh, 1.0),
+        ("williamson5 at 5 m/s, 8 tracers, limiter", eight(slow_wind(5.0), True), mesh, 2.0),
+    )
+    return Section(
+        "Gravity waves in steps of their own",
+        "Automatic steps; l2 errors against rk4 with a quarter of its step.  A sub-step of the "
+        "waves costs as much as an evaluation of all for wind and depth, as both are bound by the "
+        "metric terms they load, and needs no tracers, no forcing and no limiter.  `mis2` has "
+        "short steps wherever wind blows: what it grows by in a step is held to 1e-4.",
+        ["scene", "mesh", "stepper", "Δt [s]", "evaluations", "sub-steps", "l2(h)",
+         "l2(vorticity)", "CPU [s]", "median", "CPU / rk4"],
+        [row for case in cases for row in _substepped(*case)],
+    )  # fmt: skip
+
+
+def slow_wind(speed: float) -> Scene:
+    """williamson5 with another wind [m s-1], in balance as it is there."""
+    scene = get_scene("williamson5")
+    turn, gravity = scene.planet.radius * scene.planet.rotation, scene.planet.gravity
+    fall = (turn * speed + 0.5 * speed**2) / gravity
+
+    def initial(lon: np.ndarray, lat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        surface = 5960.0 - fall * np.sin(lat) ** 2
+        return speed * np.cos(lat), 0.0 * lat, surface - scene.bottom(lon, lat)
+
+    return replace(scene, initial=initial)
+
+
+def _substepped(name: str, scene: str | Scene, mesh: Mesh, days: float) -> list[list[str]]:
+    steps = {stepper: _automatic(scene, mesh, stepper, days) for stepper in MULTIRATE}
+    exact = _run(scene, mesh, "rk4", 0.25 * steps["rk4"], days).snapshot.with_constants
+    seconds, last = {stepper: [] for stepper in MULTIRATE}, {}
+    for _ in range(ROUNDS):
+        for stepper, dt in steps.items():
+            last[stepper] = _run(scene, mesh, stepper, dt, days)
+            seconds[stepper].append(last[stepper].cpu_seconds)
+    rows = []
+    for stepper, sim in last.items():
+        fields, area = sim.snapshot.with_constants, mesh.area
+        errors = (norms(area, fields[k], exact[k])["l2"] for k in ("h", "vorticity"))
+        rows.append([
+            name, f"ne{mesh.ne} np{mesh.np}", stepper, f"{steps[stepper]:.0f}",
+            str(sim.model.counters["rhs_evaluations"]),
+            str(sim.model.counters.get("fast_steps", "")), *(f"{e:.1e}" for e in errors),
+            f"{min(seconds[stepper]):.2f}", f"{np.median(seconds[stepper]):.2f}",
+            f"{min(seconds[stepper]) / min(seconds['rk4']):.2f}",
+        ])  # fmt: skip
+    return rows
+
+
+def _run(scene: str | Scene, mesh: Mesh, stepper: str, dt: float, days: float) -> Simulation:
+    count = round(days * DAY / dt)
+    sim = Simulation(scene, mesh=mesh, stepper=stepper)
+    sim.begin(TimePlan(dt, count, count, dt))
+    if not step_through(sim, []).completed:
+        raise SystemExit(f"{sim.scene.name}: {stepper} blew up with steps of {dt:.0f} s")
+    return sim
+
+
+SECTIONS = {"forward-backward": forward_backward, "multirate": multirate}
 
 
 def main(

@@ -76,11 +76,11 @@ class Case:
         return [f"{_l2(area, now[f'q_{name}'], right[f'q_{name}']):.2e}" for name in names]
 
 
-def eight(name: str, limiter: bool) -> Scene:
+def eight(which: str | Scene, limiter: bool) -> Scene:
     """The scene with eight tracers."""
     four = get_scene("deformational").tracers or {}
     tracers = {f"{tracer}{i}": formula for i in ("", "_2") for tracer, formula in four.items()}
-    scene = get_scene(name)
+    scene = get_scene(which) if isinstance(which, str) else which
     effects = tuple(effect for effect in scene.effects if effect.name != "tracers")
     return replace(
         scene, tracers=tracers, exact_tracers=None, effects=(*effects, Tracers(limiter=limiter))
@@ -108,8 +108,8 @@ of the tracers.
   semi-implicit step leaves, and diffusion, change the depth by other than fluxes; tracers follow
   that change, and their masses are restored.
 * **A stepper of your own** takes part if it combines tendencies linearly; one that remembers
-  states of times before says so in `levels`. Implicit and exponential steppers solve for tracers
-  with the flow, and forward-backward ones do not sum up fluxes: there the option is refused.
+  states of times before has to say so in `levels`, else it is refused. Implicit and exponential
+  steppers solve for tracers with the flow: there the option is refused.
 * **Under a prescribed wind** there is no flow with shorter steps: depth and tracers take the long
   step together, in two halves with the wind in the middle of each.
 * **The stages** of a tracer step need not be many, as transport has no fast waves: 4 to 10 of

@@ -15,14 +15,14 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
 from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep, symbol
 from swe_sphere.simulation.time_plan import time_plan
-from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
 from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth, tracer_limit
 from swe_sphere.testcases import get_scene
 
 from .test_tracers import CONSTANT, wave, with_tracers
 
-CARRIERS = ("rk4", "leapfrog", "semi-implicit", "ark2")
+CARRIERS = ("rk4", "leapfrog", "forward-backward", "fb-rk3", "mis3c", "semi-implicit", "ark2")
 ROUND = 1e-13
 
 
@@ -265,14 +265,15 @@ def test_refusals(asked, words):
     assert "\n" not in str(found.value)
 
 
-@pytest.mark.parametrize("stepper", ["forward-backward", "fb-rk3"])
-def test_steppers_that_do_not_sum_up_fluxes_are_refused(stepper):
-    settings = {"ne": 2, "np": 4, "stepper": stepper, "dt": 600, "days": 1}
-    with pytest.raises(ConfigError, match=f"{stepper} does not sum up"):
-        Simulation(over_hill(), tracer_steps=2, **settings).begin()
-    sim = Simulation(over_hill(), tracer_steps="auto", **settings)
-    sim.begin()
-    assert sim.plan.cycle == 1
+def test_a_stepper_has_to_say_which_states_it_remembers(hill):
+    """Tracers would lose what has crossed since, silently."""
+
+    class Untold(STEPPERS["leapfrog"]):
+        levels = Stepper.levels
+
+    carried(hill, "leapfrog", 600.0, 2, 0)
+    with pytest.raises(ConfigError, match="leapfrog remembers previous: its `levels`"):
+        CarriedTracers(hill, Untold(hill.carrier, 600.0), 2)
 
 
 def test_scenes_without_tracers_take_none_of_it():

@@ -144,7 +144,7 @@ class Model:
         """
         ratios = mixing_ratios(self.scene, self.mesh) | tracers
         masses = {f"hq_{name}": h * q for name, q in ratios.items()}
-        values = {"u": u, "v": v, "h": h} | masses
+        values = {"u": u, "v": v, "h": h} | masses | dict.fromkeys(MassFlux.names, np.zeros(1))
         blocks = [np.broadcast_to(values[name], self.mesh.size) for name in self.names]
         return self.device_mesh.scatter(np.concatenate(blocks))
 

@@ -5,10 +5,12 @@ from typing import Any
 
 import warp as wp
 
+from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tendencies import element_terms, pointwise_terms
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_kernels
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
+from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.pointwise_operator import fill
 
 Levels = tuple[wp.array, ...]
@@ -21,7 +23,8 @@ class Passes:
     What the equations are evaluated at are combinations of time levels, which each pass leaves for
     those to come: the masses of `carried`, and in `pushed` the wind that moves them and turns, with
     the depth whose slope pushes it.  Both have the size of a state; for linearised dynamics they
-    are differences to the base.  Under a prescribed wind there is no wind to step.
+    are differences to the base.  Under a prescribed wind there is no wind to step.  A mass flux
+    that the model sums up is that of the depth's own step.
     """
 
     def __init__(self, model: Model) -> None:
@@ -30,9 +33,12 @@ class Passes:
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(discrete, "conservative")
         self._moves, self._first = not terms.wind, terms.unknowns - 1
-        self._masses = len(model.names) - self._first
+        flux = model.carried if isinstance(model.carried, MassFlux) else None
+        self._masses = 1 if flux is not None else len(model.names) - self._first
         self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
         self._base: wp.array | None = model.parameters.get("base")
+        self._flux, self._add = flux, combine_kernel(self._real, 1)
+        self._crossing = model.zeros() if flux is not None else self._loss
         self._combine = combine_levels_kernel(self._real, point.tangent)
         self._kernels = level_kernels(
             terms.unknowns, self._real, point, model.dissipative, self._masses > 1
@@ -54,6 +60,8 @@ class Passes:
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
         if self._moves:
             model.launch.load(self._kernels.wind)
+        if flux is not None:
+            model.launch.load(self._add)
 
     def weights(self, *numbers: float) -> Any:
         """Those of three time levels, as the passes take them."""
@@ -82,6 +90,11 @@ class Passes:
                 self._first * size, self._masses, self._local_depth,
             )  # fmt: skip
             mesh.exchange(self._flat_depth)
+        if self._flux is not None:
+            self._flux.carry(self.pushed, self.carried, self._crossing)
+            behind = slice(self._flux.first, model.size)
+            of_now, rate, of_out = (x[behind] for x in (levels[0], self._crossing, out))
+            model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         model.launch(
             self._kernels.depth, size, mesh.places(self._masses), mesh.inverse_area, mesh.lanes,
             size, self._masses, self._flat_depth, self._structure, tau, *levels, self._loss,

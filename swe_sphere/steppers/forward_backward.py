@@ -1,7 +1,7 @@
 """Explicit steppers that step the depth first, and then the wind with the new depth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,105 +10,22 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.passes import Passes
-from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, columns
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_step
-from swe_sphere.steppers.stepper import Stepper
-
-PARTS = np.linspace(0.0, 1.0, 5)
-"""Parts of the strongest wind, along the waves, that the analysis of stability looks at; against
-them it has the same growth."""
-WEAK = 1e-4
-"""Growth in a step that is let pass in strong winds, where there is a little of it at any step."""
-NOTHING_BUT_WIND = 1.0
-"""Its share of the wave speed where there are no gravity waves."""
+from swe_sphere.steppers.stability import Complex
 
 
-class SplitExplicit(Stepper):
+class SplitExplicit(FlowLimited):
     """A stepper whose evaluations are one pass for the depth and then one for the wind.
 
     Drag and relaxation are taken at the start of a step.  What else changes the state between steps
     (`_altered`) has the combinations of levels made anew.
     """
 
-    sums_fluxes = False
-
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._passes = Passes(self.model)
         self._altered = self.diffusion is not None or self.model.limiter is not None
-
-    @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1], and what the wind has in that of the waves."""
-        found = super().spectrum(model, state, t)
-        return replace(found, wind=found.wave * wind_share(model, state, t))
-
-    @classmethod
-    def limit(cls, spectrum: Spectrum) -> float:
-        """Largest step [s] that is stable in winds up to those of the spectrum."""
-        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind)
-
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0, wind: float = 0.0) -> float:
-        """Largest step [s] that amplifies no wave on a wind that has `wind` [s-1] in `wave`.
-
-        Nor does it in any weaker or other wind, nor the vorticity that the wind carries.
-        """
-        share = wind / wave if wave > 0.0 else 0.0
-        parts = PARTS if share > 0.0 else np.zeros(1)
-
-        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-            waves, winds = (1.0 - share) * z_wave, share * z_wave
-            cases = [(waves, part * winds) for part in parts] + [(0.0 * waves, winds)]
-            grown = [cls._growth(share, c, u, z_dissipation) for c, u in cases]
-            largest: NDArray[np.float64] = np.max(grown, axis=0)
-            return largest
-
-        return largest_step(growth, wave, dissipation, 4.0, WEAK if share else TOLERANCE)
-
-    @classmethod
-    def _growth(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
-        """Spectral radius of a step for these eigenvalues times dt of the three parts."""
-        radius: NDArray[np.float64] = np.abs(
-            np.linalg.eigvals(cls._matrix(share, z_wave, z_wind, z_dissipation))
-        ).max(axis=-1)
-        return radius
-
-    @classmethod
-    def _matrix(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> Complex:
-        """(..., n, n) what a step does to the levels of h' sqrt(g/H) and then of u of a wave.
-
-        With dh/dt = -(z_wind h + z_wave u) / dt + z_dissipation h / dt, and so for u.
-        """
-        raise NotImplementedError
-
-
-def wind_share(model: Model, state: wp.array, t: float) -> float:
-    """The largest |V| k over the largest (|V| + sqrt(g h)) k; 1 where there are no gravity waves.
-
-    k is the shortest wave length's wavenumber, up to a factor, where the element is shortest: one
-    over the smaller singular value of dx/dxi.
-    """
-    if model.scene.effect("pressure-gradient") is None:
-        return NOTHING_BUT_WIND
-    mesh, fields = model.mesh, model.fields(model.point_of_tangent(state), t)
-    squares = np.sum(mesh.basis**2, axis=(-2, -1))
-    apart = np.sqrt(np.maximum(squares**2 - 4.0 * mesh.jacobian**2, 0.0))
-    k = np.sqrt(0.5 * (squares + apart)) / mesh.jacobian
-    speed = np.hypot(fields["u"], fields["v"])
-    waves = np.sqrt(model.scene.planet.gravity * np.maximum(fields["h"], 0.0))
-    winds, both = ((each[mesh.nodes] * k).max() for each in (speed, speed + waves))
-    return float(winds / both) if both > 0.0 else 0.0
-
-
-def _columns(*z: Complex) -> tuple[Complex, ...]:
-    """The eigenvalues in one shape, with an axis for the levels behind."""
-    return tuple(each[..., None] for each in np.broadcast_arrays(*z))
 
 
 @dataclass(frozen=True)
@@ -219,13 +136,18 @@ class ForwardBackward(SplitExplicit):
         levels = {"state": self.state, "previous": self._past, "older": self._older}
         return levels | {"carried": self._passes.carried, "pushed": self._passes.pushed}
 
+    @property
+    def levels(self) -> tuple[wp.array, ...]:
+        """The present state and the two before."""
+        return self.state, self._past, self._older
+
     @classmethod
     def _matrix(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
         mine = cls._of(share)
         mass, turn = (np.array(mine.extrapolation(b)) for b in (mine.mass, mine.wind))
-        wave, wind, loss = _columns(z_wave, z_wind, z_dissipation)
+        wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
         step = np.zeros((*wave.shape[:-1], 6, 6), complex)
         step[..., (1, 2, 4, 5), (0, 1, 3, 4)] = 1.0
         new, first = step[..., 0, :], np.array([1.0, 0.0, 0.0])
@@ -299,7 +221,7 @@ class ForwardBackwardRK3(SplitExplicit):
     def _matrix(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
-        wave, wind, loss = _columns(z_wave, z_wind, z_dissipation)
+        wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
         depth, speed = (np.zeros((*wave.shape[:-1], 2), complex) for _ in range(2))
         depth[..., 0] = speed[..., 1] = 1.0
         h, u, h0, u0 = depth, speed, depth, speed

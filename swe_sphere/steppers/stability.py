@@ -16,24 +16,35 @@ def largest_step(
     dissipation: float,
     reach: float,
     tolerance: float = TOLERANCE,
+    looks: int = 1,
 ) -> float:
     """Largest dt [s] up to which no mode grows by more than the tolerance in a step.
 
     `growth(z_wave, z_dissipation)` gives the largest amplification factor for eigenvalues times dt
     of the waves (imaginary) and the dissipation (negative); all combinations up to the spectral
-    radii `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both.
+    radii `wave` and `dissipation` [s-1] are looked at.  `reach` bounds dt times the sum of both;
+    where steps longer than an unstable one may be stable again, `looks` steps up to it are tried.
     """
     if wave + dissipation == 0.0:
         return np.inf
     share = np.linspace(0.0, 1.0, 65)
     damping = share[::8] if dissipation else share[:1]
     z_wave, z_dissipation = np.meshgrid(1j * wave * share, -dissipation * damping + 0j)
-    low, high = 0.0, reach / (wave + dissipation)
+
+    def stable(dt: float) -> bool:
+        return bool(growth(dt * z_wave, dt * z_dissipation).max() <= 1.0 + tolerance)
+
+    *tried, high = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
+    low = 0.0
+    for dt in tried[1:]:
+        if not stable(dt):
+            high = dt
+            break
+        low = dt
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)
-        stable = growth(middle * z_wave, middle * z_dissipation).max() <= 1.0 + tolerance
-        low, high = (middle, high) if stable else (low, middle)
-    return low
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return float(low)
 
 
 def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]:

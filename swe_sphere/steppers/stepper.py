@@ -64,9 +64,6 @@ class Stepper(ABC):
     """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
     diffusion_apart: bool = True
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
-    sums_fluxes: ClassVar[bool] = True
-    """Whether it steps all that a model has behind wind and depth by the model's tendencies, and so
-    can sum up the mass flux that tracers on steps of their own ask for."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
     repeats_from: ClassVar[int | None] = None
@@ -197,6 +194,13 @@ class Stepper(ABC):
     def levels(self) -> tuple[wp.array, ...]:
         """The states among what it remembers: the present one, and those before."""
         return (self.state,)
+
+    def untold_levels(self) -> list[str]:
+        """Names of what may be states of times before, where a class does not say its `levels`."""
+        if type(self).levels is not Stepper.levels:
+            return []
+        found = self._remembered().items()
+        return [k for k, x in found if x.ptr != self.state.ptr and x.shape[-1:] == self.state.shape]
 
 
 class Combiner:

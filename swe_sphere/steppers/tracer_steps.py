@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.arnoldi import largest_modulus
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep
@@ -34,8 +35,6 @@ def why_not(model: Model, kind: type[Stepper]) -> str | None:
         return f"{scene.name} has no tracers"
     if kind.family not in ("explicit", "imex"):
         return f"{kind.name} takes tracers along in its solves"
-    if scene.wind is None and not kind.sums_fluxes:
-        return f"{kind.name} does not sum up its mass fluxes"
     if scene.forcing is not None or any("mass" not in e.conserves for e in scene.effects):
         return f"{scene.name} has sources of depth"
     return None
@@ -161,10 +160,16 @@ class CarriedTracers(TracerSteps):
     """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
 
     q = 1 stays 1 and every tracer keeps its mass.  What else changes the depth (the residual of a
-    solver, diffusion in steps of another length) takes tracers along, as in `TracerWaves`.
+    solver, diffusion in steps of another length) takes tracers along, as in `TracerWaves`.  Raises
+    ConfigError for a stepper that does not tell the states it remembers.
     """
 
     def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
+        if untold := scheme.untold_levels():
+            raise ConfigError(
+                f"tracer-steps: {scheme.name} remembers {', '.join(untold)}: its `levels` have to "
+                "say which of them are states of times before"
+            )
         self.scheme = scheme
         self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
         super().__init__(model, scheme.dt, every)

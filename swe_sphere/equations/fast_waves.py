@@ -1,0 +1,82 @@
+"""Gravity waves alone, linear on a fluid at rest, in steps as short as they need."""
+
+import warp as wp
+
+from swe_sphere.equations.model import Model
+from swe_sphere.kernels.fast_waves import fast_wave_kernels
+from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.vectors import combine_kernel
+
+
+class FastWaves:
+    """dV/dt = -g grad h + rate, dh/dt = -div(H V) + rate in steps of Störmer and Verlet.
+
+    H is the depth of a state, frozen.  Tracers have the flux of their masses at that state, and so
+    a constant mixing ratio stays constant: as only their sources in the end count, they take the
+    way that the fluid has gone as one step.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model, mesh = model, model.device_mesh
+        n = mesh.size
+        self.state = model.zeros()
+        """What is moved on: wind and depth, and what the model carries behind them."""
+        self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
+        self._fields = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
+        self._geometry = mesh.geometry(self._fields.geometry)
+        self._divergence, self._flat_divergence = mesh.local(1, self._fields.value)
+        self._gradient, self._flat_gradient = mesh.local(2, self._fields.value)
+        self._kernels = fast_wave_kernels(mesh.real, model.carried is not None)
+        self._add = combine_kernel(mesh.real, 2)
+        model.launch.load(
+            self._fields.transport, self._fields.gradient, self._kernels.drift, self._kernels.kick
+        )
+        self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
+        if model.carried is not None:
+            model.launch.load(self._add)
+            self._path = wp.zeros(2 * n, dtype=mesh.real, device=model.device)
+            self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
+
+    def advance(
+        self, rest: wp.array, rate: wp.array, duration: float, steps: int, carrier: wp.array
+    ) -> None:
+        """Move `state` on by a duration [s] in so many steps.
+
+        rest: the state whose depth is H; rate: of change of all, beside the waves; carrier: the
+        state that has the masses of tracers.
+        """
+        tau = duration / steps
+        self._kick(rate, 0.5 * tau)
+        for step in range(steps):
+            self._drift(rest, rate, tau, float(step > 0))
+            self._kick(rate, tau if step + 1 < steps else 0.5 * tau)
+        if self._model.carried is not None:
+            behind, crossed = self._behind, self._crossed
+            self._model.carried.carry(self._path, carrier, crossed)
+            moved = self.state[behind]
+            self._model.launch(
+                self._add, moved.size, moved, rate[behind], duration, crossed[behind], 1.0, moved
+            )
+
+    def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
+        launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
+        launch(
+            self._fields.transport, mesh.dim, self._geometry, s, rest, self._winds, 1,
+            self._divergence,
+        )  # fmt: skip
+        mesh.exchange(self._flat_divergence)
+        launch(
+            self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
+            self._flat_divergence, tau, rate, s, kept, self._path,
+        )  # fmt: skip
+
+    def _kick(self, rate: wp.array, tau: float) -> None:
+        launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
+        launch(
+            self._fields.gradient, mesh.dim, self._geometry, s, self._depth, 0, 1, self._gradient
+        )
+        mesh.exchange(self._flat_gradient)
+        launch(
+            self._kernels.kick, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
+            mesh.size, self._flat_gradient, self._model.scene.planet.gravity, tau, rate, s,
+        )  # fmt: skip

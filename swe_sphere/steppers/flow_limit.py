@@ -1,0 +1,104 @@
+"""Limits of explicit steppers that depend on how fast the wind is against the waves."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_step
+from swe_sphere.steppers.stepper import Stepper
+
+PARTS = np.linspace(0.0, 1.0, 5)
+"""Parts of the strongest wind, along the waves, that the analysis of stability looks at; against
+them it has the same growth."""
+WEAK = 1e-4
+"""Growth in a step that is let pass in strong winds, where there is a little of it at any step."""
+NOTHING_BUT_WIND = 1.0
+"""Its share of the wave speed where there are no gravity waves."""
+
+
+class FlowLimited(Stepper):
+    """A stepper whose steps are limited by waves and wind together."""
+
+    reach: ClassVar[float] = 4.0
+    """No step is longer over one by the spectral radius."""
+    looks: ClassVar[int] = 1
+    """Parts of the reach of which the first that is not stable holds the limit."""
+
+    @classmethod
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1], and what the wind has in that of the waves."""
+        found = super().spectrum(model, state, t)
+        return replace(found, wind=found.wave * wind_share(model, state))
+
+    @classmethod
+    def limit(cls, spectrum: Spectrum) -> float:
+        """Largest step [s] that is stable in winds up to those of the spectrum."""
+        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0, wind: float = 0.0) -> float:
+        """Largest step [s] that amplifies no wave on a wind that has `wind` [s-1] in `wave`.
+
+        Nor does it in any weaker or other wind, nor the vorticity that the wind carries.
+        """
+        share = wind / wave if wave > 0.0 else 0.0
+        parts = PARTS if share > 0.0 else np.zeros(1)
+
+        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+            waves, winds = (1.0 - share) * z_wave, share * z_wave
+            cases = [(waves, part * winds) for part in parts] + [(0.0 * waves, winds)]
+            grown = [cls._growth(share, c, u, z_dissipation) for c, u in cases]
+            largest: NDArray[np.float64] = np.max(grown, axis=0)
+            return largest
+
+        return largest_step(
+            growth, wave, dissipation, cls.reach, WEAK if share else TOLERANCE, cls.looks
+        )
+
+    @classmethod
+    def _growth(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> NDArray[np.float64]:
+        """Spectral radius of a step for these eigenvalues times dt of the three parts."""
+        radius: NDArray[np.float64] = np.abs(
+            np.linalg.eigvals(cls._matrix(share, z_wave, z_wind, z_dissipation))
+        ).max(axis=-1)
+        return radius
+
+    @classmethod
+    def _matrix(
+        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
+    ) -> Complex:
+        """(..., n, n) what a step does to the levels of h' sqrt(g/H) and then of u of a wave.
+
+        With dh/dt = -(z_wind h + z_wave u) / dt + z_dissipation h / dt, and so for u.
+        """
+        raise NotImplementedError
+
+
+def wind_share(model: Model, state: wp.array) -> float:
+    """The largest |V| k over the largest (|V| + sqrt(g h)) k; 1 where there are no gravity waves.
+
+    k is the shortest wave length's wavenumber, up to a factor, where the element is shortest: one
+    over the smaller singular value of dx/dxi.
+    """
+    if model.scene.effect("pressure-gradient") is None:
+        return NOTHING_BUT_WIND
+    mesh, point = model.mesh, model.point_of_tangent(state)[: model.fluid_size]
+    u, v, h = model.device_mesh.collect(point).astype(np.float64).reshape(3, -1)
+    squares = np.sum(mesh.basis**2, axis=(-2, -1))
+    apart = np.sqrt(np.maximum(squares**2 - 4.0 * mesh.jacobian**2, 0.0))
+    k = np.sqrt(0.5 * (squares + apart)) / mesh.jacobian
+    speed, waves = np.hypot(u, v), np.sqrt(model.scene.planet.gravity * np.maximum(h, 0.0))
+    winds, both = ((each[mesh.nodes] * k).max() for each in (speed, speed + waves))
+    return float(winds / both) if both > 0.0 else 0.0
+
+
+def columns(*z: Complex) -> tuple[Complex, ...]:
+    """The eigenvalues in one shape, with an axis for the levels behind."""
+    return tuple(each[..., None] for each in np.broadcast_arrays(*z))
