@@ -13,6 +13,8 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import entry_of, put_of
+
 CONTRIBUTORS = 4
 OPTIONS = {"max_unroll": 1}
 """Of all kernels with loops, which compile for long when they are unrolled.  Compiler flags are
@@ -24,14 +26,16 @@ Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 def gather_sum(real: type) -> wp.Function:
     """Warp function (local, places, offset): sum of the contributors of one field."""
 
+    entry = entry_of(real)
+
     @no_type_check
     @wp.func
     def gather(local: wp.array(dtype=real), at: Contributors, offset: int):
-        total = local[at[0] + offset]
+        total = entry(local, at[0] + offset)
         if at[1] >= 0:
-            total += local[at[1] + offset]
+            total += entry(local, at[1] + offset)
             if at[2] >= 0:
-                total += local[at[2] + offset] + local[at[3] + offset]
+                total += entry(local, at[2] + offset) + entry(local, at[3] + offset)
         return total
 
     return gather
@@ -42,11 +46,12 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
     """Kernel from local tendencies (entries,) to the tendency (unknowns*N,) of the unique nodes.
 
     Arguments: `places` (N,), `inverse_area` (N,), the distance `stride` between two fields in the
-    local tendencies, N, the local tendencies, with rotation the Coriolis parameter (N,) [s-1] and
-    the state, and the result.
+    local tendencies, the first node to be written, N, the local tendencies, with rotation the
+    Coriolis parameter (N,) [s-1] and the state, and the result.
     """
     vector = wp.array(dtype=real)
-    gather = gather_sum(real)
+    gather, place = gather_sum(real), entry_of(Contributors)
+    entry, put = entry_of(real), put_of(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -54,17 +59,18 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        first: int,
         size: int,
         local: vector,
         out: vector,
     ):
-        node = wp.tid()
-        at = places[node]
-        scale = inverse_area[node]
-        out[node] = scale * gather(local, at, 0)
+        node = first + wp.tid()
+        at = place(places, node)
+        scale = entry(inverse_area, node)
+        put(out, node, scale * gather(local, at, 0))
         if wp.static(unknowns == 3):
-            out[size + node] = scale * gather(local, at, stride)
-            out[2 * size + node] = scale * gather(local, at, 2 * stride)
+            put(out, size + node, scale * gather(local, at, stride))
+            put(out, 2 * size + node, scale * gather(local, at, 2 * stride))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -72,18 +78,22 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        first: int,
         size: int,
         local: vector,
         coriolis: vector,
         x: vector,
         out: vector,
     ):
-        node = wp.tid()
-        at = places[node]
-        scale = inverse_area[node]
-        f = coriolis[node]
-        out[node] = scale * gather(local, at, 0) + f * x[size + node]
-        out[size + node] = scale * gather(local, at, stride) - f * x[node]
-        out[2 * size + node] = scale * gather(local, at, 2 * stride)
+        node = first + wp.tid()
+        at = place(places, node)
+        scale = entry(inverse_area, node)
+        f = entry(coriolis, node)
+        u = scale * gather(local, at, 0) + f * entry(x, size + node)
+        v = scale * gather(local, at, stride) - f * entry(x, node)
+        h = scale * gather(local, at, 2 * stride)
+        put(out, node, u)
+        put(out, size + node, v)
+        put(out, 2 * size + node, h)
 
     return assemble_rotating if rotation else assemble

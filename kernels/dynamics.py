@@ -15,7 +15,7 @@ def transport(t: SimpleNamespace, kind: str = "mass") -> Formula:
     `shallow_water`.  "tangent": its derivative at the state a along x, both with winds in front.
     "wind": div V of the wind x.
     """
-    np_, geometry, vector, local, load = t.np, t.geometry, t.vector, t.local, t.ops.load
+    np_, geometry, vector, load = t.np, t.geometry, t.vector, t.ops.load
     winds, wind = winds_at(t, own=False, base=False)
     point, rows, first, second = slopes(t, flux=True)
     flux = mass_flux(t, kind == "tangent")
@@ -41,19 +41,19 @@ def transport(t: SimpleNamespace, kind: str = "mass") -> Formula:
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int, k: int, out: local):
+    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         weight = geo.weight[n // np_, n % np_]
         if wp.static(kind == "wind"):
-            out[e, n, k] = weight * (d1 + d2)
+            return weight * (d1 + d2)
         else:
-            out[e, n, k] = -weight * (d1 + d2)
+            return -weight * (d1 + d2)
 
-    return Formula(winds, wind, rows, first, second, read, result)
+    return Formula(winds, wind, rows, first, second, read, result, 1)
 
 
 def gradient(t: SimpleNamespace) -> Formula:
     """grad s of the field at `at`, written to two fields of the result."""
-    np_, geometry, vector, local = t.np, t.geometry, t.vector, t.local
+    np_, geometry, vector, fields = t.np, t.geometry, t.vector, t.rows(2)
     load, wedge = t.ops.load, t.ops.wedge
     winds, wind = winds_at(t, own=False, base=False)
     point, rows, first, second = slopes(t, scalar=True)
@@ -65,12 +65,14 @@ def gradient(t: SimpleNamespace) -> Formula:
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int, k: int, out: local):
+    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         weight = geo.weight[n // np_, n % np_]
-        out[e, n, 0] = weight * wedge(d1, d2, geo.basis[e, n, 1], geo.basis[e, n, 3])
-        out[e, n, 1] = weight * wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], d1, d2)
+        r = fields()
+        r[0] = weight * wedge(d1, d2, geo.basis[e, n, 1], geo.basis[e, n, 3])
+        r[1] = weight * wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], d1, d2)
+        return r
 
-    return Formula(winds, wind, rows, first, second, read, result)
+    return Formula(winds, wind, rows, first, second, read, result, 2)
 
 
 def shallow_water(t: SimpleNamespace) -> Formula:
@@ -80,13 +82,13 @@ def shallow_water(t: SimpleNamespace) -> Formula:
     product replaced by its derivative.  In the skew form of `Terms.poisson`, wind and depth of the
     products zeta k x V and h V come from a, and B is given in the place of the depth.
     """
-    np_, geometry, vector, local = t.np, t.geometry, t.vector, t.local
+    np_, geometry, vector = t.np, t.geometry, t.vector
     mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
     terms, tangent, poisson = t.terms, t.terms.tangent, t.terms.poisson
     winds, wind = winds_at(t, own=True, base=tangent or poisson)
     mass, curls = not terms.momentum, terms.advection * (1 + tangent)
     point, rows, first, second = slopes(t, True, mass, curls)
-    curl, alone = 1 + mass, rows is t.value
+    curl, alone, fields = 1 + mass, rows is t.value, t.rows(2 + mass)
     flux, head, surface = mass_flux(t, tangent), bernoulli(t), surface_height(t)
 
     @no_type_check
@@ -120,7 +122,7 @@ def shallow_water(t: SimpleNamespace) -> Formula:
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int, k: int, out: local):
+    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         weight = geo.weight[n // np_, n % np_]
         if wp.static(alone):
             s1 = d1
@@ -142,13 +144,15 @@ def shallow_water(t: SimpleNamespace) -> Formula:
             else:
                 ru += mul(zeta, w.v)
                 rv -= mul(zeta, w.u)
-        out[e, n, 0] = weight * ru
-        out[e, n, 1] = weight * rv
+        r = fields()
+        r[0] = weight * ru
+        r[1] = weight * rv
         if wp.static(mass):
-            out[e, n, 2] = -weight * (d1[1] + d2[1])
+            r[2] = -weight * (d1[1] + d2[1])
+        return r
 
     stored = not (tangent or poisson)
-    return Formula(winds, wind, rows, first, second, read, result, True, stored)
+    return Formula(winds, wind, rows, first, second, read, result, 2 + mass, True, stored)
 
 
 def mass_flux(t: SimpleNamespace, tangent: bool) -> wp.Function:

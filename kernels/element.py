@@ -9,24 +9,40 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import scratch
 from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.dynamics import mass_flux
-from swe_sphere.kernels.formulas import Formula
+from swe_sphere.kernels.formulas import Formula, keep_fields
 
 
 def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
-    """Function (geometry, a, x, at, e, 0, k, out): the formula at all nodes of a group e."""
+    """Function (geometry, a, x, at, e, 0, k, out, done): the formula at all nodes of a group e.
+
+    Where `direct`, nodes inside the elements, which need no DSS, go to the vector `done` finished.
+    """
     np_, real, geometry, vector, local = t.np, t.real, t.geometry, t.vector, t.local
     rows, kept, (d1, d2, _, _) = f.rows, f.winds, line_sums(t, f.rows)
+    keep, deliver = keep_fields(t, f), _deliver(t, f) if t.direct else None
+    at_1, at_2, at_winds, _ = scratch(np_, rows, rows, kept)
 
     @no_type_check
     @wp.func
-    def sweep(geo: geometry, a: vector, x: vector, at: int, e: int, n: int, k: int, out: local):
-        f1 = wp.zeros(shape=(np_, np_), dtype=rows)
-        f2 = wp.zeros(shape=(np_, np_), dtype=rows)
+    def sweep(
+        geo: geometry,
+        a: vector,
+        x: vector,
+        at: int,
+        e: int,
+        n: int,
+        k: int,
+        out: local,
+        done: vector,
+    ):
+        f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=rows)
+        f2 = wp.array(ptr=geo.work + at_2, shape=(np_, np_), dtype=rows)
         if wp.static(f.stored):
-            winds = wp.zeros(shape=(np_, np_), dtype=kept)
+            winds = wp.array(ptr=geo.work + at_winds, shape=(np_, np_), dtype=kept)
         for i in range(np_):
             for j in range(np_):
                 p = i * np_ + j
@@ -47,9 +63,67 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
                     w = kept()
                 s1 = d1(geo.derivative, f1, i, j)
                 s2 = d2(geo.derivative, f2, i, j)
-                f.result(geo, w, s1, s2, e, p, k, out)
+                r = f.result(geo, w, s1, s2, e, p)
+                if wp.static(t.direct):
+                    deliver(geo, w, r, e, i, j, out, done)
+                else:
+                    keep(r, e, p, k, out)
 
     return sweep
+
+
+def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
+    """Function (geometry, winds, result, e, i, j, out, done): to where that node has it."""
+    np_, last, keep, finish = t.np, t.np - 1, keep_fields(t, f), _finish(t, f)
+
+    @no_type_check
+    @wp.func
+    def deliver(
+        geo: t.geometry,
+        w: f.winds,
+        r: t.rows(f.fields),
+        e: int,
+        i: int,
+        j: int,
+        out: t.local,
+        done: t.vector,
+    ):
+        n = i * np_ + j
+        if e < geo.whole and i > 0 and i < last and j > 0 and j < last:
+            finish(geo, w, r, geo.nodes[e, n], done)
+        else:
+            keep(r, e, n, 0, out)
+
+    return deliver
+
+
+def _finish(t: SimpleNamespace, f: Formula) -> wp.Function:
+    """Function (geometry, winds, result, node, done): what DSS makes of a run of inner nodes."""
+    mul, load, store = t.ops.mul, t.ops.load_run, t.ops.store_run
+    poisson, fields = t.terms.poisson, f.fields
+
+    @no_type_check
+    @wp.func
+    def finish(geo: t.geometry, w: f.winds, r: t.rows(f.fields), node: t.index, done: t.vector):
+        scale = load(geo.inverse_area, 0, node)
+        if wp.static(fields == 1):
+            store(done, 0, node, mul(scale, r))
+        else:
+            u = mul(scale, r[0])
+            v = mul(scale, r[1])
+            if wp.static(t.rotation):
+                f = load(geo.coriolis, 0, node)
+                if wp.static(poisson):
+                    u += mul(f, w.bv)
+                    v -= mul(f, w.bu)
+                else:
+                    u += mul(f, w.v)
+                    v -= mul(f, w.u)
+            store(done, 0, node, u)
+            store(done, geo.size, node, v)
+            store(done, 2 * geo.size, node, mul(scale, r[2]))
+
+    return finish
 
 
 def element_diffusion(t: SimpleNamespace) -> wp.Function:
@@ -71,15 +145,16 @@ def element_diffusion(t: SimpleNamespace) -> wp.Function:
 def _laplacian(t: SimpleNamespace, of: Diffusion) -> wp.Function:
     f, np_ = of.formula, t.np
     rows, (d1, d2, t1, t2) = f.rows, line_sums(t, f.rows)
+    at_1, at_2, at_3, at_4, _ = scratch(np_, rows, rows, rows, rows)
 
     @no_type_check
     @wp.func
     def laplacian(geo: t.geometry, x: t.vector, e: int, out: t.local):
-        f1 = wp.zeros(shape=(np_, np_), dtype=rows)
+        f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=rows)
         if wp.static(f.second is not f.first):
-            f2 = wp.zeros(shape=(np_, np_), dtype=rows)
-        g1 = wp.zeros(shape=(np_, np_), dtype=rows)
-        g2 = wp.zeros(shape=(np_, np_), dtype=rows)
+            f2 = wp.array(ptr=geo.work + at_2, shape=(np_, np_), dtype=rows)
+        g1 = wp.array(ptr=geo.work + at_3, shape=(np_, np_), dtype=rows)
+        g2 = wp.array(ptr=geo.work + at_4, shape=(np_, np_), dtype=rows)
         for i in range(np_):
             for j in range(np_):
                 p = i * np_ + j
@@ -118,7 +193,7 @@ def element_gradient(t: SimpleNamespace) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def over_elements(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
         e = wp.tid()
-        f = wp.zeros(shape=(np_, np_), dtype=value)
+        f = wp.array(ptr=geo.work, shape=(np_, np_), dtype=value)
         for i in range(np_):
             for j in range(np_):
                 f[i, j] = load(x, 0, geo.nodes[e, i * np_ + j])
@@ -142,7 +217,7 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
     np_, value, (d1, d2, _, _) = t.np, t.value, line_sums(t, t.value)
     geometry, vector, local, load, wedge = t.geometry, t.vector, t.local, t.ops.load, t.ops.wedge
     mass, wind, flux = kind == "mass", kind == "wind", mass_flux(t, kind == "tangent")
-    field = wp.array2d(dtype=value)
+    field, (_, at_2, at_3, at_4, _) = wp.array2d(dtype=value), scratch(np_, *4 * (value,))
 
     @no_type_check
     @wp.func
@@ -156,11 +231,11 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def over_elements(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
         e = wp.tid()
-        f1 = wp.zeros(shape=(np_, np_), dtype=value)
-        f2 = wp.zeros(shape=(np_, np_), dtype=value)
+        f1 = wp.array(ptr=geo.work, shape=(np_, np_), dtype=value)
+        f2 = wp.array(ptr=geo.work + at_2, shape=(np_, np_), dtype=value)
         if wp.static(mass):
-            us = wp.zeros(shape=(np_, np_), dtype=value)
-            vs = wp.zeros(shape=(np_, np_), dtype=value)
+            us = wp.array(ptr=geo.work + at_3, shape=(np_, np_), dtype=value)
+            vs = wp.array(ptr=geo.work + at_4, shape=(np_, np_), dtype=value)
             fill(geo, a, e, us, vs)
         for k in range(count):
             for i in range(np_):

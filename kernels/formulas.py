@@ -15,6 +15,8 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import lanes_access
+
 
 @dataclass(frozen=True)
 class Formula:
@@ -35,7 +37,8 @@ class Formula:
     read: wp.Function
     """(geometry, winds, a, x, at, e, n): the point, what the derivatives are taken of."""
     result: wp.Function | None = None
-    """(geometry, winds, d1, d2, e, n, k, out): writes fields of `out`, from the k-th on."""
+    """(geometry, winds, d1, d2, e, n): a value, or `fields` rows of them, times the weights."""
+    fields: int = 0
     turns: bool = False
     """Whether the result needs the winds."""
     stored: bool = False
@@ -49,13 +52,11 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
     @no_type_check
     @wp.func
     def load(x: wp.array(dtype=real), offset: int, node: index):
-        if wp.static(lanes == 1):
-            return x[offset + node]
-        else:
-            r = value(real(0.0))
-            for lane in range(lanes):
-                r[lane] = x[offset + node[lane]]
-            return r
+        return x[offset + node]
+
+    load_run = store_run = None
+    if lanes > 1:
+        load, load_run, store_run = lanes_access(value, index, real, lanes)
 
     @no_type_check
     @wp.func
@@ -67,7 +68,26 @@ def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace
     def wedge(p: value, q: value, u: value, v: value):
         return mul(p, v) - mul(q, u)
 
-    return SimpleNamespace(mul=mul, load=load, dot=dot, wedge=wedge)
+    return SimpleNamespace(
+        mul=mul, load=load, load_run=load_run, store_run=store_run, dot=dot, wedge=wedge
+    )
+
+
+def keep_fields(t: SimpleNamespace, f: Formula) -> wp.Function:
+    """Function (result, e, n, k, out): its fields in `out`, from the k-th on."""
+
+    @no_type_check
+    @wp.func
+    def keep(r: t.rows(f.fields), e: int, n: int, k: int, out: t.local):
+        if wp.static(f.fields == 1):
+            out[e, n, k] = r
+        else:
+            out[e, n, k] = r[0]
+            out[e, n, k + 1] = r[1]
+            if wp.static(f.fields == 3):
+                out[e, n, k + 2] = r[2]
+
+    return keep
 
 
 def winds_at(t: SimpleNamespace, own: bool, base: bool) -> tuple[type, wp.Function]:

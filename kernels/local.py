@@ -23,13 +23,17 @@ from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
 from swe_sphere.kernels.terms import Terms, kernel_types
 
 
-def tendency_kernel(terms: Terms, np_: int, real: type, shape: str) -> SimpleNamespace:
-    """Kernel (geometry, x (unknowns*N,), out) for the tendencies of those terms.
+def tendency_kernel(
+    terms: Terms, np_: int, real: type, shape: str, direct: bool = False, rotation: bool = False
+) -> SimpleNamespace:
+    """Kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)): tendencies of those terms.
 
+    Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
+    go to `done` as DSS would leave them, with `rotation` as well; else `done` is not written.
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    t = kernel_types(np_, real, shape, terms)
+    t = kernel_types(np_, real, shape, terms, direct, rotation)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:
@@ -39,27 +43,27 @@ def tendency_kernel(terms: Terms, np_: int, real: type, shape: str) -> SimpleNam
 
     @no_type_check
     @wp.func
-    def local_tendency(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
+    def local_tendency(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.vector):
         if wp.static(terms.dynamics and terms.wind):
-            dynamics(geo, geo.wind, x, 0, e, n, 0, out)
+            dynamics(geo, geo.wind, x, 0, e, n, 0, out, done)
         elif wp.static(terms.dynamics and (terms.tangent or terms.poisson)):
-            dynamics(geo, geo.base, x, 0, e, n, 0, out)
+            dynamics(geo, geo.base, x, 0, e, n, 0, out, done)
         elif wp.static(terms.dynamics):
-            dynamics(geo, x, x, 0, e, n, 0, out)
+            dynamics(geo, x, x, 0, e, n, 0, out, done)
         if wp.static(terms.diffuses):
             diffuse(geo, x, e, n, out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def over_elements(geo: t.geometry, x: t.vector, out: t.local):
+    def over_elements(geo: t.geometry, x: t.vector, out: t.local, done: t.vector):
         e = wp.tid()
-        local_tendency(geo, x, e, 0, out)
+        local_tendency(geo, x, e, 0, out, done)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def over_nodes(geo: t.geometry, x: t.vector, out: t.local):
+    def over_nodes(geo: t.geometry, x: t.vector, out: t.local, done: t.vector):
         e, n = wp.tid()
-        local_tendency(geo, x, e, n, out)
+        local_tendency(geo, x, e, n, out, done)
 
     kernel = over_elements if shape == "element" else over_nodes
     flux = flux_kernel(t) if terms.diffuses and shape == "node" else None
@@ -94,7 +98,7 @@ def _field_kernel(t: SimpleNamespace, formula: Formula) -> wp.Kernel:
     def over_nodes(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
         e, n = wp.tid()
         for k in range(count):
-            sweep(geo, a, x, first + k * geo.size, e, n, k, out)
+            sweep(geo, a, x, first + k * geo.size, e, n, k, out, x)
 
     return over_nodes
 

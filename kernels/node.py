@@ -12,18 +12,29 @@ import warp as wp
 
 from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
-from swe_sphere.kernels.formulas import Formula
+from swe_sphere.kernels.formulas import Formula, keep_fields
 
 
 def node_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
-    """Function (geometry, a, x, at, e, n, k, out): the formula at a node of an element."""
+    """Function (geometry, a, x, at, e, n, k, out, done): the formula at a node of an element."""
     geometry, vector, local, derivatives = t.geometry, t.vector, t.local, _derivatives(t, f)
+    keep = keep_fields(t, f)
 
     @no_type_check
     @wp.func
-    def sweep(geo: geometry, a: vector, x: vector, at: int, e: int, n: int, k: int, out: local):
+    def sweep(
+        geo: geometry,
+        a: vector,
+        x: vector,
+        at: int,
+        e: int,
+        n: int,
+        k: int,
+        out: local,
+        done: vector,
+    ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
-        f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n, k, out)
+        keep(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
 
     return sweep
 

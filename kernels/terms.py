@@ -74,7 +74,7 @@ def lanes_of(real: type) -> int:
 
 
 def geometry_struct(
-    terms: Terms, value: type, index: type, real: type, fluxes: bool = False
+    terms: Terms, value: type, index: type, real: type, fluxes: bool, direct: bool, rotation: bool
 ) -> type:
     """Warp structure with just the arrays and scalars that `terms` reads.
 
@@ -100,13 +100,24 @@ def geometry_struct(
         "nu4": (terms.biharmonic, real),
         "laplacian": (terms.biharmonic, on_nodes),
         "fluxes": (terms.diffuses and fluxes, wp.array3d(dtype=value)),
+        "work": (value is not real, wp.uint64),
+        "whole": (direct, wp.int32),
+        "inverse_area": (direct, on_nodes),
+        "coriolis": (direct and rotation, on_nodes),
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
     geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
     return geometry
 
 
-def kernel_types(np_: int, real: type, shape: str, terms: Terms = NO_TERMS) -> SimpleNamespace:
+def kernel_types(
+    np_: int,
+    real: type,
+    shape: str,
+    terms: Terms = NO_TERMS,
+    direct: bool = False,
+    rotation: bool = False,
+) -> SimpleNamespace:
     """Types of kernels on element nodes.
 
     `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
@@ -135,9 +146,11 @@ def kernel_types(np_: int, real: type, shape: str, terms: Terms = NO_TERMS) -> S
         lanes=lanes,
         value=value,
         index=index,
-        geometry=geometry_struct(terms, value, index, real, fluxes=shape == "node"),
+        geometry=geometry_struct(terms, value, index, real, shape == "node", direct, rotation),
         vector=wp.array(dtype=real),
         local=wp.array3d(dtype=value),
+        direct=direct,
+        rotation=rotation,
         ops=algebra(value, index, real, lanes),
         rows=rows,
         struct=struct,

@@ -63,8 +63,9 @@ class Code:
 
     @property
     def branches(self) -> int:
-        """Conditions that are not the end of a loop, nor the end of a sum of DSS."""
-        text = re.sub(r"^static [^\n]* gather_sum\w+\(.*?^\}", "", self.text, flags=re.M | re.S)
+        """Conditions but the end of a loop, that of a sum of DSS, and which nodes need DSS."""
+        own = r"^static [^\n]* (gather_sum|_deliver)\w+\(.*?^\}"
+        text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)
         return len(conditions) + Code(text).count("where", "select")
 
@@ -166,7 +167,7 @@ def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> No
     operator = Model(MESH, make_scene(*effects)).component("all").operator
     plain = assembly_kernel(operator.terms.unknowns, operator.mesh.real, "rotation" in effects)
     assert operator.assembly is plain
-    assert len(plain.adj.args) == 6 + 2 * ("rotation" in effects)
+    assert len(plain.adj.args) == 7 + 2 * ("rotation" in effects)
 
 
 @pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])

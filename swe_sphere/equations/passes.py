@@ -110,7 +110,7 @@ class Passes:
             return
         launch, mesh, size = self._model.launch, self._mesh, self._mesh.size
         if self._force is not None:
-            launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind)
+            launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind, out)
             mesh.exchange(self._flat_wind)
         launch(
             self._kernels.wind, size, mesh.places(2), mesh.inverse_area, mesh.lanes, size,

@@ -24,6 +24,10 @@ FACES: Integers = np.array(
 """The faces of the cube, (6, 3, 3): outward normal, direction of xi1, direction of xi2."""
 
 
+BLOCK = 16
+"""Elements whose nodes of one place in the element follow one another."""
+
+
 def line_lattice(ne: int, np_: int) -> Integers:
     """Lattice coordinate (ne, np) of node i of element a along one edge of a face."""
     lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
@@ -62,7 +66,9 @@ def number_nodes(triples: Integers) -> tuple[Int32, Integers]:
     _, first, inverse, met = np.unique(
         code.ravel(), return_index=True, return_inverse=True, return_counts=True
     )
-    order = np.lexsort((first, np.minimum(met, 3)))
+    element, point = np.divmod(first, triples.shape[-2] ** 2)
+    block, lane = np.divmod(element, BLOCK)
+    order = np.lexsort((lane, point, block, np.minimum(met, 3)))
     number = np.empty(order.size, dtype=np.int32)
     number[order] = np.arange(order.size, dtype=np.int32)
     nodes = number[inverse].reshape(code.shape)

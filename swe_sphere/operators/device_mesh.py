@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
+from swe_sphere.kernels.access import room
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
+from swe_sphere.kernels.terms import LANE_BYTES
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
@@ -67,8 +70,12 @@ class DeviceMesh:
 
     @functools.cached_property
     def nodes(self) -> wp.array:
-        """Unique node numbers of the element nodes."""
-        return self._element_array(self.part.node_of[..., None], wp.int32, ())
+        """Unique node numbers of the element nodes; runs marked as `kernels/access.py` says."""
+        numbers = self._in_lanes(self.part.node_of[..., None])
+        if self.lanes > 1:
+            first = numbers[..., 0]
+            first[(np.diff(numbers) == 1).all(axis=-1)] ^= -1
+        return self._on_elements(numbers, wp.int32, ())
 
     @functools.cached_property
     def basis(self) -> wp.array:
@@ -90,6 +97,26 @@ class DeviceMesh:
     def weight(self) -> wp.array:
         """Products of GLL weights (np, np)."""
         return self.upload(np.outer(self.mesh.gll_weights, self.mesh.gll_weights))
+
+    @functools.cached_property
+    def inner(self) -> int:
+        """Nodes inside the elements of the first `whole` groups, which are numbered first."""
+        return self.whole * self.lanes * (self.mesh.np - 2) ** 2
+
+    @functools.cached_property
+    def whole(self) -> int:
+        """Groups whose nodes inside the elements stand in blocks of BLOCK elements."""
+        blocks, side = self.elements // BLOCK, self.mesh.np - 2
+        inside = self.part.node_of[: blocks * BLOCK, 1:-1, 1:-1].reshape(blocks, BLOCK, side, side)
+        expected = np.arange(inside.size).reshape(blocks, side, side, BLOCK)
+        fits = (np.moveaxis(inside, 1, -1) == expected).all(axis=(1, 2, 3))
+        return int(np.logical_and.accumulate(fits).sum()) * BLOCK // self.lanes
+
+    @functools.cached_property
+    def work(self) -> int:
+        """Address of the work arrays of a group; kernels run one after the other."""
+        self._room = self._aligned((room(self.mesh.np),), wp.uint8)
+        return int(self._room.ptr)
 
     @functools.cached_property
     def inverse_area(self) -> wp.array:
@@ -127,7 +154,7 @@ class DeviceMesh:
         are for what other ranks send.
         """
         shape = (self.rows // self.points, self.points, unknowns)
-        local = wp.zeros(shape, dtype=value, device=self.device)
+        local = self._aligned(shape, value)
         count = math.prod(shape) * self.lanes
         flat = wp.array(ptr=local.ptr, shape=(count,), dtype=self.real, device=self.device)
         self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
@@ -234,19 +261,29 @@ class DeviceMesh:
 
     def _element_array(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
         """(E, np, np, ...) regrouped to (groups, np*np, *tail) of lanes."""
+        return self._on_elements(self._in_lanes(values), scalar, tail)
+
+    def _in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
+        """(E, np, np, ...) as (groups, np*np, ..., lanes)."""
         parts = values.reshape(self.elements, self.points, -1)
         short = self.groups * self.lanes - self.elements
         padded = np.concatenate([parts, np.repeat(parts[-1:], short, axis=0)])
-        lanes_last = padded.reshape(self.groups, self.lanes, self.points, -1).transpose(0, 2, 3, 1)
-        shape = (self.groups, self.points, *tail)
-        numpy_type = np.dtype(wp.dtype_to_numpy(scalar))
-        if self.lanes == 1:
-            data, dtype = lanes_last.reshape(shape), scalar
-        else:
-            data, dtype = (
-                lanes_last.reshape(*shape, self.lanes),
-                wp.types.vector(self.lanes, scalar),
-            )
-        return wp.array(
-            np.ascontiguousarray(data, numpy_type), dtype=dtype, shape=shape, device=self.device
-        )
+        grouped = padded.reshape(self.groups, self.lanes, self.points, -1)
+        return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
+
+    def _on_elements(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
+        """Arrays (groups, np*np, ..., lanes) on the device, as (groups, np*np, *tail) of lanes."""
+        dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
+        array = self._aligned((self.groups, self.points, *tail), dtype)
+        numbers = values.astype(wp.dtype_to_numpy(scalar))
+        array.assign(numbers.reshape(array.numpy().shape))
+        return array
+
+    def _aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
+        """Zeros that begin where a cache line does."""
+        count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
+        whole = wp.zeros(count + LANE_BYTES, dtype=wp.uint8, device=self.device)
+        begin = whole.ptr + -whole.ptr % LANE_BYTES
+        array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
+        array.kept = whole
+        return array

@@ -33,7 +33,11 @@ class TendencyOperator:
         point: Pointwise = NO_POINTWISE,
     ) -> None:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
-        self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape)
+        direct = mesh.lanes > 1 and point.plain and terms.dynamics and not terms.diffuses
+        self.compiled = tendency_kernel(
+            terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
+        )
+        self._first = mesh.inner if direct else 0
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
         self._fill(parameters)
@@ -54,7 +58,7 @@ class TendencyOperator:
         """Evaluate at the state x; `out` must be another array."""
         for flux in self._flux_kernels:
             self._launch(flux, self.mesh.dim, self.geometry, x)
-        self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local)
+        self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local, out)
         self.mesh.exchange(self._flat)
         self._assemble(x, out)
 
@@ -78,9 +82,10 @@ class TendencyOperator:
         mesh, size = self.mesh, self.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
         turned = (*self._own, wind) if self._own else ()
+        begin = (self._first, size) if self.point.plain else (size,)
         self._launch(
-            self.assembly, size, self._places, mesh.inverse_area, mesh.lanes, size, self._flat,
-            *turned, out,
+            self.assembly, size - self._first, self._places, mesh.inverse_area, mesh.lanes, *begin,
+            self._flat, *turned, out,
         )  # fmt: skip
 
     @property

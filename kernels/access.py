@@ -1,0 +1,78 @@
+"""Loads and stores in C++, where Warp's own would check and compute more than is needed.
+
+An index of Warp's may be negative, and an array may be strided; both cost instructions in a gather.
+A register of `lanes` elements is loaded at once where their nodes follow one another in memory:
+such a node vector has the complement of its first number in the first place, which is negative.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+
+@functools.cache
+def entry_of(real: type) -> Any:
+    """Warp function (x, i): x[i] of a contiguous array, i not negative."""
+
+    @wp.func_native("return x.data[i];")
+    def entry(x: wp.array(dtype=real), i: int) -> real: ...
+
+    return entry
+
+
+@functools.cache
+def put_of(real: type) -> Any:
+    """Warp function (x, i, v): x[i] = v, likewise."""
+
+    @wp.func_native("x.data[i] = v;")
+    def put(x: wp.array(dtype=real), i: int, v: real): ...
+
+    return put
+
+
+@functools.cache
+def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any, Any, Any]:
+    """Warp functions (x, offset, node[, values]): load, load of a run of nodes, and store to one.
+
+    The branch chooses between registers and not, as Warp's would, between `lanes` numbers each.
+    """
+    kind = f"wp::{real.__name__}"
+    attributes = f"ext_vector_type({lanes}), aligned(sizeof({kind}))"
+    register = f"typedef {kind} run __attribute__(({attributes}));"
+    begin = "x.data + (offset + ~node.c[0])"
+    each = ", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))
+    answer = f"wp::vec_t<{lanes}, {kind}> v; __builtin_memcpy(&v, &r, sizeof v); return v;"
+    vector = wp.array(dtype=real)
+
+    @wp.func_native(f"""
+        {register}
+        const auto at = x.data + offset;
+        const run r = node.c[0] < 0 ? *reinterpret_cast<const run*>({begin}) : run{{{each}}};
+        {answer}
+    """)
+    def load(x: vector, offset: int, node: index) -> value: ...
+
+    @wp.func_native(f"{register} const run r = *reinterpret_cast<const run*>({begin}); {answer}")
+    def load_run(x: vector, offset: int, node: index) -> value: ...
+
+    @wp.func_native(f"__builtin_memcpy({begin}, &v, sizeof v);")
+    def store_run(x: vector, offset: int, node: index, v: value): ...
+
+    return load, load_run, store_run
+
+
+def scratch(np_: int, *kinds: type) -> list[wp.uint64]:
+    """Offsets [bytes] in a group's room for work arrays (np, np) of these types.
+
+    An array of a kernel's own would be set to zero and lie across cache lines.
+    """
+    sizes = [np_ * np_ * wp.types.type_size_in_bytes(kind) for kind in kinds]
+    offsets = [sum(sizes[:i]) for i in range(len(sizes) + 1)]
+    assert offsets[-1] <= room(np_)
+    return [wp.uint64(offset) for offset in offsets]
+
+
+def room(np_: int) -> int:
+    """Bytes of that room: what 16 registers a node take up."""
+    return 16 * 64 * np_ * np_
