@@ -19,12 +19,12 @@ DECAY_NODE = ("viscosity-node",)
 _FLUX_1 = "return wedge(p.fu, p.fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
 _COVARIANT = "r[at_curl] = dot(geo.basis[e, n, 2], geo.basis[e, n, 3], p.u, p.v)"
 _RU = "ru = -wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])"
-_DH = "out[e, n, 2] = -weight * (d1[1] + d2[1])"
+_DH = "r[2] = -weight * (d1[1] + d2[1])"
 _ZETA = "zeta = d1[curl] - d2[curl]"
 _CURL = "curl = mul(w, d1[at_curl] - d2[at_curl])"
 _WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        if wp.static(alone)"
 _TRACERS = "f1[i, j] = wedge(fu, fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
-_GATHER = "total += local[at[2] + offset] + local[at[3] + offset]"
+_GATHER = "total += entry(local, at[2] + offset) + entry(local, at[3] + offset)"
 
 FORMULAS = tuple(
     Edit(name, f"kernels/{file}.py", cases, old, new)
@@ -122,14 +122,21 @@ KERNELS = (
         "Coriolis force of the wrong sign",
         "kernels/assembly.py",
         STEADY,
-        "stride) - f * x[node]",
-        "stride) + f * x[node]",
+        "stride) - f * entry(x, node)",
+        "stride) + f * entry(x, node)",
+    ),
+    Edit(
+        "Coriolis force of the wrong sign inside elements",
+        "kernels/element.py",
+        STEADY,
+        "v -= mul(f, w.u)",
+        "v += mul(f, w.u)",
     ),
     Edit(
         "Coriolis force on one component only",
         "kernels/assembly.py",
         STEADY,
-        " + f * x[size + node]",
+        " + f * entry(x, size + node)",
         "",
     ),
     Edit(
@@ -166,7 +173,7 @@ KERNELS = (
         "kernels/assembly.py",
         STEADY,
         _GATHER,
-        "total += local[at[2] + offset]",
+        "total += entry(local, at[2] + offset)",
     ),
     Edit(
         "DSS counts a contributor twice",
