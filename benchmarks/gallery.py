@@ -44,6 +44,12 @@ RUNS = {
     "splash": ("--ne 6 --np 6 --days 0.4", "--projection robinson --no-contours"),
     "gravity-bumps": ("--ne 6 --np 6 --days 0.25", "--no-contours"),
     "dam-break": ("--ne 12 --np 4 --days 0.1", "--projection robinson"),
+    "tide": ("--ne 4 --np 6 --days 0.25", "--projection robinson --winds arrows"),
+    "slow-ocean": ("--ne 6 --np 6 --days 2", "--projection robinson --winds arrows"),
+    "relaxed-jet": (
+        "--ne 12 --np 4 --days 20",
+        "--field vorticity --projection north-polar --region -180,180,0,90",
+    ),
 }
 """How each scene is run, and how it is drawn."""
 

@@ -15,7 +15,10 @@ from swe_sphere.testcases.matsuno import matsuno
 from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
 from swe_sphere.testcases.parameters import SceneFactory, made
+from swe_sphere.testcases.relaxed_jet import relaxed_jet
+from swe_sphere.testcases.slow_ocean import slow_ocean
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
+from swe_sphere.testcases.tide import tide
 from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.turbulence import turbulence
 from swe_sphere.testcases.williamson import (
@@ -33,7 +36,7 @@ __all__ = ["SCENES", "get_scene", "list_scenes"]
 _FACTORIES: tuple[SceneFactory, ...] = (
     williamson1, williamson2, williamson3, williamson4, williamson5, williamson6, williamson7,
     galewsky, lauter, moving_vortices, deformational, lake_at_rest, mcdonald_bates, modons, matsuno,
-    turbulence, splash, gravity_bumps, dam_break,
+    turbulence, splash, gravity_bumps, dam_break, tide, slow_ocean, relaxed_jet,
 )  # fmt: skip
 
 SCENES = {factory.__name__.replace("_", "-"): factory for factory in _FACTORIES}

@@ -42,14 +42,18 @@ def synthesis(coefficients: Complex, lon: Array, lat: Array) -> tuple[Array, Arr
 def _summed(coefficients: Complex, lon: Array, lat: Array) -> Array:
     """Values and derivatives (3, k, points)."""
     cos, sine, total = np.cos(lat), np.sin(lat), np.zeros((3, len(coefficients), len(lat)))
-    for m, q in enumerate(_orders(coefficients.shape[1] - 1, lat)):
+    used: NDArray[np.bool_] = np.asarray(coefficients.any(axis=(0, 1)))
+    used[1:2] |= used[:1]  # slopes of P_n0 are made of P_n1: see below
+    for m, q in enumerate(_orders(coefficients.shape[1] - 1, lat, used)):
+        if not used[m]:
+            continue
         c, n = coefficients[:, m:, m], np.arange(m, coefficients.shape[1])
         value, sloped, shifted = _products([c, n * c, _shifted(c, n, m)], q)
         wave = np.exp(1j * m * lon)
         value, north = value * wave, (shifted - sine * sloped) * wave
         if m:
             total += np.stack([cos * value.real, -m * value.imag, north.real])
-        else:  # the slope of P_n0 is made of P_n1: see below
+        else:
             total[0] += value.real
         if m == 1:
             first = np.sqrt(n * (n + 1.0)) * coefficients[:, 1:, 0]
@@ -73,19 +77,20 @@ def _shifted(c: Complex, n: NDArray[np.integer], m: int) -> Complex:
     return shifted
 
 
-def _orders(degree: int, lat: Array) -> Iterator[Array]:
-    """P_n0, then P_nm / cos θ for m = 1, 2, …: each (degree + 1 - m, points)."""
+def _orders(degree: int, lat: Array, wanted: NDArray[np.bool_] | None = None) -> Iterator[Array]:
+    """P_n0, then P_nm / cos θ for m = 1, 2, …: each (degree + 1 - m, points), empty if unwanted."""
     sine, cos, start = np.sin(lat), np.cos(lat), np.full_like(lat, np.sqrt(1.5))
-    yield _column(degree, 0, sine, np.ones_like(lat))
+    tops = np.full(degree + 1, degree) if wanted is None else np.where(wanted, degree, -1)
+    yield _column(tops[0], 0, sine, np.ones_like(lat))
     for m in range(1, degree + 1):
-        yield _column(degree, m, sine, start)
+        yield _column(tops[m], m, sine, start)
         start = np.sqrt((2 * m + 3) / (2 * m + 2)) * cos * start
 
 
 def _column(degree: int, m: int, sine: Array, start: Array) -> Array:
     """P_nm for n = m … degree (rows) from the first; any factor of the first carries through."""
-    column = np.empty((degree + 1 - m, len(sine)))
-    column[0] = start
+    column = np.empty((max(degree + 1 - m, 0), len(sine)))
+    column[:1] = start
     for n in range(m + 1, degree + 1):
         row, factor = n - m, np.sqrt((4 * n**2 - 1) / (n**2 - m**2))
         np.multiply(sine, column[row - 1], out=column[row])

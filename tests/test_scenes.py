@@ -36,12 +36,14 @@ VARIANTS: list[tuple[str, Given]] = [
     *(("splash", {"rotating": r}) for r in (True, False)),
     ("gravity-bumps", {}),
     ("dam-break", {}),
+    *(("tide", {"constituent": c}) for c in ("m2", "o1")),
+    *(("slow-ocean", {"linear": x}) for x in (True, False)),
 ]
 EXACT = [(name, given) for name, given in VARIANTS if get_scene(name, **given).exact]
 SMOOTH_EXACT = [
     (name, given)
     for name, given in EXACT
-    if name != "matsuno"  # a solution of the β-plane
+    if name not in ("matsuno", "tide", "slow-ocean")  # of other equations: see their own tests
     and given.get("cone") is not True
     and given.get("gaussian", name != "williamson1")
 ]

@@ -55,6 +55,10 @@ class Summary(Outcome):
         """A value of the JSON line, None where there is none."""
         return self.as_dict().get(name)
 
+    def __iter__(self) -> Iterator[str]:
+        """Names of the values."""
+        return iter(self.as_dict())
+
     def as_dict(self) -> dict[str, Any]:
         """All values of the JSON line; None for what is missing or not finite."""
         told = {"completed": self.completed, "reason": self.reason, "status": self.status}
