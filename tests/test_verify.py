@@ -18,7 +18,7 @@ from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.store import Store, locked
-from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases
+from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases, verify
 from swe_sphere.studies.verify.case import read_cases
 from swe_sphere.studies.verify.measure import Measure, measure
 from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
@@ -157,9 +157,7 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
     last = easy.levels[2]
     assert (last.quick, last.published[0].source) == (True, "X")
     assert last.published[0].values == {"l2_h": 0.5}
-    assert easy.at(last) == Configuration(
-        {"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"}
-    )
+    assert easy.at(last) == Configuration({"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"})
 
 
 @pytest.mark.parametrize(
@@ -227,6 +225,18 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
     numbers = json.loads((tmp_path / "verification.json").read_text())
     assert [row["case"] for row in numbers["rows"]] == ["start-lauter", *2 * ["stepper-rk4"]]
     assert "**stepper-rk4**" in (tmp_path / "verification.md").read_text()
+
+
+def test_kernels_of_gpus_are_held_to_the_same_bounds(tmp_path) -> None:
+    asked = ["--quick", "--scenes", "stepper-rk4", "--launch", "node"]
+    with pytest.raises(SystemExit) as end:
+        main(["verify", *asked, "--out", str(tmp_path)])
+    assert end.value.code == 0
+    assert (
+        f"swe-sphere verify {' '.join(asked)} --out" in (tmp_path / "verification.md").read_text()
+    )
+    (row, *_) = verify("stepper-rk4", quick=True, launch="node")
+    assert row.passed and row.config.launch == "node"
 
 
 def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, monkeypatch) -> None:
@@ -308,6 +318,7 @@ def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     [
         (["--scenes", "willamson2"], "did you mean 'williamson2'"),
         (["--quick", "--scenes", "williamson2-np"], "leave out --quick"),
+        (["--launch", "nodes"], "launch: must be 'element' or 'node', not 'nodes'"),
     ],
 )
 def test_command_says_what_is_wrong(arguments, says, capsys) -> None:

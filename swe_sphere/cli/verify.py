@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,7 +17,7 @@ from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
     from swe_sphere.studies.store import Store
-    from swe_sphere.studies.verify import Measure, Row
+    from swe_sphere.studies.verify import Case, Measure, Row
 
 PAGE = "verification.md"
 NUMBERS = "verification.json"
@@ -29,6 +29,10 @@ def verify(
     ] = False,
     scenes: Annotated[
         str | None, typer.Option(metavar="A,B", help="Only these scenes, or cases by name.")
+    ] = None,
+    launch: Annotated[
+        str | None,
+        typer.Option(metavar="element|node", help="Shape of kernel launches; GPUs have node."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -43,7 +47,8 @@ def verify(
     from swe_sphere.studies.verify import choose
 
     names = [name.strip() for name in scenes.split(",")] if scenes else []
-    chosen = {case.name for case in choose(names)}
+    changes = {"launch": launch} if launch else {}
+    chosen = {case.name: case.changed(changes) for case in choose(names)}
     files = _files(out)
     try:
         with _kept(files, resume) as runs:
@@ -51,7 +56,7 @@ def verify(
             if not rows:
                 raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
             result = _result(rows, quick)
-            _write(files, rows, result, _command(quick, scenes, out))
+            _write(files, rows, result, _command(quick, scenes, launch, out))
     except Interrupted as error:
         hint = "; --resume goes on after the last run" if files else ""
         raise Stopped(f"{error}{hint}") from None
@@ -94,14 +99,15 @@ def _write(files: Sequence[Path], rows: Sequence[Row], result: object, command: 
 
 
 def _run(
-    chosen: set[str], quick: bool, quiet: bool, runs: Store[Measure] | None
+    chosen: Mapping[str, Case], quick: bool, quiet: bool, runs: Store[Measure] | None
 ) -> list[Row]:
     """All rows, family by family; each family's table as soon as it is there."""
     from swe_sphere.studies.verify import families, run_cases
 
     found: list[Row] = []
     for title, cases in families().items():
-        rows = list(run_cases([case for case in cases if case.name in chosen], quick, runs))
+        mine = [chosen[case.name] for case in cases if case.name in chosen]
+        rows = list(run_cases(mine, quick, runs))
         found += rows
         if rows and not quiet:
             _print(title, rows)
@@ -157,6 +163,7 @@ def _files(out: Path | None) -> list[Path]:
     return [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
 
 
-def _command(quick: bool, scenes: str | None, out: Path | None) -> str:
+def _command(quick: bool, scenes: str | None, launch: str | None, out: Path | None) -> str:
     words = ["swe-sphere verify", "--quick" * quick, f"--scenes {scenes}" if scenes else ""]
+    words.append(f"--launch {launch}" if launch else "")
     return " ".join([*filter(None, words), f"--out {out}"])

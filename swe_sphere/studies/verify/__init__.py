@@ -18,12 +18,13 @@ __all__ = [
 ]  # fmt: skip
 
 
-def verify(*scenes: str, quick: bool = False) -> list[Row]:
+def verify(*scenes: str, quick: bool = False, launch: str | None = None) -> list[Row]:
     """Measure errors, orders and invariants of scenes, each held against its bound.
 
     Args:
         scenes: names of scenes, or of cases; none: all there are.
         quick: only the levels that take less than a second each.
+        launch: shape of kernel launches; "node" is that of GPUs.
 
     Returns:
         A row for each level: its `quantities`, its `checks`, and whether they all `passed`.
@@ -35,6 +36,7 @@ def verify(*scenes: str, quick: bool = False) -> list[Row]:
         True
 
     Raises:
-        ConfigError: there is no scene or case of that name.
+        ConfigError: there is no scene or case of that name, or no such shape.
     """
-    return list(run_cases(choose(scenes), quick))
+    changes = {"launch": launch} if launch else {}
+    return list(run_cases([case.changed(changes) for case in choose(scenes)], quick))

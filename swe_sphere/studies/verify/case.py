@@ -15,7 +15,7 @@ from swe_sphere.errors import unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.studies.bounds import Bound, Limits, read_bounds
-from swe_sphere.studies.configuration import Configuration, read_tables, study_files
+from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
 
 __all__ = [
     "CONVERGED", "FILES", "NORMS", "ORDERS", "Case", "Level", "Published", "all_cases", "choose",
@@ -132,6 +132,12 @@ class Case(BaseModel):
     def base(self) -> Configuration:
         """The run of the case before its levels change it."""
         return Configuration(DEFAULTS).changed(self.run)
+
+    def changed(self, changes: Mapping[str, Any]) -> Case:
+        """The case with these values in all its runs; ConfigError for unfit ones."""
+        other = self.model_copy(update={"run": merged(self.run, changes)})
+        _ = other.base.config
+        return other
 
     def at(self, level: Level) -> Configuration:
         """The run of a level."""
