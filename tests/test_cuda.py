@@ -1,10 +1,15 @@
 """The kernels compile for CUDA, where there is no GPU too; with one, it agrees with the CPU."""
 
+import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
+from gpu import ARCHITECTURES, all_kernels, kind_of
+from ptx import assemble, compile_ptx, find_ptxas
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import (
@@ -27,7 +32,11 @@ from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
 wp.init()
-ARCHITECTURE = 80
+with_cuda = pytest.mark.skipif(
+    not wp._src.context.runtime.is_cuda_enabled, reason="this Warp is built without CUDA"
+)
+with_ptxas = pytest.mark.skipif(find_ptxas() is None, reason="swe-sphere[ptx] is not installed")
+TABLE = Path(__file__).parents[1] / "docs" / "gpu.json"
 FULL = Terms(advection=True, pressure=True, bottom=True, diffusion=True, biharmonic=True)
 TANGENT = Terms(advection=True, pressure=True, tangent=True)
 TRANSPORT = Terms(wind=True, diffusion=True)
@@ -73,17 +82,38 @@ def kernels(real: type) -> list[wp.Kernel]:
     ]
 
 
-@pytest.mark.skipif(
-    not wp._src.context.runtime.is_cuda_enabled, reason="this Warp is built without CUDA"
-)
-@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+@with_cuda
+@pytest.mark.parametrize("real", [wp.float64, pytest.param(wp.float32, marks=pytest.mark.thorough)])
 def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
-    """To PTX, by the compiler that comes with Warp; no GPU is needed."""
+    """To PTX, by the compiler that comes with Warp; no GPU is needed.  Its code spills nothing."""
     for i, kernel in enumerate(kernels(real)):
-        folder = tmp_path / str(i)
-        wp.compile_aot_module(kernel.module, arch=ARCHITECTURE, use_ptx=True, module_dir=folder)
-        (code,) = folder.glob("*.ptx")
+        code = compile_ptx(kernel, tmp_path / str(i))
         assert ".entry" in code.read_text()
+        if find_ptxas() is not None:
+            assert [made.spills for made in assemble(code, ARCHITECTURES).values()] == [0, 0]
+
+
+@with_cuda
+@with_ptxas
+def test_spilled_registers_are_found(tmp_path) -> None:
+    """Where a block is so large that its threads get few."""
+    code = compile_ptx(tendency_kernel(FULL, 4, wp.float64, "node").kernel, tmp_path)
+    text = code.read_text()
+    code.write_text(re.sub(r"\.maxntid [^\n]*\n", "", text).replace("\n{", "\n.maxnreg 24\n{", 1))
+    assert min(made.spills for made in assemble(code, ARCHITECTURES).values()) > 0
+
+
+@with_cuda
+@with_ptxas
+@pytest.mark.thorough
+def test_all_kernels_of_scenes_and_steppers_are_in_the_table(tmp_path) -> None:
+    """And spill nothing."""
+    (known,) = (s for name, s in json.loads(TABLE.read_text()).items() if name == "kernels")
+    found = all_kernels()
+    assert {kind_of(name) for name in found} <= {row[0] for row in known["rows"]}
+    for name, kernel in found.items():
+        made = assemble(compile_ptx(kernel, tmp_path / name), ARCHITECTURES)
+        assert not any(code.spills for code in made.values()), name
 
 
 def push(lon, lat, t):

@@ -232,9 +232,8 @@ def test_kernels_of_gpus_are_held_to_the_same_bounds(tmp_path) -> None:
     with pytest.raises(SystemExit) as end:
         main(["verify", *asked, "--out", str(tmp_path)])
     assert end.value.code == 0
-    assert (
-        f"swe-sphere verify {' '.join(asked)} --out" in (tmp_path / "verification.md").read_text()
-    )
+    text = (tmp_path / "verification.md").read_text()
+    assert f"swe-sphere verify {' '.join(asked)} --out" in text
     (row, *_) = verify("stepper-rk4", quick=True, launch="node")
     assert row.passed and row.config.launch == "node"
 

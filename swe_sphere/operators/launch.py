@@ -32,6 +32,8 @@ class Launcher:
         """Wall time spent compiling or loading kernels [s]."""
         self.work = Work()
         """Counts of the launches, by kernel and size, and of what else goes on around them."""
+        self.kernels: dict[str, Any] = {}
+        """Those it has loaded or launched, by the name of their module."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else 256
         # with the arguments, so that no other array or structure takes a remembered place in memory
         self._commands: dict[tuple[object, ...], tuple[Any, Tally, tuple[Any, ...]]] = {}
@@ -41,6 +43,7 @@ class Launcher:
         start = time.perf_counter()
         with self._comm.root_first():  # which compiles for all
             for kernel in kernels:
+                self.kernels[kernel.module.name] = kernel
                 with nullcontext() if self._is_cached(kernel.module) else compiling():
                     kernel.module.load(self.device, block_dim=self._block_dim)
         self.compile_seconds += time.perf_counter() - start
@@ -70,6 +73,7 @@ class Launcher:
     ) -> tuple[Any, Tally, tuple[Any, ...]]:
         if len(self._commands) >= REMEMBERED:
             self.forget()
+        self.kernels[kernel.module.name] = kernel
         command = wp.launch(
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True
         )
