@@ -17,7 +17,7 @@ METAVARS = {
     "dt": "SECONDS|auto", "adaptive": "TOL", "days": "D", "ne": "N", "np": "N", "stretch": "S",
     "centre_lon": "RADIANS", "centre_lat": "RADIANS", "spin": "RADIANS", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
-    "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "restart": "FILE.nc",
+    "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
     "repeats": "R", "target_error": "E", "finer": "NE",
 }  # fmt: skip

@@ -17,7 +17,7 @@ class Terminal(Watcher):
     def __init__(self, config: RunConfig) -> None:
         self._quiet = config.quiet
         self._progress = Watcher()
-        if not (config.quiet or config.as_json):
+        if not (config.quiet or config.as_json or config.live):
             self._progress = ProgressBar() if sys.stderr.isatty() else LogLines()
 
     def begin(self, sim: Running) -> None:

@@ -24,6 +24,11 @@ class Field:
     contours: bool = True
     """Drawn with contour lines; not where derivatives make them all loops and islands."""
 
+    @property
+    def plain_units(self) -> str:
+        """Units for a terminal and for captions; none of pure numbers."""
+        return "" if self.units == "1" else self.units.replace("$^{-1}$", "⁻¹")
+
 
 FIELDS = {
     "h": Field("fluid depth", "m", "dense"),

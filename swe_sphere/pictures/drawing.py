@@ -52,7 +52,7 @@ class Drawing:
             kind = replace(kind, title=f"{what} of {kind.title}", colours="balance", diverging=True)
         drawn = kind.contours if look.contours is None else look.contours
         self.kind = replace(kind, contours=drawn)
-        self._colours = look.colour_map(self.kind)
+        self.colours = look.colour_map(self.kind)
         lon, lat, self._x, self._y = self.on.grid(rows)
         self._points = lon.ravel(), lat.ravel()
         self._keep, self._kept = keep, list[Interpolator]()
@@ -82,7 +82,7 @@ class Drawing:
         values = self.values(time)
         low, high = self.look.limits or ends or limits(values, self.kind)
         image = axes.pcolormesh(
-            self._x, self._y, values, cmap=self._colours, vmin=low, vmax=high, shading="gouraud",
+            self._x, self._y, values, cmap=self.colours, vmin=low, vmax=high, shading="gouraud",
             rasterized=True,
         )  # fmt: skip
         told = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
@@ -108,8 +108,7 @@ class Drawing:
             self._x, self._y, values, levels=levels, colors="0.1", linewidths=0.45, alpha=0.55,
             zorder=2,
         )  # fmt: skip
-        units = "" if self.kind.units == "1" else f" {_plain(self.kind.units)}"
-        return f"Contours every {interval:.4g}{units}."
+        return f"Contours every {interval:.4g} {self.kind.plain_units}".rstrip() + "."
 
     def _bottom(self, axes: Axes, time: float | None) -> str:
         """Contours of the bottom in brown; what they are in words."""
@@ -179,7 +178,3 @@ def _write_titles(
         0.5, 1.015 + up, "  ·  ".join(parts), transform=axes.transAxes, ha="center", va="bottom",
         fontsize=10, color="0.3", parse_math=False,
     )  # fmt: skip
-
-
-def _plain(units: str) -> str:
-    return units.replace("$^{-1}$", "⁻¹")

@@ -9,6 +9,7 @@ from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.guarded import guarded
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.time_plan import TimePlan
 
 Function = Callable[[Any], Any]
 
@@ -31,6 +32,8 @@ class Callback:
     steps: int | None = None
     seconds: float | None = None
     """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
+    times: int | None = None
+    """So many times in a run, as evenly as its steps allow."""
 
     @property
     def name(self) -> str:
@@ -83,9 +86,12 @@ def scheduled(callbacks: Sequence[Callback | Function]) -> list[Callback]:
 class Scheduled:
     """A callback on the steps of a run, as an observer of it."""
 
-    def __init__(self, callback: Callback, dt: float) -> None:
+    def __init__(self, callback: Callback, plan: TimePlan) -> None:
         self._callback = callback
-        self._every = callback.steps or round((callback.seconds or dt) / dt)
+        if callback.times is not None:
+            self._every = plan.cycle * max(1, plan.steps // (plan.cycle * callback.times))
+        else:
+            self._every = callback.steps or round((callback.seconds or plan.dt) / plan.dt)
 
     def due(self, step: int) -> bool:
         """At the multiples."""

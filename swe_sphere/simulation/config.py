@@ -152,6 +152,8 @@ class RunConfig(SharedConfig):
     """Time between frames [h] (about a day)."""
     plot: FileName | None = None
     """Draw the last frame."""
+    live: str | None = None
+    """Draw this field in the terminal a hundred times in the run; auto: what suits the scene."""
     restart: FileName | None = None
     """Go on where that run stopped; out may name it."""
     reference: FileName | None = None

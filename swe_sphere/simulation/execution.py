@@ -94,7 +94,7 @@ def _writer(sim: Running, stack: ExitStack) -> FrameWriter:
 def _recorded(
     sim: Running, callbacks: Sequence[Callback], watcher: Watcher, recorder: Recorder | None
 ) -> Outcome:
-    calls = [Scheduled(callback, sim.plan.dt) for callback in callbacks]
+    calls = [Scheduled(callback, sim.plan) for callback in callbacks]
     observers: list[Observer] = [*([recorder] if recorder else []), *calls]
     try:
         if recorder:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from swe_sphere.errors import RunFailed, SweError
+from swe_sphere.simulation.callbacks import Callback
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.simulation import Simulation
@@ -26,14 +27,21 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
         if out is None and config.plot is not None:
             out = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.nc"
         summary = sim.run(
-            out=out, overwrite=config.overwrite, watcher=watcher or Watcher()
-        )
+            out=out, overwrite=config.overwrite, watcher=watcher or Watcher(),
+            callbacks=[] if config.live is None else [_live(config.live)],
+        )  # fmt: skip
         if out is not None and config.plot is not None:
             file, picture = out, config.plot
             summary = sim.comm.on_root(lambda: _plotted(summary, file, picture))
     asked = {"out": None if config.out is None else str(config.out)}
     total = {"total_seconds": time.perf_counter() - started}
     return replace(summary, numbers={**summary.numbers, **asked, **total})
+
+
+def _live(field: str) -> Callback:
+    from swe_sphere.simulation.live import PICTURES, LivePicture  # for matplotlib's colours
+
+    return Callback(LivePicture(field), times=PICTURES)
 
 
 def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.effects import Effect
 
-PER_RUN = ("out", "plot", "overwrite")
+PER_RUN = ("out", "plot", "live", "overwrite")
 """Fields of a configuration that are those of one run of a simulation."""
 
 
