@@ -130,18 +130,20 @@ def williamson3(alpha: float = 0.0) -> Scene:
     )
 
 
-def williamson5() -> Scene:
+def williamson5(speed: float = 20.0) -> Scene:
     """Zonal flow over an isolated mountain.
 
-    Case 5: u = 20 m/s cos θ and the surface in balance with it over a cone of 2000 m,
+    Case 5: u = u0 cos θ, u0 = 20 m/s, and the surface in balance with it over a cone of 2000 m,
 
         h + b = 5960 m - (a Ω u0 + u0²/2) sin² θ / g
 
     Errors of height are those of the free surface. The impulsive start radiates gravity waves
     that carry about 7e-4 (relative l2) of the height, which time steps longer than they can follow
     lose.
+
+    Args:
+        speed: u0 [m s-1], 20 in the paper; gravity waves move at 240 m/s.
     """
-    speed = 20.0
     fall = (EARTH.radius * EARTH.rotation * speed + 0.5 * speed**2) / EARTH.gravity
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
@@ -166,7 +168,7 @@ def williamson5() -> Scene:
     )
 
 
-def williamson6(perturbation: float = 0.0) -> Scene:
+def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
     Case 6. The wave turns eastward by about 12 degrees a day (exactly so only without divergence)
@@ -176,10 +178,11 @@ def williamson6(perturbation: float = 0.0) -> Scene:
         perturbation: size δ [m] of a documented disturbance of the depth, for a breakdown that
             does not hang on round-off and mesh: h + δ/3 Σ cos^m θ cos(m λ + m), m = 1, 2, 3; a
             metre breaks the wave at about day 21 (the instability is that of Thuburn & Li 2000).
+        omega: strength ω = K of the flow [s-1]; the largest wind goes with it.
     """
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = _rossby_haurwitz(lon, lat)
+        u, v, h = _rossby_haurwitz(lon, lat, omega)
         waves = (np.cos(lat) ** m * np.cos(m * lon + m) for m in (1, 2, 3))
         return u, v, h + perturbation / 3.0 * sum(waves) if perturbation else h
 
@@ -199,9 +202,9 @@ def williamson6(perturbation: float = 0.0) -> Scene:
     )
 
 
-def _rossby_haurwitz(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = 7.848e-6 s-1."""
-    r, k, a, omega = 4, 7.848e-6, EARTH.radius, EARTH.rotation
+def _rossby_haurwitz(lon: Array, lat: Array, k: float) -> tuple[Array, Array, Array]:
+    """Wind [m s-1] and depth [m] of the wave of case 6, R = 4, ω = K = k [s-1]."""
+    r, a, omega = 4, EARTH.radius, EARTH.rotation
     c, s = np.cos(lat), np.sin(lat)
     u = a * k * (c + c ** (r - 1) * (r * s**2 - c**2) * np.cos(r * lon))
     v = -a * k * r * c ** (r - 1) * s * np.sin(r * lon)

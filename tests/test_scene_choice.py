@@ -43,7 +43,7 @@ def test_scene_names_and_parameters_are_checked() -> None:
         get_scene("wiliamson2")
     with fails("scene williamson2 has no parameter 'beta'; it has alpha"):
         get_scene("williamson2", beta=1.0)
-    with fails("scene williamson5 has no parameter 'alpha'; it has no parameters"):
+    with fails("scene williamson5 has no parameter 'alpha'; it has speed"):
         get_scene("williamson5", alpha=1.0)
     for bad in (float("nan"), "inf"):
         with fails("williamson2: alpha must be finite"):
@@ -57,7 +57,7 @@ def test_scene_names_and_parameters_are_checked() -> None:
 def test_scene_parameters_are_read_from_text() -> None:
     scene = get_scene("williamson1", alpha="0.5", gaussian="Yes")
     assert scene.parameters == {"alpha": 0.5, "gaussian": True}
-    assert get_scene("galewsky", perturbed="0").parameters == {"perturbed": False}
+    assert get_scene("galewsky", perturbed="0").parameters == {"perturbed": False, "speed": 80.0}
 
 
 def test_scene_from_a_file(tmp_path: Path) -> None:

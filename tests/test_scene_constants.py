@@ -103,6 +103,24 @@ def test_galewsky_constants() -> None:
     assert ends[0] - ends[2] == pytest.approx(1086.97823249, abs=1e-8)
 
 
+def test_other_winds_are_in_balance_too() -> None:
+    """Slopes of the surface against a u (f + u tan θ / a); the wave's wind goes with ω."""
+    lat = np.linspace(-0.2, 1.1, 9)
+    lon, step = np.full_like(lat, 0.3), 1e-4
+    jet = get_scene("galewsky", perturbed=False, speed=30.0)
+    over_plain = get_scene("williamson5", speed=5.0)
+    for scene, fastest in ((jet, 30.0), (over_plain, 5.0)):
+        u = scene.initial(lon, lat)[0]
+        rise = scene.initial(lon, lat + step)[2] - scene.initial(lon, lat - step)[2]
+        slope = EARTH.gravity * rise / (2.0 * step)
+        turn = 2.0 * EARTH.rotation * np.sin(lat) + u * np.tan(lat) / EARTH.radius
+        np.testing.assert_allclose(slope, -EARTH.radius * u * turn, atol=2e-3 * fastest)
+        assert np.abs(scene.initial(lon, np.linspace(0.0, 1.0, 9))[0]).max() <= fastest
+    whole, half = (get_scene("williamson6", omega=w).initial(lon, lat) for w in (8e-6, 4e-6))
+    np.testing.assert_allclose(half[0], 0.5 * whole[0], rtol=1e-12)
+    np.testing.assert_allclose(half[1], 0.5 * whole[1], rtol=1e-12)
+
+
 def test_galewsky_bump() -> None:
     lon, (lat, weights) = np.arange(720) * np.pi / 360.0, gauss(400)
     lon, lat = np.meshgrid(lon, lat)

@@ -83,7 +83,7 @@ CONSTANTS = tuple(
         ("testcases", "williamson", "williamson1", "500.0 * (1.0", "500.1 * (1.0"),
         ("testcases", "williamson", "williamson2", "depth = 2.94e4", "depth = 2.941e4"),
         ("testcases", "williamson", "williamson5", "5960.0", "5961.0"),
-        ("testcases", "williamson", "williamson6", "= 4, 7.848e-6", "= 4, 7.849e-6"),
+        ("testcases", "williamson", "williamson6", "float = 7.848e-6", "float = 7.849e-6"),
         ("testcases", "williamson", "williamson6", "8000.0", "8001.0"),
         ("testcases", "flows", "williamson5", "2000.0 * (1.0", "2001.0 * (1.0"),
         ("testcases", "lauter", "lauter", "133681.0", "133781.0"),
