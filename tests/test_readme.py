@@ -95,7 +95,7 @@ def test_the_commands_work(page, tmp_path, monkeypatch, capsys):
     """
     monkeypatch.chdir(tmp_path)
     _files_of_the_reader(tmp_path)
-    for name in ("_carried_out", "_finish", "_join", "_any_completed"):
+    for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
         monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
     for line in COMMANDS[page]:
         with pytest.raises(SystemExit) as end:

@@ -11,8 +11,9 @@ from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule, free_steps
-from swe_sphere.studies.sweep.steps import dt_sequence, longest_accurate, longest_working
+from swe_sphere.studies.sweep.steps import dt_sequence, halved, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import load_recipe, make_plan, recipe_names
 
 # --- plan
@@ -190,7 +191,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
 
 
 def test_the_recipes_of_the_package_are_plans():
-    assert recipe_names() == ["evans2010", "quick"]
+    assert recipe_names() == ["evans2010", "quick", "regimes", "regimes-quick"]
     evans = load_recipe("evans2010").plans({})
     assert [plan.scene for plan in evans] == [
         "williamson2", "williamson5", "williamson6", "galewsky", "lauter"
@@ -198,6 +199,22 @@ def test_the_recipes_of_the_package_are_plans():
     for plan in evans:
         assert {"leapfrog", "semi-implicit", "tr-bdf2", "bdf2", "esdirk4"} <= {*plan.steppers}
     assert len(load_recipe("quick").plans({})) == 1
+    for name in ("regimes", "regimes-quick"):
+        recipe = load_recipe(name)
+        plans = recipe.plans({})
+        assert recipe.mapped and len({plan.folder for plan in plans}) == len(plans) > 5
+
+
+def test_a_family_stands_for_all_of_its_steppers():
+    plan = make_plan({"scene": "williamson2", "steppers": "imex, rk4"})
+    families = [STEPPERS[name].family for name in plan.steppers]
+    assert families == ["imex"] * (len(families) - 1) + ["explicit"] and len(families) > 3
+
+
+def test_halved_steps_stop_at_the_shortest():
+    assert halved(8.0, 1.5, 9) == [8.0, 4.0, 2.0]
+    assert halved(8.0, 1.5, 2) == [8.0, 4.0]
+    assert halved(8.0, 9.0, 2) == [8.0]
 
 
 def test_flags_go_before_the_recipe():

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin")
+RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
 
 
@@ -47,13 +47,16 @@ def sweep(
     if report_only:
         return _report_again(out, loaded, quiet)
     datasets, completed = {}, False
-    plans = _plans(values, loaded)
+    plans, mapped = _plans(values, loaded), loaded if loaded and loaded.mapped else None
     for plan in plans:
-        folder = out / Path(plan.scene).stem if len(plans) > 1 else out
-        dataset = datasets[plan.scene] = _carried_out(plan, folder, quiet)
-        _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
+        folder = out / plan.folder if mapped or len(plans) > 1 else out
+        dataset = datasets[plan.folder] = _carried_out(plan, folder, quiet)
         completed |= _any_completed(dataset)
-    if len(datasets) > 1:
+        if not mapped:
+            _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
+    if mapped:
+        _map(out, mapped, quiet)
+    elif len(datasets) > 1:
         _join(datasets, out, loaded, quiet)
     return 0 if completed else RunFailed.exit_status
 
@@ -82,8 +85,20 @@ def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
         ) from None
 
 
+def _map(out: Path, recipe: Recipe, quiet: bool) -> None:
+    """One page on all sweeps of a recipe."""
+    from swe_sphere.studies.regimes import write_map
+
+    page = write_map(out, title=recipe.title, introduction=recipe.introduction)
+    if not quiet:
+        typer.echo(page)
+
+
 def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     """Datasets and reports of all sweeps in a folder, anew from their records."""
+    if recipe is not None and recipe.mapped:
+        _map(out, recipe, quiet)
+        return 0
     from swe_sphere.studies.sweep.dataset import write_dataset
     from swe_sphere.studies.sweep.record import HEADER, RUNS
 

@@ -22,6 +22,7 @@ from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 if TYPE_CHECKING:
     import warp as wp
 
+    from swe_sphere.equations.model import Model
     from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
 
@@ -76,6 +77,11 @@ class Discretisation:
     def _sim(self) -> Simulation:
         return self.simulation(self.config)
 
+    @property
+    def model(self) -> Model:
+        """A model at hand, with no stepper's traces; not that of any run."""
+        return self._sim.model
+
     @cached_property
     def start(self) -> Fields:
         """All fields at the start, bottom and Coriolis parameter included; each (N,)."""
@@ -89,7 +95,7 @@ class Discretisation:
         same, were there no gravity waves.
         """
         gravity = self._sim.gravity_limit
-        at_start = state_integrals(self._sim.model, self.start)
+        at_start = state_integrals(self.model, self.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
             wave = 0.0
@@ -105,13 +111,13 @@ class Discretisation:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._radii:
-            spectrum = kind.spectrum(self._sim.model, self._sim.model.initial_state())
+            spectrum = kind.spectrum(self.model, self.model.initial_state())
             self._radii[how] = spectrum
         return kind.limit(self._radii[how])
 
     def order(self, kind: type[Stepper]) -> int:
         """Order in time of a stepper here."""
-        return kind.order_in(self._sim.model)
+        return kind.order_in(self.model)
 
     def options(self, config: RunConfig) -> dict[str, Any]:
         """What the stepper of a run is built with."""
@@ -122,7 +128,7 @@ class Discretisation:
     @cached_property
     def _state(self) -> tuple[wp.array, wp.array]:
         """The start, and room for a tendency."""
-        return self._sim.model.initial_state(), self._sim.model.zeros()
+        return self.model.initial_state(), self.model.zeros()
 
     def time_rhs(self) -> float:
         """Time of one right-hand side [s], the mean over a short batch."""
@@ -132,7 +138,7 @@ class Discretisation:
         return self._time_batch()
 
     def _time_batch(self) -> float:
-        (state, out), model = self._state, self._sim.model
+        (state, out), model = self._state, self.model
         began = time.perf_counter()
         for _ in range(self._batch):
             model.tendency(state, 0.0, out)

@@ -45,6 +45,9 @@ SHORTEST = 64.0
 """A search for an error goes down to this part of the longest step or of the gravity limit."""
 TRIAL_GROWTH = {True: 1.12, False: 2.0}
 """Between trials while a limit is sought: where theory names one, and where it names none."""
+DEAR = 5.0
+"""Where a run costs so many times as much as one that is good enough, shorter steps are tried only
+if it was cheaper than the one before: solvers that struggle with long steps are."""
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
 
@@ -74,6 +77,7 @@ class Sweep:
         self._sources = common | users_methods(plan.steppers, plan.preconditioner)
         self._store = runs_of(folder)
         self._note_plan(folder, header_of(plan, scene, self._sources))
+        self._least: dict[object, float] = {}
         self._interruption = Interruption()
         self._runner = Runner(self._store, common, self._interruption, watcher, plan.time_limit)
         self._evaluator = Evaluator(
@@ -125,16 +129,41 @@ class Sweep:
     def _repeat(self, runs: list[RunSpec]) -> None:
         """Rounds through all runs, so that a busy moment of the machine meets many of them."""
         for repeat in range(self._plan.repeats):
+            finished: set[Integrator] = set()
+            costs: dict[Integrator, list[float]] = {}
             for run in _ordered(runs):
-                self._make(run, repeat)
+                if run.integrator in finished:
+                    self._watcher.expect(-1)
+                elif self._is_last(self._make(run, repeat), costs.setdefault(run.integrator, [])):
+                    finished.add(run.integrator)
 
-    def _make(self, run: RunSpec, repeat: int) -> None:
+    def _make(self, run: RunSpec, repeat: int) -> RunRecord:
         """One run; what failed the first time is not tried again."""
         first = self._runner.known(run)
         if repeat and first is not None and first.status != "completed":
             self._watcher.done(run, first)
-            return
-        self._runner.run(run, None if repeat else self._evaluator, repeat)
+            return first
+        record = self._runner.run(run, None if repeat else self._evaluator, repeat)
+        if self._good_enough(record):
+            mesh, seconds = record.mesh, record.numbers["cpu_seconds"] or math.inf
+            self._least[mesh] = min(self._least.get(mesh, math.inf), seconds)
+        return record
+
+    def _good_enough(self, record: RunRecord) -> bool:
+        enough = self._plan.enough
+        return enough is not None and self._error(record) <= enough
+
+    def _is_last(self, record: RunRecord, costs: list[float]) -> bool:
+        """Whether shorter steps of its stepper can be no better buy.
+
+        costs: CPU seconds with longer steps; that of the run is added.
+        """
+        if record.status != "completed" or self._plan.enough is None:
+            return False
+        costs.append(record.numbers["cpu_seconds"] or 0.0)
+        dear = costs[-1] > DEAR * self._least.get(record.mesh, math.inf)
+        rising = costs[-1] >= min(costs[:-1], default=math.inf)
+        return (dear and rising) or self._good_enough(record)
 
     # --- the longest stable step
 

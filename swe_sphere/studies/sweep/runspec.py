@@ -20,7 +20,7 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
 from swe_sphere.studies.ended import in_one_line
 from swe_sphere.studies.sweep.discretisation import Discretisation
-from swe_sphere.studies.sweep.steps import dt_sequence
+from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.user_file import is_user_file
 
@@ -136,10 +136,12 @@ class Integrator:
         """The longest step that is worth a trial [s]."""
         return min(self.schedule.interval, 0.5 * self.schedule.days * DAY)
 
-    def dt_sequence(self, levels: int) -> list[float]:
-        """Steps to try [s], the longest first."""
+    def dt_sequence(self, levels: int, longest: float | None = None) -> list[float]:
+        """Steps to try [s], the longest first; longest: none is longer [s], and they are halved."""
         explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
         usable, gravity = self.kind.safety * self.stable_dt, self.space.gravity_limit
+        if longest is not None:
+            return halved(min(usable, longest, self.schedule.interval), 0.25 * gravity, levels)
         return dt_sequence(usable, explicit, gravity, self.schedule.interval, levels)
 
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
@@ -163,7 +165,7 @@ class Integrator:
         if plan.dt != "auto":
             steps = list(plan.dt)
         elif self.refusal is None:
-            steps = self.dt_sequence(plan.levels)
+            steps = self.dt_sequence(plan.levels, plan.longest)
         else:
             steps = [self.schedule.interval]
         return [*dict.fromkeys(map(self.run, steps))]

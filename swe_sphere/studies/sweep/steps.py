@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Target", "dt_sequence", "longest_accurate", "longest_working"]
+__all__ = ["Target", "dt_sequence", "halved", "longest_accurate", "longest_working"]
 
 RATIO = math.sqrt(2.0)
 """Between the steps of an explicit stepper, whose useful range is short."""
@@ -40,6 +40,12 @@ def dt_sequence(
     else:
         ratio = float((top / bottom) ** (1.0 / (levels - 1)))
     return [top / ratio**n for n in range(levels)]
+
+
+def halved(longest: float, shortest: float, levels: int) -> list[float]:
+    """Steps [s] from the longest down by halves, so many at the most, none below the shortest."""
+    steps = [longest / 2**n for n in range(levels)]
+    return [steps[0], *(step for step in steps[1:] if step >= shortest)]
 
 
 def longest_working(

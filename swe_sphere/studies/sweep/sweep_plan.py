@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -52,11 +53,17 @@ def _counted(value: object) -> tuple[object, ...]:
 
 
 def _stepper_names(value: object) -> tuple[str, ...]:
-    """Names of steppers; among them may be files, and classes that are known by their name."""
+    """Names of steppers; among them may be families, files, and classes known by their name."""
     from swe_sphere.steppers import STEPPERS
 
+    families: dict[object, list[str]] = {}
+    for name, kind in STEPPERS.items():
+        families.setdefault(kind.family, []).append(name)
     names = []
     for item in _listed(value):
+        if isinstance(item, str) and item in families:
+            names += families[item]
+            continue
         named = str(item if isinstance(item, str | Path) else getattr(item, "name", item))
         if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:
             raise ValueError("must be names, files or classes of steppers")
@@ -95,11 +102,16 @@ class SweepPlan(SharedConfig):
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
     steppers: Annotated[tuple[str, ...], BeforeValidator(_stepper_names), Field(min_length=1)]
-    """What to compare, by names or .py files."""
+    """What to compare, by names, .py files, or families (explicit, imex, exponential, implicit)."""
     dt: Steps = "auto"
     """Time steps [s] of every stepper; auto (the default): some for each."""
     levels: Annotated[Whole, Field(ge=1, le=20)] = 6
     """How many steps auto takes."""
+    longest: Positive | None = None
+    """Longest step of auto [s], from which down by halves."""
+    enough: Positive | None = None
+    """Leave out steps shorter than one with this error, or than one that costs many times as much
+    as a run with it."""
     ne: Counts = ()
     """Elements along an edge of the cube."""
     np: Counts = ()
@@ -140,6 +152,13 @@ class SweepPlan(SharedConfig):
     """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
+    name: str = ""
+    """Of its folder among those of a recipe; empty: that of the scene."""
+
+    @property
+    def folder(self) -> str:
+        """Where it is kept in the folder of a recipe."""
+        return self.name or Path(self.scene).stem
 
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
@@ -199,6 +218,8 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
+    mapped: bool = False
+    """Whether one map of all sweeps is wanted, and no report of each."""
 
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """The plans, with the values of flags in the place of the recipe's.
@@ -223,8 +244,9 @@ def load_recipe(name: str) -> Recipe:
     """The recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  Raises ConfigError if
-    there is no such recipe or it cannot be read.
+    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table [sweep.each]
+    with lists by key makes a sweep of every combination.  With `map` there is one map of all.
+    Raises ConfigError if there is no such recipe or it cannot be read.
     """
     path = Path(name)
     if path.suffix != ".toml":
@@ -233,11 +255,31 @@ def load_recipe(name: str) -> Recipe:
         path = _folder() / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
+    mapped = table.pop("map", False) is True
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
-    return Recipe(title, tuple(by_field(table | each) for each in sweeps), introduction, notes)
+    single = [one for each in sweeps for one in _combinations(path, table | each)]
+    return Recipe(title, tuple(map(by_field, single)), introduction, notes, mapped)
+
+
+def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """A sweep for every combination of what its table `each` lists, named after it.
+
+    Keys with a dot are settings; an empty text among their values leaves the setting out.
+    """
+    each = sweep.pop("each", {})
+    if not isinstance(each, dict) or not all(isinstance(of, list) and of for of in each.values()):
+        raise ConfigError(f"{path}: [sweep.each] has a list of values for each key")
+    for values in product(*each.values()):
+        chosen = {key: value for key, value in zip(each, values, strict=True) if value != ""}
+        words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
+        settings = [f"{key}={value}" for key, value in chosen.items() if "." in key]
+        plain = {key: value for key, value in chosen.items() if "." not in key}
+        named = {"name": "-".join([str(sweep.get("scene")), *words])} if each else {}
+        of_all = [*sweep.get("set", ()), *settings]
+        yield sweep | plain | named | ({"set": of_all} if of_all else {})
 
 
 def _folder() -> Path:

@@ -1,0 +1,192 @@
+"""The sweeps of a map, read from their records: for each place on it what steps cost there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.modelled_time import Prices, lowest, modelled_seconds
+from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
+
+__all__ = ["Offer", "Point", "Run", "cheapest_step", "read_points"]
+
+UNIT = "rk4"
+"""The stepper whose right-hand sides costs are told in."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run at a place of the map."""
+
+    stepper: str
+    preconditioner: str
+    dt: float
+    """[s]"""
+    steps: float
+    error: float
+    """Slow-flow error at the end (l2, relative)."""
+    cost: float
+    """Modelled time [right-hand sides of `UNIT` on that mesh]."""
+    krylov: float
+    """Krylov iterations a step."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A place of the map: a scene with its wind on a mesh, and the runs that came to their end."""
+
+    name: str
+    config: RunConfig
+    """Of any run there."""
+    gravity_limit: float
+    """Longest step of leapfrog [s]."""
+    advective_limit: float
+    """The same, were there no gravity waves [s]."""
+    runs: tuple[Run, ...]
+
+    @property
+    def froude(self) -> float:
+        """U/c, the largest wind over the speed of the fastest gravity waves at the start."""
+        return 1.0 / (self.advective_limit / self.gravity_limit - 1.0)
+
+    @property
+    def days(self) -> float:
+        """Length of the runs."""
+        assert self.config.days is not None
+        return self.config.days
+
+    @property
+    def diffusive(self) -> bool:
+        """Whether the run has viscosity or hyperviscosity."""
+        return any("viscosity." in setting for setting in self.config.settings)
+
+    @cached_property
+    def by_stepper(self) -> dict[str, list[Run]]:
+        """The runs of each stepper, longest step first."""
+        found: dict[str, list[Run]] = {}
+        for run in sorted(self.runs, key=lambda run: -run.dt):
+            found.setdefault(run.stepper, []).append(run)
+        return found
+
+    def best(self, family: str, error: float) -> Offer | None:
+        """The cheapest step of a family with that error; None where no run there has it."""
+        from swe_sphere.steppers import STEPPERS
+
+        found = [
+            offer
+            for name, runs in self.by_stepper.items()
+            if name in STEPPERS
+            and STEPPERS[name].family == family
+            and (offer := cheapest_step(runs, error)) is not None
+        ]
+        return min(found, key=lambda offer: offer.cost, default=None)
+
+
+class Offer(NamedTuple):
+    """A step of a stepper with an error that was asked for."""
+
+    stepper: str
+    dt: float
+    """[s]"""
+    cost: float
+    """[right-hand sides]"""
+
+
+def cheapest_step(runs: Sequence[Run], error: float) -> Offer | None:
+    """The cheapest step with an error of at most that, of one stepper; None if no run reaches it.
+
+    Between neighbouring steps of which one is good enough all logarithms are taken for linear;
+    beyond the longest and the shortest step nothing is assumed.  runs: longest step first.
+    """
+    found = [Offer(run.stepper, run.dt, run.cost) for run in runs if run.error <= error]
+    for longer, shorter in pairwise(runs):
+        if shorter.error <= error < longer.error:
+            share = math.log(error / shorter.error) / math.log(longer.error / shorter.error)
+            dt, cost = (
+                a * (b / a) ** share
+                for a, b in ((shorter.dt, longer.dt), (shorter.cost, longer.cost))
+            )
+            found.append(Offer(longer.stepper, dt, cost))
+    return min(found, key=lambda offer: offer.cost, default=None)
+
+
+def read_points(folder: Path) -> list[Point]:
+    """All places of a map, from the folders of its sweeps.
+
+    The prices of work are the lowest that any run of the same stepper found on a mesh of that size:
+    they go with neither the wind nor the refinement.  Raises ConfigError where there is no sweep.
+    """
+    sweeps = {}
+    for path in sorted(path.parent for path in folder.glob(f"*/{RUNS}")):
+        header, records = read_header(path), runs_of(path).records
+        if header is not None and (of_now := current(records, header.sources)):
+            sweeps[path.name] = of_now
+    if not sweeps:
+        raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
+    prices = _prices(run for runs in sweeps.values() for run in runs)
+    units = _units((run for runs in sweeps.values() for run in runs), prices)
+    return [_point(name, records, prices, units) for name, records in sweeps.items()]
+
+
+Priced = dict[tuple[object, ...], Prices]
+
+
+def _prices(records: Iterable[RunRecord]) -> Priced:
+    """The lowest prices by what they go with."""
+    found: dict[tuple[object, ...], list[Prices]] = {}
+    for record in records:
+        found.setdefault(_kind(record), []).append(record.prices)
+    return {kind: lowest(of) for kind, of in found.items()}
+
+
+def _kind(record: RunRecord) -> tuple[object, ...]:
+    """The size of the mesh, the stepper and how it solves."""
+    return (*_size(record), record.config.stepper, record.config.preconditioner)
+
+
+def _size(record: RunRecord) -> tuple[object, ...]:
+    of = record.config
+    return of.ne, of.np, of.precision, of.device
+
+
+def _seconds(record: RunRecord, prices: Priced) -> float:
+    """Modelled time; wall time where the work was not counted."""
+    seconds = modelled_seconds(record.work, prices[_kind(record)])
+    return seconds if math.isfinite(seconds) else record.numbers.get("wall_seconds") or math.nan
+
+
+def _units(records: Iterable[RunRecord], prices: Priced) -> dict[tuple[object, ...], float]:
+    """Seconds of a right-hand side of `UNIT`, its part of the update included, by mesh size."""
+    found: dict[tuple[object, ...], float] = {}
+    for record in records:
+        if record.config.stepper == UNIT and record.status == "completed":
+            cost = _seconds(record, prices) / (record.numbers["rhs_evaluations"] or math.nan)
+            found[_size(record)] = min(cost, found.get(_size(record), math.inf))
+    return found
+
+
+def _point(
+    name: str, records: Sequence[RunRecord], prices: Priced, units: dict[tuple[object, ...], float]
+) -> Point:
+    runs = []
+    for record in records:
+        errors = {error.field: error for error in record.errors if error.kind == "slow"}
+        if record.role != "grid" or record.status != "completed" or not errors:
+            continue
+        config, numbers = record.config, record.numbers
+        error, steps = errors["vorticity"].l2, numbers["steps"] or math.nan
+        assert error is not None and isinstance(config.dt, float)
+        cost = _seconds(record, prices) / units[_size(record)]
+        krylov = (numbers["krylov_iterations"] or 0.0) / steps
+        runs.append(Run(config.stepper, config.preconditioner or "", config.dt, steps, error, cost,
+                        krylov))  # fmt: skip
+    limits = records[0].numbers
+    gravity, advective = limits["gravity_limit"], limits["advective_limit"]
+    return Point(name, records[0].config, gravity or math.nan, advective or math.nan, tuple(runs))
