@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from swe_sphere import __version__
+from swe_sphere.cli.advise import advise
 from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.look import compare, list_all
 from swe_sphere.cli.pictures import animate, plot
@@ -26,6 +27,7 @@ app = typer.Typer(
 app.command("list")(list_all)
 app.command("run")(run)
 app.command("sweep")(sweep)
+app.command("advise")(advise)
 app.command("plot")(plot)
 app.command("animate")(animate)
 app.command("compare")(compare)

@@ -19,7 +19,7 @@ METAVARS = {
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
-    "repeats": "R", "target_error": "E", "finer": "NE",
+    "repeats": "R", "target_error": "E", "error": "E", "finer": "NE",
 }  # fmt: skip
 """What a flag takes, where its type does not say it."""
 

@@ -1,0 +1,119 @@
+"""Which stepper, step and preconditioner a scene wants for an error, and why."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import (
+    Days,
+    Number,
+    RunConfig,
+    SharedConfig,
+    Whole,
+    flag_of,
+    make_config,
+)
+from swe_sphere.studies.advice.choice import Candidate, candidates, known_methods
+from swe_sphere.studies.advice.setting import Setting, setting_of
+from swe_sphere.studies.sweep.discretisation import Discretisation
+
+__all__ = ["Advice", "Question", "advise", "safe_steps"]
+
+
+class Question(SharedConfig):
+    """What advice is asked for; None means: as the scene recommends."""
+
+    scene: str
+    """Name of a scene, or a .py or .toml file with one."""
+    error: Annotated[Number, Field(gt=0.0, lt=1.0)]
+    """Slow-flow error at the end that is wanted (l2 of potential vorticity, relative)."""
+    ne: Whole | None = None
+    """Elements along an edge of the cube."""
+    np: Whole | None = None
+    """Nodes along an edge of an element."""
+    days: Annotated[Days, Field(gt=0.0)] | None = None
+    """Length of the run [days]."""
+    precision: Literal["float64", "float32"] = "float64"
+    """Number type of the state."""
+    settings: tuple[str, ...] = ()
+    """Change an effect or the scene; repeatable."""
+
+    def run_config(self, **values: object) -> RunConfig:
+        """The configuration of a run, with these values too."""
+        given = {name: getattr(self, name) for name in self.model_fields_set if name != "error"}
+        return make_config({key: of for key, of in given.items() if of is not None} | values)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The answer: every method at its best, and what it follows from."""
+
+    question: Question
+    space: Discretisation
+    setting: Setting
+    candidates: tuple[Candidate, ...]
+    """The cheapest first; there is one at least."""
+
+    @property
+    def config(self) -> RunConfig:
+        """The configuration of the run that is advised."""
+        best = self.candidates[0]
+        stepper = best.method.stepper
+        options = self.space.options(self.question.run_config(stepper=stepper))
+        chosen: dict[str, Any] = {"stepper": stepper, "dt": float(f"{best.dt:.4g}")}
+        if "preconditioner" in options:
+            chosen["preconditioner"] = options["preconditioner"]
+        return self.question.run_config(**chosen)
+
+    @property
+    def command(self) -> str:
+        """The command of that run."""
+        words = ["swe-sphere", "run", self.config.scene]
+        for name, value in self.config.given().items():
+            for each in value if isinstance(value, tuple) else (value,):
+                text = f"{each:g}" if isinstance(each, float) else str(each)
+                words += [] if name == "scene" else [f"--{flag_of(name)}", text]
+        return shlex.join(words)
+
+
+def advise(question: Question) -> Advice:
+    """What the known methods are predicted to do for a scene, the cheapest first.
+
+    Raises:
+        ConfigError: the scene cannot be made, has no gravity waves or begins at rest, or no method
+            reaches the error.
+    """
+    space = Discretisation(question.run_config())
+    days = space.scene.days if question.days is None else question.days
+    setting = setting_of(space, days * DAY)
+    methods = known_methods()
+    limits = safe_steps(space, [method.stepper for method in methods])
+    found = candidates(setting, limits, question.error, methods)
+    if not found:
+        raise ConfigError(
+            f"error: no step of any method is predicted to keep to {question.error:g} over"
+            f" {days:g} days: ask for more"
+        )
+    return Advice(question, space, setting, tuple(found))
+
+
+def safe_steps(space: Discretisation, steppers: list[str]) -> dict[str, float]:
+    """The longest safe step [s] of each stepper that can run the scene; infinite if any is."""
+    from swe_sphere.steppers import STEPPERS
+
+    found = {}
+    for name in steppers:
+        kind = STEPPERS.get(name)
+        if kind is None:
+            continue
+        try:
+            found[name] = kind.safety * space.stable_dt(kind)
+        except ConfigError:
+            continue
+    return found
