@@ -15,6 +15,8 @@ from ranks import fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.curve import curve
 from swe_sphere.mesh.partition import partition, whole
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import SCENES
 
 MPIEXEC = [str(Path(sys.executable).with_name("mpiexec")), "-n"]
 
@@ -85,19 +87,27 @@ def mpi():
 @pytest.fixture(scope="module")
 def found(mpi):
     """By number of ranks: what `ranks.py` tells of each case."""
+    return {ranks: fingerprints(EXPLICIT + SOLVING, ranks) for ranks in (2, 3)}
 
-    def run(ranks):
-        cases, script = json.dumps(EXPLICIT + SOLVING), Path(__file__).with_name("ranks.py")
-        command = [*MPIEXEC, str(ranks), sys.executable, str(script), cases]
-        return json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
 
-    return {ranks: run(ranks) for ranks in (2, 3)}
+def fingerprints(cases, ranks):
+    script = str(Path(__file__).with_name("ranks.py"))
+    command = [*MPIEXEC, str(ranks), sys.executable, script, json.dumps(cases)]
+    return json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
 
 
 @pytest.mark.parametrize("case", range(len(EXPLICIT)))
 def test_explicit_steps_have_the_bits_of_one_process(found, case):
     expected = [*fingerprint(*EXPLICIT[case])][:2]
     assert found[2][case][:2] == found[3][case][:2] == expected
+
+
+@pytest.mark.thorough
+def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(mpi):
+    cases = [["williamson5", name, 900.0, 3, 2, 4, {}] for name in STEPPERS]
+    cases += [[name, "rk4", 60.0, 2, 2, 4, {}] for name in SCENES]
+    one, three = ([case[:2] for case in fingerprints(cases, ranks)] for ranks in (1, 3))
+    assert [c[:2] for c, a, b in zip(cases, one, three, strict=True) if a != b] == []
 
 
 @pytest.mark.parametrize("ranks", [2, 3])

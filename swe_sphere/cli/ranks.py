@@ -12,7 +12,7 @@ from threading import Thread
 from typing import TextIO
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.parallel import world
+from swe_sphere.parallel import Alone, world
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
@@ -60,7 +60,10 @@ def _pass_on(lines: Iterable[str], to: TextIO) -> bool:
 
 def fail(line: str, status: int) -> int:
     """Say in one line why the program fails, if all ranks do, on one of them."""
-    comm = world()
+    try:
+        comm = world()
+    except ConfigError:  # which is what the line says: nobody knows the others
+        comm = Alone()
     comm.agree_to_fail(line)
     if comm.rank == 0:
         sys.stderr.write(f"swe-sphere: {line}\n")

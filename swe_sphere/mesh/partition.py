@@ -1,6 +1,7 @@
 """Which part of a mesh each rank holds: elements along the curve, and all nodes that they touch."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class Part:
     """(3, chunks + 1) where among interior nodes, edges and vertices those of each chunk begin,
     which stand together; a node is of the chunk that comes to it first along the curve."""
 
-    @property
+    @cached_property
     def owned(self) -> Integers:
         """Places of the nodes that are counted here and nowhere else."""
         return np.concatenate([np.arange(row[0], row[-1]) for row in self.starts])
