@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 from exponential_runs import exponential, exponential_steps
-from implicit_newton import newton
+from implicit_newton import forcing, newton
 from implicit_runs import drift, race
 from implicit_solver import counts, long_steps, price, steady
 from sections import write_page
@@ -22,6 +22,7 @@ SECTIONS = {
     "counts": counts,
     "price": price,
     "newton": newton,
+    "forcing": forcing,
     "race": race,
     "steady": steady,
     "drift": drift,

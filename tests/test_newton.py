@@ -11,7 +11,7 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.forcing_term import EisenstatWalker, Forcing
+from swe_sphere.solvers.forcing_term import FollowedNonlinearity, Forcing
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.line_search import Backtracking
 from swe_sphere.solvers.linear_result import Operator, Status
@@ -159,7 +159,7 @@ def test_convergence_is_quadratic_when_the_systems_are_solved_well() -> None:
     assert loose.krylov_iterations < result.krylov_iterations
 
 
-def test_eisenstat_walker_spares_krylov_iterations() -> None:
+def test_forcing_terms_spare_krylov_iterations() -> None:
     zero = np.zeros(SIDE**2)
     tight, _ = solve(bratu(False), zero, rtol=1e-9, forcing=constant(1e-9))
     adaptive, _ = solve(bratu(False), zero, rtol=1e-9)
@@ -169,24 +169,50 @@ def test_eisenstat_walker_spares_krylov_iterations() -> None:
 
 
 def test_forcing_terms() -> None:
-    choice = EisenstatWalker()
-    assert choice(1.0, None, None, 0.0) == 0.1
-    assert choice(0.1, 1.0, 0.1, 0.0) == pytest.approx(0.9e-2)
-    assert choice(0.9, 1.0, 0.1, 0.0) == 0.1
-    # no more than half of what Newton needs, even beyond the cap
-    assert choice(0.1, 1.0, 0.1, 0.05) == pytest.approx(0.25)
-    assert choice(1e-3, 1.0, 0.1, 1e-5) == pytest.approx(0.5e-2)
-    # the safeguard acts only where the last term was large
-    wide = EisenstatWalker(first=0.5, cap=0.9)
-    assert wide(0.1, 1.0, 0.5, 0.0) == pytest.approx(0.225)
-    assert wide(0.1, 1.0, 0.3, 0.0) == pytest.approx(0.9e-2)
+    choice = FollowedNonlinearity(first=0.02)
+    assert choice(1.0, 0.0, None) == 0.02
+    assert choice(1.0, 0.08, None) == pytest.approx(0.04)
+    # the last step: both parts of what is left, at right angles, make 0.9 of the target or less
+    assert choice(1.0, 0.05, 0.0) == pytest.approx(0.045)
+    assert choice(2.0, 0.1, 0.015) == pytest.approx(0.9 * 0.04)
+    # not the last one: twice what the model will miss, but no more than half of the way or the cap
+    assert choice(1.0, 1e-4, 1e-2) == pytest.approx(2e-2)
+    assert choice(1.0, 1e-4, 1e-3) == pytest.approx(1e-2)
+    assert choice(1.0, 1e-4, 1.0) == 0.1
+    assert choice(1.0, 0.4, 1.0) == pytest.approx(0.2)
+    assert choice(1.0, 0.0, 0.0) == 1e-6
+
+
+def test_what_the_linear_model_misses_is_remembered() -> None:
+    """z^2 = 2: F(z + d) - F - F' d is d^2, which for F' d = -F is F^2/F'^2."""
+    newton = NewtonKrylov(
+        VectorSpace(np.ones(1)), FlexibleGMRES(VectorSpace(np.ones(1)), 3), forcing=constant(1e-12)
+    )
+    assert newton.nonlinearity is None
+    x = wp.array([1.42], dtype=wp.float64, device="cpu")
+    assert newton.solve(one(lambda z: z**2 - 2.0, lambda z: 2.0 * z), x).converged
+    assert newton.nonlinearity == pytest.approx(1.0 / 8.0, rel=1e-3)
+
+
+def test_a_nearly_linear_problem_is_solved_at_once_after_the_first_time() -> None:
+    """The second of two like solves knows what the first has found out, and needs one step."""
+    rng = np.random.default_rng(0)
+    a, b = 4.0 * np.eye(40) + rng.standard_normal((40, 40)) / 3.0, rng.standard_normal(40)
+    problem = Equation(lambda z: a @ z + 1e-6 * z**2 - b, lambda z: a + np.diag(2e-6 * z))
+    space = VectorSpace(np.ones(40))
+    newton = NewtonKrylov(space, FlexibleGMRES(space, 40), rtol=1e-4)
+    first, second = (newton.solve(problem, space.zeros()) for _ in range(2))
+    assert first.converged
+    assert second.converged
+    assert first.newton_iterations > second.newton_iterations == 1
+    assert second.history.forcing[0] < 1e-4
 
 
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: EisenstatWalker(cap=1.0),
-        lambda: EisenstatWalker(alpha=3.0),
+        lambda: FollowedNonlinearity(cap=1.0),
+        lambda: FollowedNonlinearity(first=0.0),
         lambda: Backtracking(shortest=0.0),
         lambda: Backtracking(shortenings=-1),
     ],

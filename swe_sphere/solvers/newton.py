@@ -11,7 +11,7 @@ from typing import Protocol
 
 import warp as wp
 
-from swe_sphere.solvers.forcing_term import EisenstatWalker, Forcing
+from swe_sphere.solvers.forcing_term import FollowedNonlinearity, Forcing
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.line_search import Backtracking, Search
 from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
@@ -129,14 +129,16 @@ class NewtonKrylov:
     ) -> None:
         """Converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm of the space.
 
-        max_krylov: per Newton iteration.  forcing: default EisenstatWalker(); line_search: default
-        Backtracking().
+        max_krylov: per Newton iteration.  forcing: default FollowedNonlinearity(); line_search:
+        default Backtracking().
         """
         self.space, self.gmres = space, gmres
         self.rtol, self.atol = rtol, atol
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
-        self.forcing: Forcing = forcing or EisenstatWalker()
+        self.forcing: Forcing = forcing or FollowedNonlinearity()
         self.line_search = line_search or Backtracking()
+        self.nonlinearity: float | None = None
+        """Of the last step that told it, see `Forcing`; it is carried over from solve to solve."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()
         self._trial, self._direction = space.zeros(), space.zeros()
 
@@ -178,13 +180,13 @@ class NewtonKrylov:
         trial = self._trial_along(p)
         search = Search(1.0, trial(1.0), True, 1) if tiny else self.line_search(trial, norm, eta)
         p.evaluations += search.trials
+        if not tiny:
+            self._learn(p, search, eta)
         return self._accept(p, search, eta, tiny)
 
     def _solve_linear(self, p: _Progress) -> LinearResult:
         """Put the negative Newton direction, J d = F, in self._direction."""
-        previous_norm = p.residuals[-2] if len(p.residuals) > 1 else None
-        previous = p.forcing[-1] if p.forcing else None
-        eta = self.forcing(p.residuals[-1], previous_norm, previous, p.target)
+        eta = self.forcing(p.residuals[-1], p.target, self.nonlinearity)
         p.problem.linearise(p.x)
         self.space.clear(self._direction)
         linear = self.gmres.solve(
@@ -215,6 +217,17 @@ class NewtonKrylov:
             return self.space.norm(self._trial_residual)
 
         return trial
+
+    def _learn(self, p: _Progress, search: Search, eta: float) -> None:
+        """Take the nonlinearity from a step, for parts at right angles in the residual it left.
+
+        Later steps of a solve tell it only where they left more than the linear system did.
+        """
+        norm, length = p.residuals[-1], search.length
+        expected = (1.0 - length * (1.0 - eta)) * norm
+        missed = math.sqrt(max(search.norm**2 - expected**2, 0.0))
+        if math.isfinite(missed) and (len(p.krylov) == 1 or missed > expected):
+            self.nonlinearity = missed / (length * norm) ** 2
 
     def _accept(self, p: _Progress, search: Search, eta: float, tiny: bool) -> NewtonResult | None:
         """Move to the point found, if it is better, and judge where that leads."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.forcing_term import EisenstatWalker
+from swe_sphere.solvers.forcing_term import FollowedNonlinearity
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
@@ -23,11 +23,7 @@ KRYLOV_MEMORY = 2e9
 """Basis vectors kept by GMRES, and the memory they may take [bytes]."""
 NEWTON_ITERATIONS = 12
 """A solve that needs more is cheaper in two halves of the step."""
-FORCING = EisenstatWalker(first=0.02)
-"""The extrapolated guess is so good that equations are nearly linear: a first solve almost to the
-tolerance mostly is the last one too, with no more Krylov iterations than two rougher ones have."""
-LINEAR = EisenstatWalker(first=1e-15)
-"""For linear equations: to where Newton is to get, at once."""
+FORCING = FollowedNonlinearity(first=0.02)
 WORTHLESS = 0.3
 """Residuals below so many round-offs of the state are worth one iteration, not two: rounding alone
 leaves as much.  With more they add up, in float32, where steps are short."""
@@ -98,7 +94,7 @@ class ImplicitStepper(SteppedInParts):
             _gmres(space),
             max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
-            forcing=LINEAR if model.scene.linear else FORCING,
+            forcing=FORCING,
         )
         self.counters |= {"newton_iterations": 0, "krylov_iterations": 0}
         self._units = self._unit_masses()
@@ -108,6 +104,7 @@ class ImplicitStepper(SteppedInParts):
         """Begin from a copy of the state at time t [s]."""
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.load_state_dict({})
+        self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         super().start(state, t)
 
     @classmethod
@@ -124,11 +121,15 @@ class ImplicitStepper(SteppedInParts):
         """Copies of all that a bitwise exact restart needs, a set-up in use included."""
         made = self.problem.preconditioner
         in_use = {} if made is None else made.state_dict()
-        return super().state_dict() | in_use
+        known = self.newton.nonlinearity
+        learnt = {"nonlinearity": np.array(-1.0 if known is None else known)}
+        return super().state_dict() | in_use | learnt
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Go on from what `state_dict` returned after that many steps."""
         super().load_state_dict(state, steps)
+        known = float(state["nonlinearity"])
+        self.newton.nonlinearity = known if known >= 0.0 else None
         if self.problem.preconditioner is not None:
             self.problem.preconditioner.load_state_dict(state)
 
@@ -142,8 +143,12 @@ class ImplicitStepper(SteppedInParts):
 
     def attempt(self, t: float, dt: float) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `new`; see there."""
+        known = self.newton.nonlinearity
         failure = self.step_to(t, dt, self.new)
-        return failure.message if failure else self._fault()
+        fault = failure.message if failure else self._fault()
+        if fault is not None:
+            self.newton.nonlinearity = known
+        return fault
 
     def step_to(self, t: float, dt: float, out: wp.array) -> Failure | None:
         """Write the state one step dt [s] after `state`, at t [s], to `out`.
