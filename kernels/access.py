@@ -62,6 +62,27 @@ def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any,
     return load, load_run, store_run
 
 
+@functools.cache
+def converting_load(value: type, index: type, given: type, real: type, lanes: int) -> Any:
+    """Warp function (x, offset, node): load from a vector of `given` into registers of `real`."""
+    kind, vector = f"wp::{real.__name__}", wp.array(dtype=given)
+    body = f"return {kind}(x.data[offset + node]);"
+    if lanes > 1:
+        body = f"""
+            const auto at = x.data + offset;
+            const auto first = ~node.c[0];
+            wp::vec_t<{lanes}, {kind}> v;
+            for (int i = 0; i < {lanes}; ++i)
+                v.c[i] = {kind}(first >= 0 ? at[first + i] : at[node.c[i]]);
+            return v;
+        """
+
+    @wp.func_native(body)
+    def load(x: vector, offset: int, node: index) -> value: ...
+
+    return load
+
+
 def scratch(np_: int, *kinds: type) -> list[wp.uint64]:
     """Offsets [bytes] in a group's room for work arrays (np, np) of these types.
 

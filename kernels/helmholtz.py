@@ -1,7 +1,12 @@
-"""Nodal steps of the block elimination of the linearised equations, fused with DSS.
+"""Block elimination of the linearised equations, on fields that every element has for itself.
 
 With tau the implicit step, T = (I + tau f k x)^-1 and the depth H, elimination of the wind leaves
 S = I - tau^2 g D H T G for the depth, with the discrete, DSS'd gradient G and divergence D.
+
+A field has a node once in each element that holds it, (groups + 1, np*np, 1), so that kernels read
+whole SIMD registers.  What an element leaves for DSS has the same shape, and DSS is made where it
+is read next: to the own contribution come those of `others` (groups, np*np, 3), one on an edge of
+the element and three at a corner.  One that is not there stands in the last group, which is zero.
 """
 
 import functools
@@ -10,141 +15,212 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import converting_load
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.terms import kernel_types
 
 
 @functools.cache
-def elimination_kernels(real: type, given: type) -> SimpleNamespace:
-    """Kernels over the N nodes; `real` is the type inside, `given` that of the state vectors.
+def elimination_kernels(np_: int, real: type, given: type, shape: str) -> SimpleNamespace:
+    """Kernels on fields of `real`, of which some read or write state vectors (3N,) of `given`.
 
-    Common arguments, all (N,): `places_1` and `places_2` (contributors in local tendencies of one
-    and of two fields), `inverse_area` [m-2], `depth` H [m], `same` = 1/(1 + tau^2 f^2) and
-    `cross` = tau f/(1 + tau^2 f^2), the entries of T.
+    Those on elements take a `geometry` and are launched over (groups, np*np / `share`) threads;
+    `substituted` is launched over the N nodes.
     """
-    vector, state = wp.array(dtype=real), wp.array(dtype=given)
-    places = wp.array(dtype=Contributors)
-    gather = gather_sum(real)
+    t = kernel_types(np_, real, shape)
+    value, field, on_nodes, state = t.value, t.local, wp.array(dtype=real), wp.array(dtype=given)
+    mul, wedge = t.ops.mul, t.ops.wedge
+    share = np_ * np_ if shape == "element" else 1
+    members = {
+        "nodes": wp.array2d(dtype=t.index),
+        "others": wp.array3d(dtype=t.index),
+        "basis": wp.array3d(dtype=value),
+        "derivative": wp.array2d(dtype=real),
+        "weight": wp.array2d(dtype=real),
+        "per_area": wp.array2d(dtype=value),
+        "fluxes": wp.array3d(dtype=value),
+        "per_diagonal": wp.array2d(dtype=value),
+        "size": wp.int32,
+    }
+    geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
+    assembled, load = _assembled(t, geometry), load_state(t, given)
+
+    @no_type_check
+    @wp.func
+    def derivatives(geo: geometry, a: field, b: field, e: int, n: int):
+        i = n // np_
+        j = n % np_
+        s1 = value(real(0.0))
+        s2 = value(real(0.0))
+        for m in range(np_):
+            s1 += geo.derivative[i, m] * a[e, m * np_ + j, 0]
+            s2 += geo.derivative[j, m] * b[e, i * np_ + m, 0]
+        return s1, s2
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def turned_flux(depth: vector, same: vector, cross: vector, size: int, r: state, flux: vector):
-        node = wp.tid()
-        u = real(r[node])
-        v = real(r[size + node])
-        flux[node] = depth[node] * (same[node] * u + cross[node] * v)
-        flux[size + node] = depth[node] * (same[node] * v - cross[node] * u)
+    def gradient(geo: geometry, x: field, east: field, north: field):
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            w = geo.weight[n // np_, n % np_]
+            s1, s2 = derivatives(geo, x, x, e, n)
+            east[e, n, 0] = w * wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])
+            north[e, n, 0] = w * wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], s1, s2)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def eliminated(
-        places_1: places,
-        inverse_area: vector,
-        size: int,
-        local: vector,
-        r: state,
-        tau: real,
-        b: vector,
+    def divergence(geo: geometry, f1: field, f2: field, out: field):
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            s1, s2 = derivatives(geo, f1, f2, e, n)
+            out[e, n, 0] = geo.weight[n // np_, n % np_] * (s1 + s2)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def wind_fluxes(geo: geometry, r: state, f1: field, f2: field):
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            u = load(r, 0, geo.nodes[e, n])
+            v = load(r, geo.size, geo.nodes[e, n])
+            f1[e, n, 0] = mul(geo.fluxes[e, n, 0], u) + mul(geo.fluxes[e, n, 1], v)
+            f2[e, n, 0] = mul(geo.fluxes[e, n, 2], u) + mul(geo.fluxes[e, n, 3], v)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def slope_fluxes(
+        geo: geometry,
+        east: field,
+        east_flat: on_nodes,
+        north: field,
+        north_flat: on_nodes,
+        f1: field,
+        f2: field,
     ):
-        node = wp.tid()
-        divergence = inverse_area[node] * gather(local, places_1[node], 0)
-        b[node] = real(r[2 * size + node]) - tau * divergence
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            u = mul(geo.per_area[e, n], assembled(geo, east, east_flat, e, n))
+            v = mul(geo.per_area[e, n], assembled(geo, north, north_flat, e, n))
+            f1[e, n, 0] = mul(geo.fluxes[e, n, 0], u) + mul(geo.fluxes[e, n, 1], v)
+            f2[e, n, 0] = mul(geo.fluxes[e, n, 2], u) + mul(geo.fluxes[e, n, 3], v)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def gradient_flux(
-        places_2: places,
-        inverse_area: vector,
-        depth: vector,
-        same: vector,
-        cross: vector,
-        stride: int,
-        size: int,
-        local: vector,
-        flux: vector,
-    ):
-        node = wp.tid()
-        scale = depth[node] * inverse_area[node]
-        u = scale * gather(local, places_2[node], 0)
-        v = scale * gather(local, places_2[node], stride)
-        flux[node] = same[node] * u + cross[node] * v
-        flux[size + node] = same[node] * v - cross[node] * u
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def substituted(
-        places_2: places,
-        inverse_area: vector,
-        same: vector,
-        cross: vector,
-        stride: int,
-        size: int,
-        local: vector,
-        r: state,
-        h: vector,
-        tau_g: real,
-        out: state,
-    ):
-        node = wp.tid()
-        scale = tau_g * inverse_area[node]
-        u = real(r[node]) - scale * gather(local, places_2[node], 0)
-        v = real(r[size + node]) - scale * gather(local, places_2[node], stride)
-        out[node] = given(same[node] * u + cross[node] * v)
-        out[size + node] = given(same[node] * v - cross[node] * u)
-        out[2 * size + node] = given(h[node])
+    def eliminated(geo: geometry, local: field, flat: on_nodes, r: state, tau: real, b: field):
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            inflow = mul(geo.per_area[e, n], assembled(geo, local, flat, e, n))
+            b[e, n, 0] = load(r, 2 * geo.size, geo.nodes[e, n]) - tau * inflow
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def chebyshev(
-        places_1: places,
-        inverse_area: vector,
-        inverse_diagonal: vector,
-        local: vector,
+        geo: geometry,
+        local: field,
+        flat: on_nodes,
+        sign: real,
         tau_tau_g: real,
         keep: real,
         take: real,
         beta: real,
-        r: vector,
-        d: vector,
-        x: vector,
+        r: field,
+        d: field,
+        x: field,
     ):
-        node = wp.tid()
-        divergence = inverse_area[node] * gather(local, places_1[node], 0)
-        residual = r[node] - (d[node] - tau_tau_g * divergence)
-        step = keep * d[node] + take * inverse_diagonal[node] * residual
-        r[node] = residual
-        d[node] = step
-        x[node] = x[node] + beta * step
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            second = mul(geo.per_area[e, n], assembled(geo, local, flat, e, n))
+            residual = r[e, n, 0] + sign * (d[e, n, 0] - tau_tau_g * second)
+            step = keep * d[e, n, 0] + take * mul(geo.per_diagonal[e, n], residual)
+            r[e, n, 0] = residual
+            d[e, n, 0] = step
+            x[e, n, 0] = x[e, n, 0] + beta * step
+
+    gather, places = gather_sum(real), wp.array(dtype=Contributors)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def chebyshev_start(
-        inverse_diagonal: vector, take: real, beta: real, r: vector, d: vector, x: vector
-    ):
-        node = wp.tid()
-        step = take * inverse_diagonal[node] * r[node]
-        d[node] = step
-        x[node] = beta * step
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def schur(
+    def substituted(
         places_1: places,
-        inverse_area: vector,
-        local: vector,
-        tau_tau_g: real,
-        d: vector,
-        out: vector,
+        inverse_area: on_nodes,
+        same: on_nodes,
+        cross: on_nodes,
+        size: int,
+        east: on_nodes,
+        north: on_nodes,
+        h: on_nodes,
+        r: state,
+        tau_g: real,
+        out: state,
     ):
         node = wp.tid()
-        divergence = inverse_area[node] * gather(local, places_1[node], 0)
-        out[node] = d[node] - tau_tau_g * divergence
+        at = places_1[node]
+        scale = tau_g * inverse_area[node]
+        u = real(r[node]) - scale * gather(east, at, 0)
+        v = real(r[size + node]) - scale * gather(north, at, 0)
+        out[node] = given(same[node] * u + cross[node] * v)
+        out[size + node] = given(same[node] * v - cross[node] * u)
+        out[2 * size + node] = given(h[at[0]])
 
     return SimpleNamespace(
-        turned_flux=turned_flux,
+        gradient=gradient,
+        divergence=divergence,
+        wind_fluxes=wind_fluxes,
+        slope_fluxes=slope_fluxes,
         eliminated=eliminated,
-        gradient_flux=gradient_flux,
-        substituted=substituted,
         chebyshev=chebyshev,
-        chebyshev_start=chebyshev_start,
-        schur=schur,
+        substituted=substituted,
+        geometry=geometry,
+        value=value,
+        share=share,
     )
+
+
+def _assembled(t: SimpleNamespace, geometry: type) -> wp.Function:
+    """Function (geometry, local, flat, e, n): DSS of what elements left, at one of their nodes."""
+    np_, load = t.np, t.ops.load
+
+    @no_type_check
+    @wp.func
+    def assembled(geo: geometry, local: t.local, flat: t.vector, e: int, n: int):
+        total = local[e, n, 0]
+        on_1 = (n // np_) % (np_ - 1) == 0
+        on_2 = (n % np_) % (np_ - 1) == 0
+        if on_1 or on_2:
+            total += load(flat, 0, geo.others[e, n, 0])
+        if on_1 and on_2:
+            total += load(flat, 0, geo.others[e, n, 1]) + load(flat, 0, geo.others[e, n, 2])
+        return total
+
+    return assembled
+
+
+def load_state(t: SimpleNamespace, given: type) -> wp.Function:
+    """Function (x, offset, nodes): numbers of a vector of `given`, as those of the fields."""
+    if given is t.real:
+        return t.ops.load
+    return converting_load(t.value, t.index, given, t.real, t.lanes)
+
+
+@functools.cache
+def passage_kernels(np_: int, real: type, given: type, shape: str) -> SimpleNamespace:
+    """`spread` of a nodal vector (N,) of `given` to a field, and `collect` of it from there."""
+    t = kernel_types(np_, real, shape)
+    load, share = load_state(t, given), np_ * np_ if shape == "element" else 1
+    vector, field, nodes, places = (
+        wp.array(dtype=given), t.local, wp.array2d(dtype=t.index), wp.array(dtype=Contributors)
+    )  # fmt: skip
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def spread(node: nodes, x: vector, out: field):
+        e, part = wp.tid()
+        for n in range(part * share, part * share + share):
+            out[e, n, 0] = load(x, 0, node[e, n])
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def collect(places_1: places, flat: wp.array(dtype=real), out: vector):
+        node = wp.tid()
+        out[node] = given(flat[places_1[node][0]])
+
+    return SimpleNamespace(spread=spread, collect=collect)

@@ -21,7 +21,9 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_kernel
-from swe_sphere.kernels.helmholtz import elimination_kernels
+from swe_sphere.kernels.coarse import coarse_kernels
+from swe_sphere.kernels.damping import damping_kernels
+from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
@@ -58,6 +60,10 @@ def kernels(real: type) -> list[wp.Kernel]:
     """One of each kind that a GPU runs."""
     nodes = [tendency_kernel(terms, 4, real, "node") for terms in (FULL, TANGENT, TRANSPORT)]
     fields = field_kernels(4, real, "node")
+
+    def kernels_of(made) -> list[wp.Kernel]:
+        return [kernel for kernel in vars(made).values() if isinstance(kernel, wp.Kernel)]
+
     return [
         *(compiled.kernel for compiled in nodes),
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
@@ -69,7 +75,10 @@ def kernels(real: type) -> list[wp.Kernel]:
         pointwise_kernel(1, real, Pointwise(forcing=True, terms=terms()[1:])).assembly,
         combine_kernel(real, 4),
         leapfrog_kernel(real),
-        *vars(elimination_kernels(wp.float32, real)).values(),
+        *kernels_of(elimination_kernels(4, wp.float32, real, "node")),
+        *kernels_of(passage_kernels(4, wp.float32, real, "node")),
+        *kernels_of(coarse_kernels(4, 16, wp.float32, "node")),
+        *kernels_of(damping_kernels(4, wp.float32, real, "node")),
         fields.gradient,
         fields.divergence,
         fields.transport,

@@ -14,6 +14,7 @@ from swe_sphere.equations import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.field import Field
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients
@@ -59,6 +60,12 @@ class System:
         self.matrix = self.host.matrix(TAU, self.depth)
         self.up = on_device.upload
 
+    def field(self, values: np.ndarray) -> Field:
+        """Nodal values as a field."""
+        field = self.operator.field()
+        self.operator.put(values, field)
+        return field
+
     @property
     def turn(self) -> np.ndarray:
         """T as (2, 2, N): east and north of (1 + tau f k x)^-1."""
@@ -79,18 +86,18 @@ def case(request):
 def test_elimination_against_matrices(case) -> None:
     system, tolerance = case
     n = system.mesh.size
-    r, b = rough(3 * n, 1), system.operator.vector()
+    r, b = rough(3 * n, 1), system.operator.field()
     system.operator.eliminate(system.up(r), b)
     flux = np.tile(system.depth, 2) * system.turned(r[: 2 * n])
     inflow = sparse.divergence(system.mesh) @ flux
-    assert relative(b.numpy(), r[2 * n :] - TAU * inflow) < tolerance
+    assert relative(system.operator.fetch(b), r[2 * n :] - TAU * inflow) < tolerance
 
 
 def test_substitution_against_matrices(case) -> None:
     system, tolerance = case
     n = system.mesh.size
-    r, h, out = rough(3 * n, 1), 100.0 * rough(n, 2), system.operator.vector(3)
-    system.operator.substitute(system.up(r), system.up(h), out)
+    r, h, out = rough(3 * n, 1), 100.0 * rough(n, 2), system.up(np.zeros(3 * n))
+    system.operator.substitute(system.up(r), system.field(h), out)
     wind = system.turned(r[: 2 * n] - TAU * GRAVITY * (sparse.gradient(system.mesh) @ h))
     assert relative(out.numpy(), np.concatenate([wind, h])) < tolerance
     assert relative(out.numpy()[2 * n :], h) < tolerance
@@ -98,28 +105,33 @@ def test_substitution_against_matrices(case) -> None:
 
 def test_product_and_residual_against_the_matrix(case) -> None:
     system, tolerance = case
-    d, b, out = rough(system.mesh.size, 3), rough(system.mesh.size, 4), system.operator.vector()
+    d, b = rough(system.mesh.size, 3), rough(system.mesh.size, 4)
+    out, given, x = system.operator.field(), system.field(b), system.field(d)
     product = system.matrix @ d
-    system.operator.apply(system.up(d), out)
-    assert relative(out.numpy(), product) < tolerance
-    given, x = system.up(b), system.up(d)
+    system.operator.apply(x, out)
+    assert relative(system.operator.fetch(out), product) < tolerance
     system.operator.residual(given, x, out)
-    assert relative(out.numpy(), b - product) < tolerance
-    assert np.array_equal(given.numpy(), system.up(b).numpy())
-    assert np.array_equal(x.numpy(), system.up(d).numpy())
+    assert relative(system.operator.fetch(out), b - product) < tolerance
+    for mine, before in ((given, b), (x, d)):
+        assert relative(system.operator.fetch(mine), before) < tolerance
 
 
-def test_chebyshev_step_against_the_matrix(case) -> None:
+def test_chebyshev_steps_against_the_matrix(case) -> None:
+    """One from given vectors, and one from zero, whatever was there."""
     system, tolerance = case
-    r, d, x = (rough(system.mesh.size, seed) for seed in (5, 6, 7))
-    on_device = [system.up(v) for v in (r, d, x)]
+    r, d, x = vectors = [rough(system.mesh.size, seed) for seed in (5, 6, 7)]
     keep, take, beta = 0.3, 1.7, 1.2
-    system.operator.chebyshev_step((keep, take, beta), *on_device)
-    r = r - system.matrix @ d
-    d = keep * d + take * r / system.diagonal
-    x = x + beta * d
-    for ours, theirs in zip(on_device, (r, d, x), strict=True):
-        assert relative(ours.numpy(), theirs) < tolerance
+    fields = [system.field(v) for v in vectors]
+    system.operator.chebyshev_step((keep, take, beta), *fields)
+    after = r - system.matrix @ d
+    step = keep * d + take * after / system.diagonal
+    for ours, theirs in zip(fields, (after, step, x + beta * step), strict=True):
+        assert relative(system.operator.fetch(ours), theirs) < tolerance
+    fields = [system.field(v) for v in vectors]
+    system.operator.chebyshev_start((keep, take, beta), *fields)
+    first = take * r / system.diagonal
+    for ours, theirs in zip(fields, (r, first, beta * first), strict=True):
+        assert relative(system.operator.fetch(ours), theirs) < tolerance
 
 
 def test_matrix_is_what_elimination_leaves_of_the_model() -> None:
@@ -228,12 +240,14 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     operator = SchurOperator(on_device, model.launch, GRAVITY, host.coriolis, wp.float32)
     depth = depth_of(mesh)
     operator.configure(tau, depth, 1.0 / host.diagonal(tau, depth))
-    inner, x = Multilevel(operator, symmetric=True), operator.vector()
+    inner = Multilevel(operator, symmetric=True)
+    b, x = operator.field(), operator.field()
     inner.setup(tau, depth)
     columns = []
     for unit in np.eye(mesh.size):
-        inner.solve(on_device.upload(unit), x)
-        columns.append(x.numpy().astype(np.float64))
+        operator.put(unit, b)
+        inner.solve(b, x)
+        columns.append(operator.fetch(x))
     weighted = mesh.area[:, None] * np.stack(columns, axis=1)
     assert np.abs(weighted - weighted.T).max() < 1e-5 * np.abs(weighted).max()
     assert np.linalg.eigvalsh(weighted + weighted.T)[0] > 0.0

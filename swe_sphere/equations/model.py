@@ -107,6 +107,13 @@ class Model:
         """Whether the scene has viscosity or hyperviscosity."""
         return any(effect.diffuses for effect in self.scene.effects)
 
+    def damping(self, squares: Array) -> Array:
+        """Rate [s-1] at which all effects together damp waves of squared wavenumbers [m-2]."""
+        total = np.zeros_like(squares)
+        for effect in self.scene.effects:
+            total += effect.damping(self.mesh, squares)
+        return total
+
     @cached_property
     def inviscid(self) -> "Model":
         """This model without viscosity and hyperviscosity, which shares all arrays and counts."""

@@ -71,7 +71,7 @@ class DeviceMesh:
     @functools.cached_property
     def nodes(self) -> wp.array:
         """Unique node numbers of the element nodes; runs marked as `kernels/access.py` says."""
-        numbers = self._in_lanes(self.part.node_of[..., None])
+        numbers = self._in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
         if self.lanes > 1:
             first = numbers[..., 0]
             first[(np.diff(numbers) == 1).all(axis=-1)] ^= -1
@@ -80,13 +80,13 @@ class DeviceMesh:
     @functools.cached_property
     def basis(self) -> wp.array:
         """The four entries of dx/dxi_i . e_k [m] at the element nodes."""
-        return self._element_array(self.mesh.basis[self.part.elements], self.real, (4,))
+        return self.on_elements(self.mesh.basis[self.part.elements], (4,))
 
     @functools.cached_property
     def inverse_jacobian(self) -> wp.array:
         """One over the area element [m-2]."""
         jacobian = self.mesh.jacobian[self.part.elements]
-        return self._element_array(1.0 / jacobian[..., None], self.real, ())
+        return self.on_elements(1.0 / jacobian)
 
     @functools.cached_property
     def derivative(self) -> wp.array:
@@ -138,6 +138,21 @@ class DeviceMesh:
         node = np.repeat(np.arange(self.size), count)
         places[node, np.arange(node.size) - np.repeat(np.cumsum(count) - count, count)] = position
         return wp.array(places, dtype=Contributors, device=self.device)
+
+    @functools.cached_property
+    def others(self) -> wp.array:
+        """Places of the contributors of each element node but its own, in a local field.
+
+        (groups, np*np, 3): one of an element's edge has one, a corner three; what it lacks stands
+        in the empty group.
+        """
+        own = self._positions(np.arange(self.elements * self.points), self.lanes)
+        around = self.places(1).numpy()[self.part.node_of.ravel()]
+        empty = self.groups * self.points * self.lanes
+        not_there = (around < 0) | (around == empty) | (around == own[:, None])
+        order = np.argsort(not_there, axis=1, kind="stable")[:, :3]
+        around = np.where(not_there, empty, around)
+        return self.on_elements(np.take_along_axis(around, order, axis=1), (3,), wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """A structure of that kind: members by name from those given, else from the mesh."""
@@ -234,6 +249,22 @@ class DeviceMesh:
             return values
         return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
 
+    def collect_elements(self, values: wp.array) -> NDArray[Any]:
+        """Numbers (groups, k) of the elements of all ranks, in the order of the whole mesh.
+
+        (groups, k, lanes), of lanes that are no element too.
+        """
+        mine: NDArray[Any] = values.numpy().reshape(self.groups, -1, self.lanes)
+        if not self.comm.shared:
+            return mine
+        count = mine.shape[1]
+        elements = self.comm.tell_all(self.part.elements)
+        rows = mine.swapaxes(1, 2).reshape(-1, count)[: self.elements]
+        joined = np.zeros((-(-self.mesh.elements // self.lanes) * self.lanes, count), mine.dtype)
+        everyone = self.comm.gather(rows, [count * each.size for each in elements])
+        joined[np.concatenate(elements)] = everyone.reshape(-1, count)
+        return joined.reshape(-1, self.lanes, count).swapaxes(1, 2)
+
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
         sizes = values.size * self.size, vector.size * self.mesh.size
@@ -259,22 +290,27 @@ class DeviceMesh:
             np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
         )
 
-    def _element_array(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
-        """(E, np, np, ...) regrouped to (groups, np*np, *tail) of lanes."""
-        return self._on_elements(self._in_lanes(values), scalar, tail)
+    def on_elements(
+        self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None
+    ) -> wp.array:
+        """(E, k, *tail) or (E, np, np, *tail) of this rank's elements: (groups, k, *tail) of lanes.
+
+        scalar: another number type than that of the run.
+        """
+        rows = values.reshape(self.elements, -1, math.prod(tail))
+        return self._on_elements(self._in_lanes(rows), scalar or self.real, tail)
 
     def _in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """(E, np, np, ...) as (groups, np*np, ..., lanes)."""
-        parts = values.reshape(self.elements, self.points, -1)
+        """(E, k, ...) as (groups, k, ..., lanes)."""
         short = self.groups * self.lanes - self.elements
-        padded = np.concatenate([parts, np.repeat(parts[-1:], short, axis=0)])
-        grouped = padded.reshape(self.groups, self.lanes, self.points, -1)
+        padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
+        grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
         return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
 
     def _on_elements(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
-        """Arrays (groups, np*np, ..., lanes) on the device, as (groups, np*np, *tail) of lanes."""
+        """Arrays (groups, k, ..., lanes) on the device, as (groups, k, *tail) of lanes."""
         dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
-        array = self._aligned((self.groups, self.points, *tail), dtype)
+        array = self._aligned((self.groups, values.shape[1], *tail), dtype)
         numbers = values.astype(wp.dtype_to_numpy(scalar))
         array.assign(numbers.reshape(array.numpy().shape))
         return array

@@ -2,18 +2,25 @@
 
 For A = I - tau L with L(V, h) = (-f k x V - g G h, -D H V), elimination of the wind leaves
 S dh = r_h - tau D H T r_V with S = I - tau^2 g D H T G and T = (I + tau f k x)^-1, and then
-dV = T (r_V - tau g G dh).  G and D are the DSS'd operators of the model: a compact Laplacian in
-their place is a bad preconditioner, as it differs on the grid-scale modes.
+dV = T (r_V - tau g G dh).  With effects that damp wind and depth at a rate that depends on the
+wavenumber, F being the inverse of I + tau times it, S = I - tau^2 g D H T G F^2, as if F commuted
+with all else: S dk = r_h - tau D H T F r_V, dh = F dk and dV = T (F r_V - tau g G F^2 dk).
+
+G and D are the DSS'd operators of the model: a compact Laplacian in their place is a bad
+preconditioner, as it differs on the grid-scale modes.
 """
 
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.helmholtz import elimination_kernels
-from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
+from swe_sphere.operators.damping import Damping, Rate
 from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.field import Field
 from swe_sphere.operators.launch import Launcher
 
 
@@ -24,108 +31,173 @@ class SchurOperator:
     """
 
     def __init__(
-        self, mesh: DeviceMesh, launch: Launcher, gravity: float, coriolis: Array, given: Any
-    ) -> None:
+        self, mesh: DeviceMesh, launch: Launcher, gravity: float, coriolis: Array, given: Any,
+        damping: Rate | None = None,
+    ) -> None:  # fmt: skip
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
-        self.size, self.tau = mesh.size, 0.0
-        self._derivatives = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
-        self._steps = elimination_kernels(mesh.real, given)
-        self._geometry = mesh.geometry(self._derivatives.geometry)
-        self._places_1, self._places_2 = mesh.places(1), mesh.places(2)
-        self._local_1, self._flat_1 = mesh.local(1, self._derivatives.value)
-        self._local_2, self._flat_2 = mesh.local(2, self._derivatives.value)
-        self._flux, self._depth, self._inverse_diagonal = (self.vector(k) for k in (2, 1, 1))
-        self._turn = self.vector(), self.vector()
-        launch.load(self._derivatives.gradient, self._derivatives.divergence)
-        launch.load(*vars(self._steps).values())
+        self.size, self.tau, order = mesh.size, 0.0, mesh.mesh.np
+        self._kernels = elimination_kernels(order, mesh.real, given, mesh.shape)
+        self.dim = mesh.groups, mesh.points // self._kernels.share
+        """Threads of a launch over the elements."""
+        shape = mesh.groups, mesh.points
+        room = {"fluxes": (*shape, 4), "per_diagonal": shape}
+        self._configured = {
+            name: wp.zeros(size, dtype=self._kernels.value, device=mesh.device)
+            for name, size in room.items()
+        }
+        per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
+        given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
+        self._known_passages: dict[Any, Any] = {}
+        self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
+        self._east, self._north, self._local, self._f1, self._f2 = (self.field() for _ in range(5))
+        self._same, self._cross, self._nodal = (
+            wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
+        )
+        self.damping = None if damping is None else Damping(mesh, launch, damping, given)
+        """What implicit diffusion leaves of a wave, if there is any."""
+        names = ("gradient", "divergence", "wind_fluxes", "slope_fluxes", "eliminated")
+        launch.load(
+            *(getattr(self._kernels, name) for name in (*names, "chebyshev", "substituted"))
+        )
 
-    def vector(self, fields: int = 1) -> wp.array:
-        """Zeros for that many nodal fields."""
-        return wp.zeros(fields * self.size, dtype=self.mesh.real, device=self.mesh.device)
+    def field(self) -> Field:
+        """A field of zeros."""
+        return Field(*self.mesh.local(1, self._kernels.value))
+
+    def spread(self, x: wp.array, out: Field) -> None:
+        """A nodal vector (N,) of any number type to a field."""
+        kernel = self._passages(x).spread
+        self.launch(kernel, self.dim, self.mesh.nodes, x, out.values)
+
+    def collect(self, x: Field, out: wp.array) -> None:
+        """A field to a nodal vector (N,) of any number type."""
+        self.mesh.exchange(x.flat)
+        kernel = self._passages(out).collect
+        self.launch(kernel, self.size, self.mesh.places(1), x.flat, out)
+
+    def put(self, values: Array, x: Field) -> None:
+        """Values (N,) from the host to a field."""
+        self.spread(self.mesh.scatter(values), x)
+
+    def fetch(self, x: Field) -> Array:
+        """A field as float64 values (N,) on the host."""
+        self.collect(x, self._nodal)
+        return self.mesh.collect(self._nodal).astype(np.float64)
 
     def configure(self, tau: float, depth: Array, inverse_diagonal: Array) -> None:
         """Set the implicit step [s], the depth (N,) [m] and one over the diagonal of S (N,)."""
-        self.tau, angle = tau, tau * self.coriolis
-        same, cross = self._turn
+        mesh, nodes, angle = self.mesh, self._nodes, tau * self.coriolis
+        if self.damping is not None:
+            self.damping.configure(tau)
+        self.tau, same, cross = tau, 1.0 / (1.0 + angle**2), angle / (1.0 + angle**2)
+        turn = np.stack([same, cross, -cross, same], axis=-1).reshape(-1, 2, 2)
+        b = mesh.mesh.basis[mesh.part.elements]
+        adjugate = np.stack([b[..., 1, 1], -b[..., 1, 0], -b[..., 0, 1], b[..., 0, 0]], axis=-1)
+        fluxes = adjugate.reshape(b.shape) @ (depth[:, None, None] * turn)[nodes]
         for target, values in (
-            (self._depth, depth),
-            (same, 1.0 / (1.0 + angle**2)),
-            (cross, angle / (1.0 + angle**2)),
-            (self._inverse_diagonal, inverse_diagonal),
+            (self._same, mesh.scatter(same)),
+            (self._cross, mesh.scatter(cross)),
+            (self._configured["fluxes"], mesh.on_elements(fluxes, (4,))),
+            (self._configured["per_diagonal"], mesh.on_elements(inverse_diagonal[nodes])),
         ):
-            wp.copy(target, self.mesh.scatter(values))
+            wp.copy(target, values)
 
-    def eliminate(self, r: wp.array, b: wp.array) -> None:
-        """b (N,) = r_h - tau D H T r_V for r (3N,)."""
-        self.launch(
-            self._steps.turned_flux, self.size, self._depth, *self._turn, self.size, r, self._flux
-        )
+    def eliminate(self, r: wp.array, b: Field) -> None:
+        """b = r_h - tau D H T r_V for r (3N,)."""
+        if self.damping is not None:
+            r = self.damping.damp_wind(r)
+        self._launch(self._kernels.wind_fluxes, r, self._f1.values, self._f2.values)
         self._diverge()
-        self._nodal_1(self._steps.eliminated, self.size, self._flat_1, r, self.tau, b)
+        self._assemble(self._kernels.eliminated, r, self.tau, b.values)
 
-    def substitute(self, r: wp.array, h: wp.array, out: wp.array) -> None:
-        """out (3N,) = (T (r_V - tau g G h), h)."""
+    def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
+        """out (3N,) = (T (r_V - tau g G h), h), with r as it was eliminated last."""
+        if self.damping is not None:
+            r = self.damping.state
         self._differentiate(h)
-        self._nodal_2(
-            self._steps.substituted, *self._turn, self.mesh.lanes, self.size, self._flat_2, r, h,
+        self.mesh.exchange(h.flat)
+        self.launch(
+            self._kernels.substituted, self.size, self.mesh.places(1), self.mesh.inverse_area,
+            self._same, self._cross, self.size, self._east.flat, self._north.flat, h.flat, r,
             self.tau * self.gravity, out,
         )  # fmt: skip
+        if self.damping is not None:
+            self.damping.damp_depth(h, out)
 
-    def apply(self, d: wp.array, out: wp.array) -> None:
-        """out (N,) = S d."""
-        self._second_derivative(d)
-        self._nodal_1(self._steps.schur, self._flat_1, self._factor, d, out)
+    def apply(self, d: Field, out: Field) -> None:
+        """out = S d."""
+        out.values.zero_()
+        self._step(1.0, (1.0, 0.0, 0.0), out, d, self._f1)
 
-    def residual(self, b: wp.array, x: wp.array, out: wp.array) -> None:
-        """out (N,) = b - S x."""
-        wp.copy(out, b)
-        self.chebyshev_step((1.0, 0.0, 0.0), out, x, self._flux)
+    def residual(self, b: Field, x: Field, out: Field) -> None:
+        """out = b - S x."""
+        wp.copy(out.values, b.values)
+        self._step(-1.0, (1.0, 0.0, 0.0), out, x, self._f1)
 
     def chebyshev_step(
-        self, coefficients: tuple[float, float, float], r: wp.array, d: wp.array, x: wp.array
+        self, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
     ) -> None:
         """r -= S d; d = keep d + take r/diag S; x += beta d, with (keep, take, beta) given."""
-        self._second_derivative(d)
-        self._nodal_1(
-            self._steps.chebyshev, self._inverse_diagonal, self._flat_1, self._factor,
-            *coefficients, r, d, x,
-        )  # fmt: skip
+        self._step(-1.0, coefficients, r, d, x)
 
     def chebyshev_start(
-        self, coefficients: tuple[float, float, float], r: wp.array, d: wp.array, x: wp.array
+        self, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
     ) -> None:
-        """That step from d = x = 0, whatever they hold: d = take r/diag S; x = beta d."""
-        _, take, beta = coefficients
-        kernel, inverse = self._steps.chebyshev_start, self._inverse_diagonal
-        self.launch(kernel, self.size, inverse, take, beta, r, d, x)
+        """That step from d = x = 0, whatever they hold, without a product."""
+        for zero in (self._local, d, x):
+            zero.values.zero_()
+        self._smooth(-1.0, coefficients, r, d, x)
 
-    @property
-    def _factor(self) -> float:
-        return self.tau**2 * self.gravity
-
-    def _second_derivative(self, d: wp.array) -> None:
-        """Local tendencies of D H T G d."""
+    def _step(
+        self, sign: float, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
+    ) -> None:
+        """As `chebyshev_step`, with r += sign S d."""
         self._differentiate(d)
-        self._nodal_2(
-            self._steps.gradient_flux, self._depth, *self._turn, self.mesh.lanes, self.size,
-            self._flat_2, self._flux,
+        self._launch(
+            self._kernels.slope_fluxes, self._east.values, self._east.flat, self._north.values,
+            self._north.flat, self._f1.values, self._f2.values,
         )  # fmt: skip
         self._diverge()
+        self._smooth(sign, coefficients, r, d, x)
 
-    def _differentiate(self, s: wp.array) -> None:
-        self._over_elements(self._derivatives.gradient, s, self._local_2, self._flat_2)
+    def _smooth(
+        self, sign: float, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
+    ) -> None:
+        self._assemble(
+            self._kernels.chebyshev, sign, self.tau**2 * self.gravity, *coefficients,
+            r.values, d.values, x.values,
+        )  # fmt: skip
+
+    def _differentiate(self, x: Field) -> None:
+        if self.damping is not None:
+            self.damping.damp_twice(x, self._f1)
+            x = self._f1
+        self._launch(self._kernels.gradient, x.values, self._east.values, self._north.values)
+        self.mesh.exchange(self._east.flat)
+        self.mesh.exchange(self._north.flat)
 
     def _diverge(self) -> None:
-        self._over_elements(self._derivatives.divergence, self._flux, self._local_1, self._flat_1)
+        fluxes = self._f1.values, self._f2.values
+        self._launch(self._kernels.divergence, *fluxes, self._local.values)
+        self.mesh.exchange(self._local.flat)
 
-    def _over_elements(self, kernel: Any, x: wp.array, local: wp.array, flat: wp.array) -> None:
-        self.launch(kernel, self.mesh.dim, self._geometry, x, x, 0, 1, local)
-        self.mesh.exchange(flat)
+    def _assemble(self, kernel: Any, *arguments: Any) -> None:
+        """A step that takes what `_diverge` left."""
+        self._launch(kernel, self._local.values, self._local.flat, *arguments)
 
-    def _nodal_1(self, kernel: Any, *arguments: Any) -> None:
-        """A nodal step that gathers one field."""
-        self.launch(kernel, self.size, self._places_1, self.mesh.inverse_area, *arguments)
+    @property
+    def _nodes(self) -> NDArray[np.int32]:
+        """(e, np, np) number in the whole mesh of each element node."""
+        numbers: NDArray[np.int32] = self.mesh.mesh.nodes[self.mesh.part.elements]
+        return numbers
 
-    def _nodal_2(self, kernel: Any, *arguments: Any) -> None:
-        """A nodal step that gathers two fields."""
-        self.launch(kernel, self.size, self._places_2, self.mesh.inverse_area, *arguments)
+    def _launch(self, kernel: Any, *arguments: Any) -> None:
+        self.launch(kernel, self.dim, self._geometry, *arguments)
+
+    def _passages(self, x: wp.array) -> Any:
+        if x.dtype not in self._known_passages:
+            mesh = self.mesh
+            made = passage_kernels(mesh.mesh.np, mesh.real, x.dtype, mesh.shape)
+            self.launch.load(made.spread, made.collect)
+            self._known_passages[x.dtype] = made
+        return self._known_passages[x.dtype]

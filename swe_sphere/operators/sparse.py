@@ -24,7 +24,7 @@ class ElementSpace:
     """Continuous functions, of which k are not zero on an element."""
 
     values: Array
-    """(np*np, k), or (E, np*np, k) where elements differ: their nodal values."""
+    """(np*np, k) their nodal values."""
     numbers: NDArray[np.int32]
     """(E, k) their numbers; -1 for one that is left out."""
 

@@ -18,7 +18,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Operator, Spectrum, estimate_spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.convert import convert_kernel
 from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
@@ -173,26 +172,21 @@ class GravityWaveSolver:
     def __init__(self, waves: GravityWaves) -> None:
         self.waves, self.tau = waves, 0.0
         model = waves.model
-        self._launch, self._outer = model.launch, model.device_mesh.real
-        self.operator = schur_operator(model, waves.coriolis, wp.float64, self._outer)
-        self._rough = schur_operator(model, waves.coriolis, wp.float32, wp.float32)
+        outer = model.device_mesh.real
+        self.operator = schur_operator(model, waves.coriolis, wp.float64, outer)
+        self._rough = schur_operator(model, waves.coriolis, wp.float32, outer)
         self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
-        self._rough_r, self._rough_z = self._rough.vector(), self._rough.vector()
+        self._rough_fields = self._rough.field(), self._rough.field()
         area = model.mesh.area / model.mesh.area.sum()
-        self.space = VectorSpace(
-            area, model.device, work=model.launch.work, mesh=model.device_mesh
-        )
+        self.space = VectorSpace(area, model.device, work=model.launch.work, mesh=model.device_mesh)
         self.setups, self.setup_seconds = 0, 0.0
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
         self._krylov: KrylovSolver = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
         )
-        self._b, self._h = self.operator.vector(), self.operator.vector()
+        self._fields = self.operator.field(), self.operator.field()
+        self._b, self._h = self.space.zeros(), self.space.zeros()
         self._ones = wp.full_like(self._b, 1.0)
-        self._from_outer = convert_kernel(self._outer, wp.float64)
-        self._down = convert_kernel(wp.float64, wp.float32)
-        self._up = convert_kernel(wp.float32, wp.float64)
-        self._launch.load(self._from_outer, self._down, self._up)
 
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
@@ -207,29 +201,38 @@ class GravityWaveSolver:
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
 
-    def solve(
-        self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float
-    ) -> LinearResult:
+    def solve(self, r: wp.array, guess: wp.array, out: wp.array, tolerance: float) -> LinearResult:
         """out = (I - tau L)^-1 r, both states, from a guess (N,) of the depth.
 
         tolerance: of the residual of the eliminated system, relative to its right-hand side.  The
         masses of `out` are those of r, whatever the tolerance.  All are of the run's number
         type.
         """
-        self.operator.eliminate(r, self._b)
-        self._launch(self._from_outer, self.space.n, guess, self._h)
+        b, h = self._fields
+        self.operator.eliminate(r, b)
+        self.operator.collect(b, self._b)
+        self.operator.spread(guess, h)
+        self.operator.collect(h, self._h)
         result = self._krylov.solve(
-            self.operator.apply, self._b, self._h, self._precondition, tolerance,
+            self._apply, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
         lost = self.space.dot(self._ones, self._b) - self.space.dot(self._ones, self._h)
         self.space.axpy(lost, self._ones, self._h)
-        self.operator.substitute(r, self._h, out)
+        self.operator.spread(self._h, h)
+        self.operator.substitute(r, h, out)
         if self.waves.tracers is not None:
             self.waves.tracers.solve(self.tau, r, out)
         return result
 
+    def _apply(self, d: wp.array, out: wp.array) -> None:
+        field, image = self._fields
+        self.operator.spread(d, field)
+        self.operator.apply(field, image)
+        self.operator.collect(image, out)
+
     def _precondition(self, r: wp.array, z: wp.array) -> None:
-        self._launch(self._down, self.space.n, r, self._rough_r)
-        self._inner.solve(self._rough_r, self._rough_z)
-        self._launch(self._up, self.space.n, self._rough_z, z)
+        rough_r, rough_z = self._rough_fields
+        self._rough.spread(r, rough_r)
+        self._inner.solve(rough_r, rough_z)
+        self._rough.collect(rough_z, z)

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from swe_sphere.arrays import Array
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH
@@ -34,6 +35,10 @@ class Viscosity(Effect):
         """ν [m2 s-1]."""
         return {"nu": self.nu}
 
+    def damping(self, mesh: Mesh, squares: Array) -> Array:
+        """ν k²."""
+        return self.nu * squares
+
 
 @dataclass(frozen=True)
 class Hyperviscosity(Effect):
@@ -64,6 +69,10 @@ class Hyperviscosity(Effect):
         if self.nu is not None:
             return {"nu4": self.nu}
         return {"nu4": hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))}
+
+    def damping(self, mesh: Mesh, squares: Array) -> Array:
+        """ν k⁴."""
+        return self.coefficients(mesh)["nu4"] * squares**2
 
 
 def hyperviscosity_default(

@@ -74,6 +74,13 @@ class Effect:
         """The numbers, and for point-wise effects fields (N,), that its terms read, by name."""
         return {}
 
+    def damping(self, mesh: Mesh, squares: Array) -> Array | float:
+        """Rate [s-1] at which it damps waves of the squared wavenumbers k^2 [m-2], if it does.
+
+        What preconditioners of implicit steps know of it.
+        """
+        return 0.0
+
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
         """Names of the parameters."""

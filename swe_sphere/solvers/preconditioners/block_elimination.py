@@ -34,9 +34,10 @@ class BlockElimination(KeptSetup):
             raise ConfigError("a scene with prescribed wind has no gravity waves to precondition")
         super().__init__(model)
         outer = model.device_mesh.real
-        self.operator = schur_operator(model, model.coriolis, self.real, outer)
+        damping = model.damping if model.diffusive else None
+        self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
         self.inner = self.inner_solver(self.operator)
-        self._b, self._h = self.operator.vector(), self.operator.vector()
+        self._b, self._h = self.operator.field(), self.operator.field()
 
     @classmethod
     def memory_estimate(cls, ne: int, np: int) -> float:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.kernels.coarse import coarse_kernels
 from swe_sphere.operators import sparse
+from swe_sphere.operators.field import Field
+from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
@@ -18,32 +23,27 @@ MODE_SWEEPS = 6
 """Chebyshev steps on the computational modes, whose coarse operators are well conditioned.  Days
 into a run these modes limit the convergence: with three steps it takes half as many iterations
 again."""
-NEGLIGIBLE = 0.01
-"""Couplings of computational modes that are left out, relative to the diagonal: one in three."""
+NEGLIGIBLE = 0.03
+"""Couplings of computational modes that are left out, relative to the diagonal."""
 
 
 class CoarseCorrection:
-    """x = sum over the spaces of P_k S_k^-1 P_k^T M b, on the host in float32.
+    """x += sum over the spaces of P_k S_k^-1 P_k^T M b, the inverses on the host in float32.
 
     The smooth waves have the compact Helmholtz operator, factorised; the computational modes have
     the Galerkin operators of S, and a few Chebyshev steps will do.
     """
 
-    def __init__(self, schur: SchurMatrix) -> None:
-        mesh = schur.mesh
-        functions, area = coarse_spaces(mesh), scipy.sparse.diags_array(mesh.area)
-        self._schur, self._hats = schur, functions[0]
-        spaces = [interpolation(mesh, function) for function in functions]
-        self._mass, *masses = [(space.T @ (area @ space)).tocsr() for space in spaces]
-        self._prolongation = scipy.sparse.hstack(
-            [s.astype(np.float32) for s in spaces], format="csr"
-        )
-        del spaces
-        restriction = self._prolongation.T.tocsr()
-        restriction.data *= mesh.area.astype(np.float32)[restriction.indices]
-        self._restriction = restriction
-        slopes = [sparse.slopes(mesh, function).astype(np.float32) for function in functions[1:]]
+    def __init__(self, schur: SchurMatrix, operator: SchurOperator) -> None:
+        mesh, spaces, self._schur = schur.mesh, coarse_spaces(schur.mesh), schur
+        self._hats = spaces[0]
+        self._transfer = Transfer(spaces, operator)
+        area = scipy.sparse.diags_array(mesh.area)
+        bases = (interpolation(mesh, space) for space in spaces)
+        self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
+        slopes = [sparse.slopes(mesh, space).astype(np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, slopes, strict=True))
+        self._solve = operator.launch.work.counted(f"coarse solve {operator.size}", self._invert)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -61,14 +61,17 @@ class CoarseCorrection:
         largest = spectral_bound(lambda x: self._inverse * (self._matrix @ x), self._inverse.size)
         self._coefficients = chebyshev_coefficients(MODE_SWEEPS, largest)
 
-    def solve(self, b: Float32) -> Float32:
-        """The correction (N,) for the residual b (N,)."""
-        coarse = self._restriction @ b
+    def correct(self, b: Field, x: Field) -> None:
+        """Add the correction for the residual b to x."""
+        self._transfer.prolong(self._solve(self._transfer.restrict(b)), x)
+
+    def _invert(self, local: Float32) -> Float32:
+        """Coefficients of the functions for what each element has of the residual."""
+        coarse: Float32 = self._transfer.assembly @ local
         split = self._mass.shape[0]
         coarse[:split] = self._direct.solve(coarse[:split])
         coarse[split:] = self._sweep(coarse[split:])
-        correction: Float32 = self._prolongation @ coarse
-        return correction
+        return coarse
 
     def _sweep(self, r: Float32) -> Float32:
         """Chebyshev steps from zero; r is overwritten."""
@@ -80,6 +83,62 @@ class CoarseCorrection:
             d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
             x += np.float32(beta) * d
         return x
+
+
+class Transfer:
+    """Between fields and coefficients of all functions of the spaces, one after the other."""
+
+    def __init__(self, spaces: list[ElementSpace], operator: SchurOperator) -> None:
+        mesh, self._operator = operator.mesh, operator
+        starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
+        smooth, both, one, other = (
+            np.where(space.numbers < 0, 0, space.numbers + start)
+            for space, start in zip(spaces, starts[:-1], strict=True)
+        )
+        numbers = np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
+        values = np.concatenate([space.values for space in spaces[:3]], axis=1)
+        count = numbers.shape[1]
+        self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
+        operator.launch.load(self._kernels.restrict, self._kernels.prolong)
+        weights = np.outer(mesh.mesh.gll_weights, mesh.mesh.gll_weights)
+        self._values = mesh.upload(values.T)
+        here = mesh.part.elements
+        self._mass = mesh.on_elements((weights * mesh.mesh.jacobian)[here])
+        self._numbers = mesh.on_elements(numbers[here], scalar=wp.int32)
+        self._local = wp.zeros((mesh.groups, count), dtype=self._mass.dtype, device=mesh.device)
+        self._coefficients = mesh.upload(np.zeros(starts[-1]))
+        few, many = self._kernels.shares
+        self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
+        self.assembly = _assembly(numbers, mesh.lanes)
+        """Sparse matrix from what `restrict` returns to integrals over all elements."""
+
+    def restrict(self, b: Field) -> Float32:
+        """Integrals of b times each function over each element of all ranks [m2]."""
+        operator, kernel = self._operator, self._kernels.restrict
+        operator.launch(kernel, self._dims[0], self._values, self._mass, b.values, self._local)
+        integrals: Float32 = operator.mesh.collect_elements(self._local).ravel()
+        return integrals
+
+    def prolong(self, coefficients: Float32, x: Field) -> None:
+        """Add the functions times their coefficients to x."""
+        operator, target = self._operator, self._coefficients
+        if target.device.is_cpu:  # without Warp's slow detours
+            target.numpy()[:] = coefficients
+        else:
+            wp.copy(target, operator.mesh.upload(coefficients.astype(np.float64)))
+        kernel = self._kernels.prolong
+        operator.launch(kernel, self._dims[1], self._values, self._numbers, target, x.values)
+
+
+def _assembly(numbers: NDArray[np.int32], lanes: int) -> scipy.sparse.csr_array:
+    """Sums over the elements (E, k), which stand as (groups, k, lanes)."""
+    count = numbers.shape[1]
+    element, function = np.indices(numbers.shape).reshape(2, -1)
+    group, lane = np.divmod(element, lanes)
+    places = (group * count + function) * lanes + lane
+    shape = (int(numbers.max()) + 1, -(-len(numbers) // lanes) * count * lanes)
+    ones = np.ones(numbers.size, dtype=np.float32)
+    return scipy.sparse.csr_array((ones, (numbers.ravel(), places)), shape=shape)
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:

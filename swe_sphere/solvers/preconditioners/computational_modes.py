@@ -35,19 +35,16 @@ def coarse_spaces(mesh: Mesh) -> list[ElementSpace]:
     vertices = _vertex_numbers(mesh)
     hat = 0.5 * (1.0 - mesh.gll_points)
     pattern = hat * legendre.legval(-mesh.gll_points, np.eye(mesh.np)[-1])
-    first, second = _products(pattern, hat), _products(hat, pattern)
-    turned = _turned(vertices)
-    one = np.where(turned[:, None, :], second, first)
-    other = np.where(turned[:, None, :], first, second)
-    corner = np.bincount(vertices.ravel())[vertices] == 3
-    one = np.where(corner[:, None, :], 0.5 * (first + second), one)
+    along_either = np.concatenate([_products(pattern, hat), _products(hat, pattern)], axis=1)
+    turned, corner = _turned(vertices), np.bincount(vertices.ravel())[vertices] == 3
     renumbered = np.cumsum(np.bincount(vertices.ravel()) != 3, dtype=np.int32) - 1
-    fewer = np.where(corner, -1, renumbered[vertices])
+    belongs = np.concatenate([~turned | corner, turned | corner], axis=1)
+    numbers, fewer = np.tile(vertices, 2), np.tile(renumbered[vertices], 2)
     return [
         smooth_functions(mesh),
         ElementSpace(_products(pattern, pattern), vertices),
-        ElementSpace(one, vertices),
-        ElementSpace(other, fewer),
+        ElementSpace(along_either, np.where(belongs, numbers, -1)),
+        ElementSpace(along_either, np.where(belongs, -1, fewer)),
     ]
 
 

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import scipy
 import warp as wp
-from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.damping import Rate
+from swe_sphere.operators.field import Field
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
@@ -30,13 +31,16 @@ LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
 
-def schur_operator(model: Model, coriolis: Array, real: Any, outer: Any) -> SchurOperator:
+def schur_operator(
+    model: Model, coriolis: Array, real: Any, outer: Any, damping: Rate | None = None
+) -> SchurOperator:
     """S of a model with that Coriolis parameter (N,) [s-1], in one number type inside.
 
-    outer: number type of the states that it eliminates from and substitutes into.
+    outer: number type of the states that it eliminates from and substitutes into; damping: of wind
+    and depth by wavenumber, if any.
     """
     mesh = model.device_mesh.like(real, model.shape)
-    return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer)
+    return SchurOperator(mesh, model.launch, model.scene.planet.gravity, coriolis, outer, damping)
 
 
 class InnerSolver(ABC):
@@ -69,8 +73,8 @@ class InnerSolver(ABC):
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
 
     @abstractmethod
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x near S^-1 b, both (N,); b may be overwritten."""
+    def solve(self, b: Field, x: Field) -> None:
+        """x near S^-1 b; b may be overwritten."""
 
     def refuse_if_large(self, memory: float, what: str) -> None:
         """ConfigError where that takes more memory [bytes] than is reasonable."""
@@ -86,28 +90,15 @@ class InnerSolver(ABC):
 
     def largest_eigenvalue(self, inverse: Array) -> float:
         """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
-        x, image, mesh = self.operator.vector(), self.operator.vector(), self.operator.mesh
+        operator = self.operator
+        x, image = operator.field(), operator.field()
 
         def product(values: Array) -> Array:
-            self._put(mesh.restrict(values), x)
-            self.operator.apply(x, image)
-            result: Array = inverse * mesh.collect(image)
-            return result
+            operator.put(values, x)
+            operator.apply(x, image)
+            return inverse * operator.fetch(image)
 
         return spectral_bound(product, inverse.size)
-
-    def _put(self, values: NDArray[Any], x: wp.array) -> None:
-        """Numpy values into a vector of the operator; on the CPU without Warp's slow detours."""
-        if x.device.is_cpu:
-            x.numpy()[:] = values
-        else:
-            wp.copy(x, self.operator.mesh.upload(values))
-
-    def _copy(self, source: wp.array, target: wp.array) -> None:
-        if target.device.is_cpu:
-            target.numpy()[:] = source.numpy()
-        else:
-            wp.copy(target, source)
 
 
 class Jacobi(InnerSolver):
@@ -115,11 +106,11 @@ class Jacobi(InnerSolver):
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        self._inverse = self.operator.mesh.restrict(1.0 / self.matrix.diagonal(tau, depth))
+        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
 
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x = b / diag S, both (N,)."""
-        self._put(self._inverse * b.numpy(), x)
+    def solve(self, b: Field, x: Field) -> None:
+        """x = b / diag S."""
+        self.operator.put(self._inverse * self.operator.fetch(b), x)
 
 
 class Direct(InnerSolver):
@@ -145,10 +136,9 @@ class Direct(InnerSolver):
         work = self.operator.launch.work
         self._factors_solve = work.counted(f"direct solve {self.operator.size}", factors.solve)
 
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x = S^-1 b, both (N,)."""
-        mesh = self.operator.mesh
-        self._put(mesh.restrict(self._factors_solve(mesh.collect(b).astype(np.float64))), x)
+    def solve(self, b: Field, x: Field) -> None:
+        """x = S^-1 b."""
+        self.operator.put(self._factors_solve(self.operator.fetch(b)), x)
 
 
 class Multilevel(InnerSolver):
@@ -164,11 +154,8 @@ class Multilevel(InnerSolver):
         super().__init__(operator)
         self._degree = degree or DEGREES.get(operator.mesh.mesh.np, 4)
         self._symmetric = symmetric
-        self._coarse = CoarseCorrection(self.matrix)
-        self._correction = operator.launch.work.counted(
-            f"coarse solve {operator.size}", self._coarse.solve
-        )
-        self._direction, self._rest = operator.vector(), operator.vector()
+        self._coarse = CoarseCorrection(self.matrix, operator)
+        self._direction, self._rest = operator.field(), operator.field()
 
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
@@ -179,33 +166,29 @@ class Multilevel(InnerSolver):
         self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
 
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x near S^-1 b, both (N,); b is overwritten."""
+    def solve(self, b: Field, x: Field) -> None:
+        """x near S^-1 b; b is overwritten."""
         for cycle in range(self._cycles):
             if cycle > 0 or self._symmetric:
-                self._copy(b, self._rest)
+                wp.copy(self._rest.values, b.values)
                 self._smooth(self._rest, x, from_zero=cycle == 0)
                 self.operator.residual(b, x, self._rest)
-                self._put(x.numpy() + self._corrected(self._rest), x)
+                self._coarse.correct(self._rest, x)
             else:
-                self._put(self._corrected(b), x)
+                x.values.zero_()
+                self._coarse.correct(b, x)
             if self._symmetric and cycle < self._cycles - 1:
-                self._copy(b, self._rest)
+                wp.copy(self._rest.values, b.values)
                 self._smooth(self._rest, x)
         self._smooth(b, x)
 
-    def _corrected(self, b: wp.array) -> NDArray[Any]:
-        """The coarse correction (n,) for b, which every rank works out for the whole sphere."""
-        mesh = self.operator.mesh
-        return mesh.restrict(self._correction(mesh.collect(b)))
-
-    def _smooth(self, r: wp.array, x: wp.array, from_zero: bool = False) -> None:
+    def _smooth(self, r: Field, x: Field, from_zero: bool = False) -> None:
         """Chebyshev steps from x or from zero; r, the right-hand side, is overwritten."""
         first, *others = self._steps
         if from_zero:
             self.operator.chebyshev_start(first, r, self._direction, x)
         else:
-            self._copy(x, self._direction)
+            wp.copy(self._direction.values, x.values)
             self.operator.chebyshev_step(first, r, self._direction, x)
         for step in others:
             self.operator.chebyshev_step(step, r, self._direction, x)

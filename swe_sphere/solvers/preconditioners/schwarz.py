@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.patches import patch_kernel
+from swe_sphere.operators.field import Field
 from swe_sphere.solvers.preconditioners.inner import InnerSolver
 from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
 
@@ -46,14 +47,21 @@ class Schwarz(InnerSolver):
         self._kernel = patch_kernel(operator.mesh.real)
         self._columns = wp.array(columns, dtype=wp.int32, device=operator.mesh.device)
         self._rows = wp.array(rows, dtype=wp.float32, device=operator.mesh.device)
+        self._b, self._x = (
+            wp.zeros(operator.size, dtype=operator.mesh.real, device=operator.mesh.device)
+            for _ in range(2)
+        )
         operator.launch.load(self._kernel)
 
-    def solve(self, b: wp.array, x: wp.array) -> None:
-        """x = one sweep for b, both (N,)."""
+    def solve(self, b: Field, x: Field) -> None:
+        """x = one sweep for b."""
         operator = self.operator
+        operator.collect(b, self._b)
+        right = self._b
         if operator.mesh.comm.shared:  # patches reach over the rim
-            b = operator.mesh.upload(operator.mesh.collect(b))
-        operator.launch(self._kernel, operator.size, self._columns, self._rows, b, x)
+            right = operator.mesh.upload(operator.mesh.collect(right))
+        operator.launch(self._kernel, operator.size, self._columns, self._rows, right, self._x)
+        operator.spread(self._x, x)
 
     def _patches(self) -> list[NDArray[np.int64]]:
         """Nodes of each element and of the elements that share a node with it, ascending."""

@@ -1,0 +1,53 @@
+"""Between fields on elements and the coefficients of coarse functions."""
+
+import functools
+from types import SimpleNamespace
+from typing import no_type_check
+
+import warp as wp
+
+from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.terms import kernel_types
+
+
+@functools.cache
+def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNamespace:
+    """Kernels for `functions` coarse functions on an element, with nodal `values` (k, np*np).
+
+    `restrict`, over (groups, k / `shares[0]`) threads: integrals (groups, k) over each element of a
+    field times each function, with the weights `mass` (groups, np*np) [m2].  `prolong`, over
+    (groups, np*np / `shares[1]`): adds to a field the functions times the coefficients, those of an
+    element at its `numbers` (groups, k).
+    """
+    t = kernel_types(np_, real, shape)
+    load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
+    few, many = (functions, points) if shape == "element" else (1, 1)
+    matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def restrict(values: matrix, mass: each, b: t.local, out: each):
+        e, part = wp.tid()
+        weighted = wp.zeros(shape=points, dtype=value)
+        for n in range(points):
+            weighted[n] = mul(mass[e, n], b[e, n, 0])
+        for k in range(part * few, part * few + few):
+            total = value(real(0.0))
+            for n in range(points):
+                total += values[k, n] * weighted[n]
+            out[e, k] = total
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def prolong(values: matrix, numbers: table, coefficients: t.vector, x: t.local):
+        e, part = wp.tid()
+        mine = wp.zeros(shape=functions, dtype=value)
+        for k in range(functions):
+            mine[k] = load(coefficients, 0, numbers[e, k])
+        for n in range(part * many, part * many + many):
+            total = x[e, n, 0]
+            for k in range(functions):
+                total += values[k, n] * mine[k]
+            x[e, n, 0] = total
+
+    return SimpleNamespace(restrict=restrict, prolong=prolong, shares=(few, many))

@@ -1,0 +1,115 @@
+"""What implicit diffusion leaves of the modes of each element.
+
+(I + tau D)^-1 for effects that damp waves of wavenumber k at a rate D(k), element by element: in
+the eigenfunctions of the weak Laplacian of an element without flux through its boundary, that of
+a rectangle of its mean size.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy
+import warp as wp
+
+from swe_sphere.arrays import Array
+from swe_sphere.kernels.damping import damping_kernels
+from swe_sphere.mesh import Mesh
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.field import Field
+from swe_sphere.operators.launch import Launcher
+
+MOST = 5.0
+"""Of tau D, for the shortest waves: longer steps are taken for so long.  F does not commute with G
+and D, and where it leaves hardly anything of the shortest waves the multilevel cycle diverges."""
+
+Rate = Callable[[Array], Array]
+"""Damping rates [s-1] of waves of the squared wavenumbers k^2 [m-2]."""
+
+
+class Damping:
+    """F = (I + tau D)^-1 on fields, and on wind and depth of states of the number type `given`."""
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, rate: Rate, given: Any) -> None:
+        self._mesh, self._launch, self._rate = mesh, launch, rate
+        self._kernels = damping_kernels(mesh.mesh.np, mesh.real, given, mesh.shape)
+        squares, vectors = _modes(mesh.mesh)
+        weights = mesh.mesh.gll_weights
+        self._to_modes, self._to_nodes = mesh.upload(vectors.T * weights), mesh.upload(vectors)
+        self._wavenumbers = _squared_wavenumbers(mesh.mesh, squares)
+        jacobian = mesh.mesh.jacobian[mesh.part.elements]
+        self._mass = mesh.on_elements(np.outer(weights, weights) * jacobian)
+        self._ones = mesh.on_elements(np.ones_like(jacobian))
+        self._once, self._twice = (mesh.on_elements(np.ones_like(jacobian)) for _ in range(2))
+        self._first, self._second, self._east, self._north = (
+            Field(*mesh.local(1, self._mass.dtype)) for _ in range(4)
+        )
+        self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
+        """That of the last call of `damp_wind`."""
+        made = self._kernels
+        launch.load(made.damp, made.covariant, made.physical, made.joined)
+
+    def configure(self, tau: float) -> None:
+        """Set the implicit step [s]."""
+        strongest = tau * float(self._rate(self._wavenumbers).max())
+        rate = self._rate(self._wavenumbers[self._mesh.part.elements])
+        factor = 1.0 / (1.0 + tau * min(1.0, MOST / max(strongest, MOST)) * rate)
+        wp.copy(self._once, self._mesh.on_elements(factor))
+        wp.copy(self._twice, self._mesh.on_elements(factor**2))
+
+    def damp_twice(self, x: Field, out: Field) -> None:
+        """out = F^2 x, in every element for itself."""
+        self._damp(self._twice, self._ones, x, out)
+
+    def damp_depth(self, h: Field, out: wp.array) -> None:
+        """The depth of the state `out` = F h, after DSS."""
+        self._damp(self._once, self._mass, h, self._first)
+        self._join(self._first, 2, out)
+
+    def damp_wind(self, r: wp.array) -> wp.array:
+        """A state with the wind F V of r, after DSS, and its depth."""
+        mesh, one, two, size = self._mesh, self._first, self._second, self._mesh.size
+        dim = mesh.groups, mesh.points // self._kernels.share
+        self._launch(
+            self._kernels.covariant, dim, mesh.nodes, mesh.basis, size, r, one.values, two.values
+        )
+        for each in (one, two):
+            self._damp(self._once, self._ones, each, each)
+        self._launch(
+            self._kernels.physical, dim, mesh.weight, mesh.basis, one.values, two.values,
+            self._east.values, self._north.values,
+        )  # fmt: skip
+        self._join(self._east, 0, self.state)
+        self._join(self._north, 1, self.state)
+        wp.copy(self.state, r, 2 * size, 2 * size, size)
+        return self.state
+
+    def _damp(self, factor: wp.array, scale: wp.array, x: Field, out: Field) -> None:
+        self._launch(
+            self._kernels.damp, self._mesh.groups, self._to_modes, self._to_nodes, factor, scale,
+            x.values, out.values,
+        )  # fmt: skip
+
+    def _join(self, local: Field, block: int, out: wp.array) -> None:
+        mesh = self._mesh
+        mesh.exchange(local.flat)
+        self._launch(
+            self._kernels.joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
+            block * mesh.size, out,
+        )  # fmt: skip
+
+
+def _modes(mesh: Mesh) -> tuple[Array, Array]:
+    """Eigenvalues (np,) of the weak Laplacian on [-1, 1] and eigenvectors, columns (np, np)."""
+    weights, d = np.diag(mesh.gll_weights), mesh.derivative
+    squares, vectors = scipy.linalg.eigh(d.T @ weights @ d, weights)
+    return np.maximum(squares, 0.0), vectors
+
+
+def _squared_wavenumbers(mesh: Mesh, squares: Array) -> Array:
+    """k^2 (E, np, np) [m-2] of the products of the modes of an element."""
+    metric = np.einsum("eijak,eijbk->eijab", mesh.basis, mesh.basis)
+    inverse = np.linalg.inv(metric).mean(axis=(1, 2))
+    along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
+    wavenumbers: Array = along_1 * squares[:, None] + along_2 * squares
+    return wavenumbers
