@@ -1,12 +1,18 @@
-"""Steps that are recorded and launched as a whole are those that are launched one by one."""
+"""Steps on a device: recorded and launched as a whole, those launched one by one; none reads it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
+from swe_sphere import Simulation
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
+from swe_sphere.errors import Unstable
+from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.solvers import vector_space
+from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -44,8 +50,6 @@ def stepped(model, name, recorded):
 
 def graphs(monkeypatch):
     """The graphs that are launched from now on."""
-    import warp as wp
-
     launched, launch = [], wp.capture_launch
     monkeypatch.setattr(wp, "capture_launch", lambda graph: (launched.append(graph), launch(graph)))
     return launched
@@ -70,6 +74,38 @@ def test_diffusion_and_limiter_are_recorded_too(diffusive, name, monkeypatch):
     expected, *others = stepped(diffusive, name, False)
     np.testing.assert_array_equal(state, expected)
     assert counts == others
+
+
+@pytest.mark.parametrize("name", [*REPEATED, "epi3", "bdf2", "rosenbrock-w"])
+def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
+    """With the vectors of GPUs; but for preconditioners, whose coarse solves are the host's."""
+    monkeypatch.setattr(vector_space, "HostVectors", DeviceVectors)
+    bare = {"preconditioner": "none"} if get_stepper(name).family == "implicit" else {}
+    stepper = get_stepper(name)(plain, 200.0, **bare)
+    stepper.start(plain.initial_state())
+    stepper.step()
+    read, numpy = [], wp.array.numpy
+    monkeypatch.setattr(wp.array, "numpy", lambda array: (read.append(array.size), numpy(array))[1])
+    for _ in range(3):
+        stepper.step()
+    assert [size for size in read if size >= plain.mesh.size] == []
+    stepper.state.numpy()
+    assert read[-1] == plain.size
+
+
+def test_looking_at_the_health_reads_no_state(monkeypatch):
+    monkeypatch.setattr(vector_space, "HostVectors", DeviceVectors)
+    sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
+    sim.begin()
+    check, numpy = HealthCheck(sim), wp.array.numpy
+    monkeypatch.setattr(wp.array, "numpy", lambda array: pytest.fail("read"))
+    check.observe(sim)
+    monkeypatch.setattr(wp.array, "numpy", numpy)
+    state = sim.stepper.state.numpy()
+    for values, complaint in ((np.nan, "is NaN"), (-1.0, "depth is negative"), (1e6, "has grown")):
+        sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
+        with pytest.raises(Unstable, match=complaint):
+            check.observe(sim)
 
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):
