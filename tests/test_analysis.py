@@ -16,11 +16,15 @@ from swe_sphere.analysis.regrid import CellMeans, Points
 from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.analysis.scrip import write_scrip
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.compare import compare
 from swe_sphere.io.frame import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.norms import area_mean
+from swe_sphere.io.reference_solution import Reference
+from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import cell_corners
+from swe_sphere.pictures.plot import plot_file
 from swe_sphere.planet import EARTH
 from swe_sphere.sphere import position
 
@@ -290,6 +294,23 @@ def test_files_that_are_not_regridded(run, tmp_path):
             regrid_file(path, "latlon:4x4", tmp_path / out, fields=fields)
         assert "\n" not in str(error.value)
     assert grid.read_bytes() == before
+
+
+def test_a_regridded_run_is_read_at_each_of_its_times(run, tmp_path):
+    path = regrid_file(run, "latlon:31x60", tmp_path / "grid.nc")
+    grid, points = Reference(path), RunFile(run)
+    np.testing.assert_allclose(grid.values("h") - grid.values("h", 600.0), 1.0, atol=1e-9)
+    lon, lat = np.array([0.3, 4.0]), np.array([0.2, -1.2])
+    for time in (0.0, 1200.0):
+        for field, bound in (("h", 2.0), ("u", 1e-2)):
+            here = points.at(field, lon, lat, time)
+            np.testing.assert_allclose(grid.at(field, lon, lat, time), here, atol=bound)
+    assert compare(path, run)["time"] == 1200.0
+    assert plot_file(path, "h", 600.0, tmp_path / "h.png").stat().st_size > 10_000
+    with pytest.raises(ConfigError, match=r"no frame at day 0\.1: the last ones are at day 0"):
+        plot_file(path, "h", 8640.0)
+    with pytest.raises(ConfigError, match="is on a grid already: give the file of a run"):
+        regrid_file(path, "latlon:31x60", tmp_path / "again.nc")
 
 
 def test_the_page_of_the_analysis_runs(tmp_path, monkeypatch):

@@ -44,8 +44,6 @@ def regrid_file(
     such grid, or if `out` is there already or cannot be written.
     """
     found = RunFile(path)
-    if found.bottom.ndim != 1:
-        raise ConfigError(f"{path} is on a grid already: give the file of a run")
     if found.times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
     bring = regridder(found.mesh, parse_grid(grid), conservative)

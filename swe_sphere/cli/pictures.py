@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from swe_sphere.pictures.exact import Exact
     from swe_sphere.pictures.look import Look
 
-File = Annotated[Path, typer.Argument(help="File of a run, or (plot) a lat-lon reference.")]
+File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that was regridded.")]
 Field = Annotated[
     str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
 ]

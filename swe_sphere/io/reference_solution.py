@@ -1,4 +1,4 @@
-"""Reference solutions on latitude-longitude grids, and errors of a run against them."""
+"""States on latitude-longitude grids: references, regridded runs; errors of a run against them."""
 
 import os
 import re
@@ -10,8 +10,9 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import TRACER
 from swe_sphere.io.norms import norms
-from swe_sphere.io.runfile import attributes, reading
+from swe_sphere.io.runfile import attributes, nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.lat_lon import global_spline
 from swe_sphere.mesh import Interpolator, Mesh
@@ -53,7 +54,9 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
 
 
 class Reference:
-    """One state on a global grid: lat (M,), lon (K,) evenly spaced [rad], fields (M, K).
+    """States on a global grid: lat (M,), lon (K,) evenly spaced [rad], fields (M, K).
+
+    A reference is one state; a regridded run has one for each of its times.
 
     `points` and `area` run over the M K grid points; areas are shares of the sphere.  Raises
     ConfigError if the file is missing or damaged, or its grid does not go round the sphere.
@@ -65,7 +68,10 @@ class Reference:
             self.attributes = attributes(dataset)
             self.lat: Array = np.radians(dataset["lat"][:].astype(float))
             self.lon: Array = np.radians(dataset["lon"][:].astype(float))
-            self.fields = _fields(dataset)
+            self.times: Array | None = dataset["time"][:] if "time" in dataset.variables else None
+            """Of a regridded run [s]."""
+            self.fields = _fields(dataset, -1)
+            """Those of the reference, or of the last time."""
             bounds = dataset.variables.get("lat_bnds")
             zones = latitude_weights(self.lat, None if bounds is None else np.radians(bounds[:]))
         self._check_grid()
@@ -86,13 +92,15 @@ class Reference:
 
     @property
     def time(self) -> float | None:
-        """When the state is [s since the start], from "day ..." in its title; None if unknown."""
+        """When the (last) state is [s since the start]; None if neither file nor title tell."""
+        if self.times is not None:
+            return nearest_time(self.path, self.times, None)
         day = re.search(r"day (\d+(?:\.\d+)?)", self.title)
         return float(day[1]) * DAY if day else None
 
     def nearest(self, time: float | None) -> float | None:
-        """The one time there is, whatever is asked for."""
-        return self.time
+        """The one time of a reference, whatever is asked for; of a regridded run as `RunFile`."""
+        return self.time if self.times is None else nearest_time(self.path, self.times, time)
 
     @property
     def points(self) -> tuple[Array, Array]:
@@ -101,14 +109,18 @@ class Reference:
         return lon.ravel(), lat.ravel()
 
     def values(self, field: str, time: float | None = None) -> Array:
-        """A field at the grid points: (M K,), or (2, M K) for "wind"; there is but one time."""
-        return derive({name: grid.ravel() for name, grid in self.fields.items()}, field)
+        """A field at the grid points: (M K,), or (2, M K) for "wind"."""
+        grids = self.fields
+        if self.times is not None and self.nearest(time) != self.time:
+            with reading(self.path) as dataset:
+                grids = _fields(dataset, int(np.argmin(np.abs(self.times - self.nearest(time)))))
+        return derive({name: grid.ravel() for name, grid in grids.items()}, field)
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """A field at any points lon, lat (P,) [rad], by a quintic spline through the grid."""
         if field not in ("u", "v", "speed", "wind"):
-            return self._spline(self.values(field), lon, lat)
-        u, v = self.values("wind")[..., None]
+            return self._spline(self.values(field, time), lon, lat)
+        u, v = self.values("wind", time)[..., None]
         east, north = frame(*self.points)
         components = (u * east + v * north).T
         cartesian = np.stack([self._spline(w, lon, lat) for w in components], axis=-1)
@@ -121,14 +133,19 @@ class Reference:
         return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
 
 
-def _fields(dataset: netCDF4.Dataset) -> dict[str, Array]:
+def _fields(dataset: netCDF4.Dataset, index: int) -> dict[str, Array]:
+    """Those of the time of that index, where there are times."""
     found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
+    found |= {name: dataset[name] for name in dataset.variables if name.startswith(TRACER)}
     if not found:
         raise KeyError("none of the variables " + ", ".join(NAMES.values()))
     for variable in found.values():
-        if variable.dimensions != ("lat", "lon"):
+        if variable.dimensions not in (("lat", "lon"), ("time", "lat", "lon")):
             raise ValueError(f"{variable.name} is not on (lat, lon)")
-    return {name: variable[:].astype(float) for name, variable in found.items()}
+    return {
+        name: variable[index if variable.ndim == 3 else slice(None)].astype(float)
+        for name, variable in found.items()
+    }
 
 
 def reference_errors(

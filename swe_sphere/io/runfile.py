@@ -111,6 +111,21 @@ class Nodal(ABC):
         return np.concatenate(parts, axis=-1)
 
 
+def nearest_time(path: Path, times: Array, time: float | None) -> float:
+    """That of the times [s] of a file's frames, the last one for None; ConfigError if none."""
+    if times.size == 0:
+        raise ConfigError(f"{path} holds no frame yet")
+    if time is None:
+        return float(times[-1])
+    found = float(times[np.argmin(np.abs(times - time))])
+    if not abs(found - time) <= TOLERANCE:
+        days = ", ".join(f"{t / DAY:g}" for t in times[-8:])
+        raise ConfigError(
+            f"{path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
+        )
+    return found
+
+
 class RunFile(Nodal):
     """A file written by `FrameWriter`: points, area weights and values at the nodes of its mesh.
 
@@ -131,6 +146,8 @@ class RunFile(Nodal):
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
         """The mesh, made again from the attributes of the file."""
+        if self.bottom.ndim != 1:
+            raise ConfigError(f"{self.path} is on a grid already: give the file of a run")
         mesh = Mesh.build(**self._mesh_arguments)
         if mesh.size != self.bottom.size:
             raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
@@ -143,17 +160,7 @@ class RunFile(Nodal):
 
     def nearest(self, time: float | None) -> float:
         """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
-        if self.times.size == 0:
-            raise ConfigError(f"{self.path} holds no frame yet")
-        if time is None:
-            return float(self.times[-1])
-        found = float(self.times[np.argmin(np.abs(self.times - time))])
-        if not abs(found - time) <= TOLERANCE:
-            days = ", ".join(f"{t / DAY:g}" for t in self.times[-8:])
-            raise ConfigError(
-                f"{self.path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
-            )
-        return found
+        return nearest_time(self.path, self.times, time)
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
         """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME, and
