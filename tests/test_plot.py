@@ -250,14 +250,31 @@ def test_the_difference_from_a_file_and_from_the_exact_solution(run, tmp_path):
     mesh = Mesh.build(3, 6)
     u, v, h = scene.exact(mesh.lon, mesh.lat, 0.0)
     fields = {"u": u, "v": v, "h": h + 5.0 * np.sin(mesh.lat), "b": 0.0 * h}
-    right = Drawing(Frame(mesh, fields, 0.0, {}), "h", Look(), Exact(scene), 31)
+    right = Drawing(Frame(mesh, fields, 0.0, {}), "h", Look(), Exact(scene, mesh), 31)
     _, lat, *_ = right.on.grid(31)
     np.testing.assert_allclose(right.values(0.0), 5.0 * np.sin(lat), rtol=0.0, atol=0.2)
     assert right.kind.diverging and right.kind.title == "error of fluid depth"
     same = Drawing(RunFile(run), "h", Look(), RunFile(run), 31)
     assert not same.values(DAY).any() and same.kind.title == "difference of fluid depth"
     with pytest.raises(ConfigError, match="no exact solution of williamson5"):
-        Exact(get_scene("williamson5"))
+        Exact(get_scene("williamson5"), mesh)
+
+
+def test_exact_vorticity_and_tracers():
+    mesh = Mesh.build(3, 8)
+    lon, lat = np.array([0.3, 2.0, 5.0]), np.array([0.2, -1.2, 0.7])
+    steady = Exact(get_scene("williamson2"), mesh)
+    speed = 2.0 * np.pi * mesh.radius / (12.0 * DAY)
+    spin = 2.0 * speed / mesh.radius * np.sin(lat)
+    np.testing.assert_allclose(steady.at("vorticity", lon, lat), spin, rtol=1e-4)
+    assert np.abs(steady.at("divergence", lon, lat)).max() < 1e-9
+    scene = get_scene("deformational")
+    name, start = next(iter(scene.tracers.items()))
+    back = Exact(scene, mesh).at(f"q_{name}", lon, lat, 12.0 * DAY)
+    np.testing.assert_allclose(back, start(lon, lat), rtol=1e-12)
+    for field, message in ((f"q_{name}", "not known at day 6"), ("q_nix", "ratio of 'nix'")):
+        with pytest.raises(ConfigError, match=message):
+            Exact(scene, mesh).at(field, lon, lat, 6.0 * DAY)
 
 
 def test_lines_of_the_panels_are_not_cut(run):

@@ -149,7 +149,8 @@ def _against(file: Path, other: str) -> Source | Exact:
     from swe_sphere.simulation.config import make_config
     from swe_sphere.simulation.setup import make_scene
 
-    told = RunFile(file).attributes.get("configuration")
+    run = RunFile(file)
+    told = run.attributes.get("configuration")
     if told is None:
         raise ConfigError(f"{file} does not say of which scene it is: compare with another file")
-    return Exact(make_scene(make_config(json.loads(told))))
+    return Exact(make_scene(make_config(json.loads(told))), run.mesh)

@@ -111,9 +111,10 @@ class Reference:
     def values(self, field: str, time: float | None = None) -> Array:
         """A field at the grid points: (M K,), or (2, M K) for "wind"."""
         grids = self.fields
-        if self.times is not None and self.nearest(time) != self.time:
+        if self.times is not None and time is not None:
+            at = nearest_time(self.path, self.times, time)
             with reading(self.path) as dataset:
-                grids = _fields(dataset, int(np.argmin(np.abs(self.times - self.nearest(time)))))
+                grids = _fields(dataset, int(np.argmin(np.abs(self.times - at))))
         return derive({name: grid.ravel() for name, grid in grids.items()}, field)
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
