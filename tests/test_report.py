@@ -13,7 +13,13 @@ import pytest
 from sweeps import make_sweep, plausible_sweep
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies.report import sweep_rankings, words, write_markdown, write_report
+from swe_sphere.studies.report import (
+    Claim,
+    sweep_rankings,
+    words,
+    write_markdown,
+    write_report,
+)
 from swe_sphere.studies.report.content import read_sections
 from swe_sphere.studies.report.drawing import save_svg
 from swe_sphere.studies.report.figures import error_diagrams, render
@@ -241,6 +247,22 @@ def test_the_page_of_the_documentation(dataset, tmp_path):
     assert "What differs." in text
     assert "t = 86400 s \\| 30 iterations" in text
     _check_tables(text)
+
+
+def test_claims_are_held_against_the_longest_steps_without_loss(dataset, tmp_path):
+    """Those of steppers that took such steps: met, or out of reach of all."""
+    name, words = str(dataset.attrs["scene"]), []
+    limits = (dataset.dt / dataset.gravity_limit).where(dataset.status == "completed")
+    for gravity, advective in ((1e-3, 1e-3), (1e-3, 1e9), (float(limits.max()), 1e-3)):
+        claim = Claim(gravity=gravity, advective=advective, why="as we see it")
+        write_markdown({name: dataset}, tmp_path, claims={name: claim}, figures=())
+        text = (tmp_path / "README.md").read_text(encoding="utf-8")
+        table = text[text.index("## The verdict") :].split("\n\n")[1].splitlines()[2:]
+        assert f"* **{name}**: as we see it" in text
+        words.append([line.split(" | ")[-2] for line in table])
+    easy, hopeless, long = words
+    assert "yes" in easy and "no" in easy and set(hopeless) == {"no"}
+    assert len(hopeless) == len(easy) > len(long) > 0
 
 
 def _check_tables(text):

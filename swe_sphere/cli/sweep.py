@@ -129,7 +129,7 @@ def _join(
     datasets: Mapping[str, xr.Dataset], out: Path, recipe: Recipe | None, quiet: bool
 ) -> None:
     """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
-    from swe_sphere.studies.report import write_markdown, write_report
+    from swe_sphere.studies.report import Claim, write_markdown, write_report
 
     recipe = recipe or Recipe("What accuracy costs in time", ())
     order = [str(values.get("scene")) for values in recipe.sweeps]
@@ -137,7 +137,8 @@ def _join(
     ordered = {name: datasets[name] for name in names}
     page = write_report(ordered, out, title=recipe.title, notes=recipe.notes)
     write_markdown(
-        ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes
-    )
+        ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes,
+        claims={scene: Claim(**claim) for scene, claim in recipe.claims.items()},
+    )  # fmt: skip
     if not quiet:
         typer.echo(page)

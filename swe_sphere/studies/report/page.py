@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
+from swe_sphere.studies.report.claims import Claim, verdicts
 from swe_sphere.studies.report.content import OneMesh, Section, attribute, read_sections
 from swe_sphere.studies.report.drawing import inline, save_svg
 from swe_sphere.studies.report.figures import Diagram, render
@@ -69,16 +70,19 @@ def write_markdown(
     introduction: str = "",
     levels: Sequence[float] = (),
     notes: Mapping[str, str] | None = None,
+    claims: Mapping[str, Claim] | None = None,
     figures: Sequence[str] = OTHERS,
 ) -> Path:
     """Write README.md and its figures (SVG) into a folder.
 
-    introduction: Markdown after the title.  notes: Markdown for the section of that name.
+    introduction: Markdown after the title.  notes: Markdown for the section of that name.  claims:
+    what a section's runs are held against, in a table at the top.
     figures: diagrams beside those of the errors, by name.  The rest is as for `write_report`.
     """
     folder = _made(folder, "page")
     values: dict[str, Any] = {"title": title, "introduction": introduction, "notes": notes or {}}
     values |= {"sections": read_sections(datasets, levels), "shown": SHOWN, "figures": figures}
+    values |= {"claims": claims or {}, "verdicts": verdicts(values["sections"], claims or {})}
     pictures = _Pictures(folder, png=False)
     text = _rendered("page.md.j2", values | {"picture": pictures.file})
     write_whole(folder / "README.md", text)

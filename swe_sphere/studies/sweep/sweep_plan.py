@@ -218,6 +218,8 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
+    claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What others say of the longest steps on a scene: see `swe_sphere.studies.report.Claim`."""
     mapped: bool = False
     """Whether one map of all sweeps is wanted, and no report of each."""
 
@@ -244,8 +246,9 @@ def load_recipe(name: str) -> Recipe:
     """The recipe of that name, or in the TOML file of that path.
 
     A file has a `title`, perhaps an `introduction`, keys that all sweeps share, and for each a
-    table [[sweep]], perhaps with a `note`; or just the keys of one sweep.  A table [sweep.each]
-    with lists by key makes a sweep of every combination.  With `map` there is one map of all.
+    table [[sweep]], perhaps with a `note` or a `claim`; or just the keys of one sweep.  A table
+    [sweep.each] with lists by key makes a sweep of every combination.  With `map` there is one map
+    of all.
     Raises ConfigError if there is no such recipe or it cannot be read.
     """
     path = Path(name)
@@ -260,8 +263,9 @@ def load_recipe(name: str) -> Recipe:
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
+    claims = {str(each.get("scene")): each.pop("claim") for each in sweeps if "claim" in each}
     single = [one for each in sweeps for one in _combinations(path, table | each)]
-    return Recipe(title, tuple(map(by_field, single)), introduction, notes, mapped)
+    return Recipe(title, tuple(map(by_field, single)), introduction, notes, claims, mapped)
 
 
 def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]:
