@@ -85,7 +85,7 @@ class Ranks(Alone):
     def __init__(self) -> None:
         from mpi4py import MPI
 
-        self._mpi, self._comm, self._failures = MPI, MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
+        self._mpi, self._comm, self._failures = MPI, cast(Any, MPI.COMM_WORLD), MPI.COMM_WORLD.Dup()
         self.rank, self.size = self._comm.rank, self._comm.size
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None

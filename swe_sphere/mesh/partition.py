@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.curve import curve
 from swe_sphere.mesh.mesh import Mesh
-from swe_sphere.mesh.numbering import Integers
+from swe_sphere.mesh.numbering import BLOCK, Integers
 
 CHUNKS = 512
 """About how many pieces of equally many elements a mesh is dealt out in, and sums are taken by."""
+LARGE = 64
+"""A mesh of so many blocks of elements is dealt out in whole blocks: kernels are faster on them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +26,10 @@ class Part:
     """
 
     elements: Integers
-    """(e,) numbers in the mesh; those that touch the rim stand first."""
-    on_rim: int
-    """How many do."""
+    """(e,) numbers in the mesh, along the curve."""
     nodes: Integers
-    """(n,) numbers in the mesh: interior nodes, edges, vertices, each along the curve."""
+    """(n,) numbers in the mesh: interior nodes, edges, vertices, each along the curve; on large
+    meshes in blocks of BLOCK elements as in the mesh itself."""
     node_of: NDArray[np.int32]
     """(e, np, np) place among `nodes` of each element node."""
     counts: NDArray[np.integer]
@@ -53,7 +54,7 @@ class Part:
 def whole(mesh: Mesh) -> Part:
     """All of a mesh, in its own order."""
     return Part(
-        np.arange(mesh.elements), 0, np.arange(mesh.size), mesh.nodes,
+        np.arange(mesh.elements), np.arange(mesh.size), mesh.nodes,
         np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 1), int),
     )  # fmt: skip
 
@@ -71,6 +72,8 @@ class _Dealer:
 
     def __init__(self, mesh: Mesh, size: int) -> None:
         per_chunk = -(-mesh.elements // CHUNKS)
+        block = BLOCK if mesh.elements >= LARGE * BLOCK else 1
+        per_chunk = block * -(-per_chunk // block)
         chunks = -(-mesh.elements // per_chunk)
         if size > chunks:
             raise ConfigError(
@@ -87,28 +90,24 @@ class _Dealer:
         offsets = mesh.gather_offsets[:-1]
         element, point = np.divmod(mesh.gather_entries.astype(np.int64), self._points)
         first = np.minimum.reduceat(along[element] * self._points + point, offsets)
+        first_element, first_point = np.divmod(first, self._points)
         self._counts = np.diff(mesh.gather_offsets)
         self._kind = np.minimum(self._counts, 3) - 1
-        self._owner = self._chunk[self._order[first // self._points]]
+        self._owner = self._chunk[self._order[first_element]]
+        number, lane = np.divmod(first_element, block)
         self._place = np.empty(mesh.size, dtype=np.int64)
-        self._place[np.lexsort((first, self._kind))] = np.arange(mesh.size)
-        holder = self._rank[element]
-        low, high = (f.reduceat(holder, offsets) for f in (np.minimum, np.maximum))
-        self._shared = low < high
-        """(N,) whether a node stands on a rim."""
+        self._place[np.lexsort((lane, first_point, number, self._kind))] = np.arange(mesh.size)
 
     def part(self, rank: int) -> Part:
         mesh = self._mesh
-        mine = self._order[self._rank[self._order] == rank]
-        touches = self._shared[mesh.nodes[mine]].any(axis=(1, 2))
-        elements = np.concatenate([mine[touches], mine[~touches]])
+        elements = self._order[self._rank[self._order] == rank]
         nodes = np.unique(mesh.nodes[elements])
         nodes = nodes[np.argsort(self._place[nodes])]
         number = np.full(mesh.size, -1, dtype=np.int32)
         number[nodes] = np.arange(nodes.size, dtype=np.int32)
         sends, receives, contributors = self._traffic(rank, elements, nodes)
         return Part(
-            elements, int(touches.sum()), nodes, number[mesh.nodes[elements]],
+            elements, nodes, number[mesh.nodes[elements]],
             self._counts[nodes], contributors, sends, receives, self._starts(rank, nodes),
         )  # fmt: skip
 
