@@ -11,6 +11,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_rates
 
@@ -33,7 +34,8 @@ def level_kernels(
     all combinations are less `base`, and `carried` has those of the winds as well.
     """
     first, vector, gather = (unknowns - 1), wp.array(dtype=real), gather_sum(real)
-    triple = wp.types.vector(3, real)
+    triple, place = wp.types.vector(3, real), entry_of(Contributors)
+    entry, put = entry_of(real), put_of(real)
     rates, moves, shifted = pointwise_rates(unknowns, real, point), unknowns == 3, point.tangent
     structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
 
@@ -42,7 +44,7 @@ def level_kernels(
     def total(w: triple, new: real, now: real, past: real, base: vector, k: int):
         r = w[0] * new + w[1] * now + w[2] * past
         if wp.static(shifted):
-            r -= base[k]
+            r -= entry(base, k)
         return r
 
     @no_type_check
@@ -67,29 +69,29 @@ def level_kernels(
         pushed: vector,
     ):
         i = wp.tid()
-        at = places[i]
-        scale = inverse_area[i]
+        at = place(places, i)
+        scale = entry(inverse_area, i)
         k = first * size + i
         rate = scale * gather(local, at, 0) + of_depth(c, i, size + i, k, pushed, carried)
         if wp.static(damped):
-            rate += loss[k]
-        h = now[k]
-        h1 = past[k]
+            rate += entry(loss, k)
+        h = entry(now, k)
+        h1 = entry(past, k)
         new = h + tau * rate
-        carried[k] = total(flows, new, h, h1, base, k)
+        put(carried, k, total(flows, new, h, h1, base, k))
         if wp.static(moves):
-            pushed[k] = total(mixes, new, h, h1, base, k)
-        out[k] = new
+            put(pushed, k, total(mixes, new, h, h1, base, k))
+        put(out, k, new)
         if wp.static(tracers):
             for block in range(1, count):
                 k += size
                 rate = scale * gather(local, at, block * stride)
                 if wp.static(damped):
-                    rate += loss[k]
-                h = now[k]
+                    rate += entry(loss, k)
+                h = entry(now, k)
                 new = h + tau * rate
-                carried[k] = total(flows, new, h, past[k], base, k)
-                out[k] = new
+                put(carried, k, total(flows, new, h, entry(past, k), base, k))
+                put(out, k, new)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -112,27 +114,27 @@ def level_kernels(
     ):
         i = wp.tid()
         j = size + i
-        at = places[i]
-        scale = inverse_area[i]
+        at = place(places, i)
+        scale = entry(inverse_area, i)
         wind = of_wind(c, i, j, size + j, pushed)
         rate_u = scale * gather(local, at, 0) + wind[0]
         rate_v = scale * gather(local, at, stride) + wind[1]
         if wp.static(damped):
-            rate_u += loss[i]
-            rate_v += loss[j]
-        u = now[i]
-        v = now[j]
+            rate_u += entry(loss, i)
+            rate_v += entry(loss, j)
+        u = entry(now, i)
+        v = entry(now, j)
         new_u = u + tau * rate_u
         new_v = v + tau * rate_v
-        mixed_u = total(turns, new_u, u, past[i], base, i)
-        mixed_v = total(turns, new_v, v, past[j], base, j)
-        pushed[i] = mixed_u
-        pushed[j] = mixed_v
+        mixed_u = total(turns, new_u, u, entry(past, i), base, i)
+        mixed_v = total(turns, new_v, v, entry(past, j), base, j)
+        put(pushed, i, mixed_u)
+        put(pushed, j, mixed_v)
         if wp.static(shifted):
-            carried[i] = mixed_u
-            carried[j] = mixed_v
-        out[i] = new_u
-        out[j] = new_v
+            put(carried, i, mixed_u)
+            put(carried, j, mixed_v)
+        put(out, i, new_u)
+        put(out, j, new_v)
 
     return SimpleNamespace(depth=step_depth, wind=step_wind, structure=structure)
 
@@ -144,6 +146,7 @@ def combine_levels_kernel(real: type, shifted: bool) -> wp.Kernel:
     Less `base`, where it is `shifted`; as the kernels above leave it when they have stepped.
     """
     vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
+    entry, put = entry_of(real), put_of(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
@@ -157,9 +160,11 @@ def combine_levels_kernel(real: type, shifted: bool) -> wp.Kernel:
         out: vector,
     ):
         k = first + wp.tid()
-        value = weights[0] * now[k] + weights[1] * past[k] + weights[2] * older[k]
+        value = (
+            weights[0] * entry(now, k) + weights[1] * entry(past, k) + weights[2] * entry(older, k)
+        )
         if wp.static(shifted):
-            value -= base[k]
-        out[k] = value
+            value -= entry(base, k)
+        put(out, k, value)
 
     return combine_levels

@@ -5,6 +5,8 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import entry_of, put_of
+
 
 @functools.cache
 def leapfrog_kernel(real: type) -> wp.Kernel:
@@ -15,6 +17,8 @@ def leapfrog_kernel(real: type) -> wp.Kernel:
     x + share d and `state` becomes x+ - (1 - share) d (Williams 2009, doi:10.1175/2009MWR2724.1,
     eqs. 7-9).
     """
+
+    entry, put = entry_of(real), put_of(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
@@ -27,10 +31,10 @@ def leapfrog_kernel(real: type) -> wp.Kernel:
         share: real,
     ):
         i = wp.tid()
-        x = state[i]
-        future = previous[i] + two_dt * tendency[i]
-        d = displacement * (previous[i] - real(2.0) * x + future)
-        previous[i] = x + share * d
-        state[i] = future - (real(1.0) - share) * d
+        x = entry(state, i)
+        future = entry(previous, i) + two_dt * entry(tendency, i)
+        d = displacement * (entry(previous, i) - real(2.0) * x + future)
+        put(previous, i, x + share * d)
+        put(state, i, future - (real(1.0) - share) * d)
 
     return leapfrog

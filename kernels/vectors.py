@@ -5,6 +5,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS
 
 AT_ONCE = 4
@@ -17,19 +18,19 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
 
     One kernel for each count and no loop over rows: four times faster on a CPU.  `out` may be `x`.
     """
-    vector = wp.array(dtype=real)
+    vector, entry, put = wp.array(dtype=real), entry_of(real), put_of(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_1(x: vector, a: vector, ca: real, out: vector) -> None:
         i = wp.tid()
-        out[i] = x[i] + ca * a[i]
+        put(out, i, entry(x, i) + ca * entry(a, i))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def add_2(x: vector, a: vector, ca: real, b: vector, cb: real, out: vector) -> None:
         i = wp.tid()
-        out[i] = x[i] + ca * a[i] + cb * b[i]
+        put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
@@ -37,7 +38,7 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, out: vector
     ) -> None:
         i = wp.tid()
-        out[i] = x[i] + ca * a[i] + cb * b[i] + cc * c[i]
+        put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i) + cc * entry(c, i))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
@@ -54,7 +55,8 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
         out: vector,
     ) -> None:
         i = wp.tid()
-        out[i] = x[i] + ca * a[i] + cb * b[i] + cc * c[i] + cd * d[i]
+        r = entry(x, i) + ca * entry(a, i) + cb * entry(b, i)
+        put(out, i, r + cc * entry(c, i) + cd * entry(d, i))
 
     return (add_1, add_2, add_3, add_4)[count - 1]
 

@@ -37,7 +37,8 @@ class TendencyOperator:
         self.compiled = tendency_kernel(
             terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
         )
-        self._first = mesh.inner if direct else 0
+        self._begin = (mesh.inner if direct else 0,) if point.plain else ()
+        """The first node that DSS writes, for a kernel that asks for it."""
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
         self._fill(parameters)
@@ -82,10 +83,9 @@ class TendencyOperator:
         mesh, size = self.mesh, self.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
         turned = (*self._own, wind) if self._own else ()
-        begin = (self._first, size) if self.point.plain else (size,)
         self._launch(
-            self.assembly, size - self._first, self._places, mesh.inverse_area, mesh.lanes, *begin,
-            self._flat, *turned, out,
+            self.assembly, size - sum(self._begin), self._places, mesh.inverse_area, mesh.lanes,
+            *self._begin, size, self._flat, *turned, out,
         )  # fmt: skip
 
     @property

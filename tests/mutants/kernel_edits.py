@@ -186,8 +186,8 @@ KERNELS = (
         "leapfrog over 2.02 steps",
         "kernels/leapfrog.py",
         ("stepper-leapfrog",),
-        "two_dt * tendency[i]",
-        "real(1.01) * two_dt * tendency[i]",
+        "two_dt * entry(tendency, i)",
+        "real(1.01) * two_dt * entry(tendency, i)",
     ),
     Edit(
         "average vector field: a weight 1 % off",

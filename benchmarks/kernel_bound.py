@@ -1,0 +1,305 @@
+"""Kernels beside C by hand and beside what the machine can do, in ns an element node, on one core.
+
+    python benchmarks/kernel_bound.py [--rounds 400] [--write docs]
+
+All cases of one np and precision are evaluated in turn, one call each, so that a busy moment meets
+all of them.  Meshes have about 25 000 element nodes, whose arrays fit into the last cache.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import statistics
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import matplotlib.pyplot as plt
+import numpy as np
+import typer
+import warp as wp
+from rich.console import Console
+
+from swe_sphere.equations import Model
+from swe_sphere.machine import machine
+from swe_sphere.mesh import Mesh
+from swe_sphere.steppers import get_stepper
+from swe_sphere.testcases import get_scene
+
+ELEMENTS = {4: 16, 6: 12, 8: 8, 12: 4}
+"""Elements along a face's edge for each np; those of a mesh fill whole registers."""
+PRECISIONS = {"float64": "double", "float32": "float"}
+SCENE = "williamson5"
+FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-mprefer-vector-width=512")
+SOURCE = Path(__file__).with_suffix(".c")
+PARTS = ("local", "DSS", "whole", "stage")
+COPIED = 2 << 20
+"""Bytes of a copy: in the last cache, as the arrays of a mesh."""
+ROUNDS_OF_ARITHMETIC = 2000
+
+
+@dataclass
+class Case:
+    """What was measured for one np and precision."""
+
+    np: int
+    precision: str
+    times: dict[tuple[str, str], list[float]]
+    """ns an element node by who (Warp, C) and part."""
+    flops: float
+    """Of an element node."""
+    bytes: float
+    """That its right-hand side must move."""
+    bandwidth: float = 0.0
+    """Of a copy, reads and writes [B/ns]."""
+    peak: float = 0.0
+    """Of products and sums [1/ns]."""
+
+    def least(self, who: str, part: str) -> float:
+        """The fastest."""
+        return min(self.times[who, part])
+
+
+def counts(mesh: Mesh, size: int) -> tuple[float, float]:
+    """Operations and bytes of an element node: every array once, local tendencies both ways."""
+    unique = mesh.size / mesh.nodes.size
+    inner = (mesh.np - 2) ** 2 / mesh.np**2
+    rim = unique - inner
+    reals = 4 + (3 + 1 + 3 + 2) * unique + 2 * rim + 6 * (1 - inner)
+    return 12 * mesh.np + 40 + 7 * unique, size * reals + 4 + 16 * rim
+
+
+def compile_bound(np_: int, precision: str, folder: str) -> ctypes.CDLL | None:
+    """The C program, or None where there is no compiler."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        return None
+    out = Path(folder, f"bound_{np_}_{precision}.so")
+    defines = (f"-DNP={np_}", f"-DREAL={PRECISIONS[precision]}")
+    command = [compiler, *FLAGS, "-shared", "-fPIC", *defines, str(SOURCE), "-o", str(out)]
+    subprocess.run(command, check=True)
+    return ctypes.CDLL(str(out))
+
+
+def measure(np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) -> Case:
+    """All parts of both, in turn."""
+    mesh = Mesh.build(ELEMENTS[np_], np_)
+    model = Model(mesh, get_scene(SCENE), precision=precision)
+    stepper = get_stepper("rk4")(model, 60.0)
+    stepper.start(model.initial_state())
+    calls = {("Warp", part): call for part, call in _ours(model, stepper).items()}
+    if library is not None:
+        calls |= {("C", part): call for part, call in _by_hand(model, library).items()}
+    for call in calls.values():
+        call()
+    times: dict[tuple[str, str], list[float]] = {key: [] for key in calls}
+    for _ in range(rounds):
+        for key, call in calls.items():
+            times[key].append(_seconds(call) * 1e9 / mesh.nodes.size)
+    times["Warp", "stage"] = [t / 4 for t in times["Warp", "stage"]]
+    case = Case(np_, precision, times, *counts(mesh, model.device_mesh.numpy_real.itemsize))
+    if library is not None:
+        case.bandwidth, case.peak = _machine_limits(library, case.precision, rounds)
+    return case
+
+
+def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
+    """The part "stage" is a whole step of rk4."""
+    state, out = model.initial_state(), model.zeros()
+    operator = model.component("all").operator
+    kernel, mesh = operator.compiled.kernel, operator.mesh
+    return {
+        "local": lambda: model.launch(
+            kernel, mesh.dim, operator.geometry, state, operator.local, out
+        ),
+        "DSS": lambda: operator._assemble(state, out),
+        "whole": lambda: model.tendency(state, 0.0, out),
+        "stage": stepper.step,
+    }
+
+
+def _by_hand(model: Model, library: ctypes.CDLL) -> dict[str, Callable[[], object]]:
+    mesh, state, out, stage = model.device_mesh, model.initial_state(), model.zeros(), model.zeros()
+    local, flat = mesh.local(3, model.component("all").operator.compiled.value)
+    given = model.parameters
+    gravity = np.array([given["gravity"]], dtype=mesh.numpy_real)
+    step = np.array([60.0], dtype=mesh.numpy_real)
+    size = ctypes.c_size_t(mesh.size)
+
+    def pointer(array: wp.array | np.ndarray) -> ctypes.c_void_p:
+        return ctypes.c_void_p(array.ctypes.data if isinstance(array, np.ndarray) else array.ptr)
+
+    over_elements = [
+        pointer(array)
+        for array in (
+            mesh.nodes, mesh.basis, mesh.derivative, mesh.weight, gravity, given["bottom"],
+            mesh.inverse_area, given["coriolis"], state, local, out,
+        )
+    ]  # fmt: skip
+    over_nodes = [
+        pointer(array)
+        for array in (mesh.places(3), mesh.inverse_area, given["coriolis"], flat, state, out)
+    ]
+    kept = (state, out, stage, local, flat, gravity, step)
+    to_stage = [pointer(array) for array in (state, out, step, stage)]
+
+    def element() -> object:
+        return library.element(mesh.groups, mesh.whole, size, *over_elements), kept
+
+    def dss() -> None:
+        library.dss(mesh.inner, size, *over_nodes)
+
+    def whole() -> None:
+        element()
+        dss()
+
+    def with_stage() -> None:
+        whole()
+        library.stage(ctypes.c_size_t(state.size), *to_stage)
+
+    whole()
+    expected = model.zeros()
+    model.tendency(state, 0.0, expected)
+    error = np.abs(out.numpy() - expected.numpy()).max() / np.abs(expected.numpy()).max()
+    assert error < 1e5 * np.finfo(mesh.numpy_real).eps, f"C and Warp differ by {error:.1e}"
+    return {"local": element, "DSS": dss, "whole": whole, "stage": with_stage}
+
+
+def _machine_limits(library: ctypes.CDLL, precision: str, rounds: int) -> tuple[float, float]:
+    source, target = np.ones(COPIED, np.uint8), np.ones(COPIED, np.uint8)
+    registers = np.ones(64 * 9, np.uint8)
+    registers = registers[-registers.ctypes.data % 64 :]
+    chains = 8 * 64 // np.dtype(precision).itemsize
+    ends = [ctypes.c_void_p(a.ctypes.data) for a in (source, target, registers)]
+    moved = min(
+        _seconds(lambda: library.copy(ctypes.c_size_t(COPIED), *ends[:2])) for _ in range(rounds)
+    )
+    done = min(
+        _seconds(lambda: library.arithmetic(ctypes.c_size_t(ROUNDS_OF_ARITHMETIC), ends[2]))
+        for _ in range(rounds)
+    )
+    return 2 * COPIED / moved * 1e-9, 2 * chains * ROUNDS_OF_ARITHMETIC / done * 1e-9
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def table(cases: list[Case]) -> str:
+    """Markdown: the least, and the median of the whole."""
+    head = ["np", "precision", *PARTS[:3], "median", "stage of rk4", "C: local", "DSS", "whole",
+            "stage", "Warp / C", "bytes / copy", "operations / peak"]  # fmt: skip
+    lines = [head, ["---"] * len(head), *(_row(case) for case in cases)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _row(case: Case) -> list[str]:
+    ours = [f"{case.least('Warp', part):.2f}" for part in PARTS]
+    ours.insert(3, f"{statistics.median(case.times['Warp', 'whole']):.2f}")
+    named = [str(case.np), case.precision, *ours]
+    if not case.peak:
+        return [*named, *["–"] * 7]
+    bound = [f"{case.least('C', part):.2f}" for part in PARTS]
+    ratio = f"{case.least('Warp', 'whole') / case.least('C', 'whole'):.2f}"
+    limits = [f"{case.bytes / case.bandwidth:.2f}", f"{case.flops / case.peak:.2f}"]
+    return [*named, *bound, ratio, *limits]
+
+
+def draw(cases: list[Case], path: Path) -> None:
+    """Operations a nanosecond over operations a byte, under what bandwidth and arithmetic allow."""
+    figure, both = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained", sharey=True)
+    for axes, precision in zip(both, PRECISIONS, strict=True):
+        mine = [case for case in cases if case.precision == precision]
+        bandwidth = max(case.bandwidth for case in mine)
+        peak = max(case.peak for case in mine)
+        intensity = np.geomspace(0.4, 8.0, 200)
+        axes.loglog(intensity, np.minimum(bandwidth * intensity, peak), "k", label="limit")
+        for who, marker in (("Warp", "o"), ("C", "x")):
+            across = [case.flops / case.bytes for case in mine]
+            up = [case.flops / case.least(who, "whole") for case in mine]
+            axes.plot(across, up, marker, label=who)
+            if who == "Warp":
+                for case, x, y in zip(mine, across, up, strict=True):
+                    axes.annotate(f"np {case.np}", (x, 0.85 * y), ha="center", va="top")
+        axes.set(title=precision, xlabel="operations a byte", ylim=(5.0, 1.5 * peak))
+        axes.grid(alpha=0.3)
+    both[0].set_ylabel("operations a nanosecond")
+    both[0].legend()
+    figure.savefig(path)
+
+
+PAGE = """# Performance of the kernels
+
+Time of one right-hand side of {scene} with DSS on one core, in nanoseconds an element node,
+beside a program in C that does the same with the same arrays (np known to its compiler,
+`{flags}`).
+Made by `python benchmarks/kernel_bound.py --write docs`: least of {rounds} calls of each made in
+turns, and the median of the whole, which tells how busy the machine was. {machine}.
+
+{table}
+
+*local*: the kernel over elements. *DSS*: the sum over what elements share, with the Coriolis
+force. *stage of rk4*: a quarter of a step (in C: the sum for the next stage, none for the step).
+Launches from Python are part of *local*, *DSS* and *whole*; steps are recorded and have none.
+*bytes / copy*: every array moved once at the rate of a copy in the same cache.
+*operations / peak*: products and sums at the rate of registers. The larger of the two is a bound:
+arithmetic binds, the more so the higher np.
+
+![Roofline](performance.svg)
+
+What the kernels do for it:
+
+- A SIMD register holds one node of 8 elements (float32: 16). Nodes are numbered so that those of
+  one place in 16 elements follow one another; where they do, one load takes the place of 8 or 16.
+- Work arrays of a group of elements lie on cache lines, stay in the first-level cache and are
+  never set to zero.
+- Nodes inside elements ({inner4:.0f} % of all at np 4, {inner8:.0f} % at np 8) need no DSS: the
+  kernel over elements finishes them, unless there is diffusion or a term other than rotation acts
+  at a point. DSS begins behind them.
+- Loads and stores of DSS leave out what Warp adds for negative indices and strides.
+
+Products and sums are not contracted: a node gets the same bits whichever kernel finishes it, and
+so on any number of ranks.
+"""
+
+
+def main(
+    rounds: Annotated[int, typer.Option(min=3, help="Calls of each.")] = 400,
+    write: Annotated[Path | None, typer.Option(help="Folder for the page and picture.")] = None,
+) -> None:
+    """Measure and print the table."""
+    wp.config.log_level = wp.LOG_WARNING
+    console, cases = Console(), []
+    with TemporaryDirectory() as folder:
+        for np_ in ELEMENTS:
+            for precision in PRECISIONS:
+                library = compile_bound(np_, precision, folder)
+                cases.append(measure(np_, precision, library, rounds))
+    found = table(cases)
+    console.print(found, markup=False, soft_wrap=True)
+    console.print(f"{machine()}; {rounds} calls of each in turn")
+    if not cases[0].peak:
+        console.print("No C compiler (cc or gcc) was found: the bound and the page are left out.")
+    elif write is not None:
+        draw(cases, write / "performance.svg")
+        inner4, inner8 = (100 * 6 * (ELEMENTS[n] * (n - 2)) ** 2 / _size(n) for n in (4, 8))
+        page = PAGE.format(
+            scene=SCENE, flags=" ".join(FLAGS), rounds=rounds, machine=machine(), table=found,
+            inner4=inner4, inner8=inner8,
+        )  # fmt: skip
+        (write / "performance.md").write_text(page)
+
+
+def _size(np_: int) -> int:
+    return 6 * (ELEMENTS[np_] * (np_ - 1)) ** 2 + 2
+
+
+if __name__ == "__main__":
+    typer.run(main)
