@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import typer
 import warp as wp
+from matplotlib.ticker import FixedLocator, NullFormatter
 from rich.console import Console
 
 from swe_sphere.equations import Model
@@ -227,8 +228,13 @@ def draw(cases: list[Case], path: Path) -> None:
             axes.plot(across, up, marker, label=who)
             if who == "Warp":
                 for case, x, y in zip(mine, across, up, strict=True):
-                    axes.annotate(f"np {case.np}", (x, 0.85 * y), ha="center", va="top")
-        axes.set(title=precision, xlabel="operations a byte", ylim=(5.0, 1.5 * peak))
+                    axes.annotate(str(case.np), (x, 0.9 * y), ha="center", va="top")
+        axes.set(title=f"{precision}, np below the points", xlabel="operations a byte")
+        axes.set_ylim(8.0, 200.0)
+        for axis, at in ((axes.xaxis, (0.5, 1, 2, 4, 8)), (axes.yaxis, (10, 20, 50, 100, 200))):
+            axis.set_major_locator(FixedLocator(at))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.3)
     both[0].set_ylabel("operations a nanosecond")
     both[0].legend()
