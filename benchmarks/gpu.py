@@ -35,10 +35,11 @@ Nothing here was run on a GPU: this page holds what the compiler says of the ker
 prediction.  `--device cuda:0` runs the kernels of one thread a node (`--launch node`, which a CPU
 runs too: `swe-sphere verify --launch node` puts them through the whole verification suite).
 Explicit steps of scenes whose wind and forcing do not change in time are captured once as a graph
-and then launched as a whole.  No explicit, exponential or unpreconditioned implicit step copies a
-state to the host, nor does the check whether a solution still makes sense.  What does: the coarse
-solves of preconditioners, at each application, and so semi-implicit steps; winds and forcings that
-change in time are evaluated by numpy and sent.  Tracer steps that are longer than those of the flow
+and then launched as a whole.  No step copies a
+state to the host, nor does the check whether a solution still makes sense; but the set-up of a
+preconditioner reads the depth, and each application of it what is left for its coarse solve, which
+is less than a field.  Winds and forcings that change in time are evaluated by numpy and sent.
+Tracer steps that are longer than those of the flow
 hold an element's values in memory of a thread's own (the stack in the table).
 Made by `python benchmarks/gpu.py`."""
 
