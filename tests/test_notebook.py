@@ -1,21 +1,40 @@
-"""The notebook in docs does what it says, from its first cell to its last."""
+"""The notebooks in docs do what they say, from the first cell to the last."""
 
+import re
 from pathlib import Path
 
 import nbformat
+import pytest
 from nbclient import NotebookClient
 
-NOTEBOOK = Path(__file__).parents[1] / "docs" / "first_steps.ipynb"
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def executed(name, folder):
+    """What the cells of a notebook show, run in that folder."""
+    notebook = nbformat.read(DOCS / name, as_version=4)
+    resources = {"metadata": {"path": folder}}
+    NotebookClient(notebook, timeout=600, kernel_name="python3", resources=resources).execute()
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    return [out.get("data", {}) for cell in cells for out in cell.outputs]
 
 
 def test_the_first_steps_run_as_a_new_user_would(tmp_path):
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
-    resources = {"metadata": {"path": tmp_path}}
-    NotebookClient(notebook, timeout=600, kernel_name="python3", resources=resources).execute()
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    found = [out.get("data", {}) for cell in cells for out in cell.outputs]
+    found = executed("first_steps.ipynb", tmp_path)
     texts = "\n".join(data.get("text/plain", "") for data in found)
     assert "<Summary of galewsky with rk4: completed>" in texts
     assert "<Summary of lauter with heun3: completed>" in texts
     assert sum("image/png" in data for data in found) == 3
     assert (tmp_path / "jet.nc").exists()
+
+
+@pytest.mark.thorough
+def test_output_is_read_and_regridded(tmp_path):
+    pytest.importorskip("dask")
+    found = executed("output.ipynb", tmp_path)
+    texts = [data.get("text/plain", "") for data in found]
+    assert "<Summary of williamson5 with rk4: completed>" in texts
+    assert sum("image/png" in data for data in found) == 3
+    kept = [float(t) for t in texts if re.fullmatch(r"-?[\d.e-]+", t)]
+    assert len(kept) == 1 and abs(kept[0]) < 1e-13
+    assert (tmp_path / "grid.nc").exists()
