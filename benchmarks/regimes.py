@@ -58,12 +58,16 @@ def main(
 def fitted_to(points: list[Point]) -> list[Method]:
     """A method for each stepper that was seen often enough."""
     runs: dict[str, list[Observation]] = {}
+    failures: dict[str, list[tuple[float, float]]] = {}
     for point in points:
         for stepper, observation in observed(point):
             runs.setdefault(stepper, []).append(observation)
+        for stepper, dt in point.failures:
+            courant = dt / point.gravity_limit, dt / point.advective_limit
+            failures.setdefault(stepper, []).append(courant)
     kinds = {name: STEPPERS[name] for name in runs if len(runs[name]) >= FEWEST}
     return [
-        fitted(name, kind.order, kind.family == "explicit", runs[name])
+        fitted(name, kind.order, kind.family == "explicit", runs[name], failures.get(name, ()))
         for name, kind in kinds.items()
     ]
 

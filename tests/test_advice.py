@@ -51,7 +51,7 @@ def settings() -> list[Setting]:
     ]
 
 
-TRUE = Method("bdf2", (3.0, 0.4, 0.7, 0.2), (-5.0, 1.6, -0.5, 0.3), 1.0, (1.0, 1.0), 0)
+TRUE = Method("bdf2", (3.0, 0.4, 0.7, 0.2), (-5.0, 1.6, -0.5, 0.3), 1.0, (1.0, 1.0), (), 0)
 
 
 def observed(method: Method) -> list[Observation]:
@@ -86,8 +86,10 @@ def test_runs_that_blow_up_are_left_out_and_explicit_steps_have_one_price() -> N
     assert price == pytest.approx((math.log(4.0), 0.0, 0.0, 0.0), abs=1e-3)
 
 
-RK4 = Method("rk4", (math.log(4.0), 0.0, 0.0, 0.0), (-12.0, 4.0, -4.0, 0.0), 2.0, (0.3, 900.0), 9)
-BDF2 = Method("bdf2", (2.0, 0.4, 0.5, 0.0), (-3.0, 2.0, 0.0, 0.0), 1.5, (12.0, 43200.0), 9)
+RK4 = Method(
+    "rk4", (math.log(4.0), 0.0, 0.0, 0.0), (-12.0, 4.0, -4.0, 0.0), 2.0, (0.3, 900.0), (), 9
+)
+BDF2 = Method("bdf2", (2.0, 0.4, 0.5, 0.0), (-3.0, 2.0, 0.0, 0.0), 1.5, (12.0, 43200.0), (), 9)
 
 
 def test_the_cheapest_step_that_keeps_to_the_error_is_chosen() -> None:
@@ -114,6 +116,17 @@ def test_a_steady_flow_allows_the_longest_step_that_was_tried() -> None:
     steady = replace(HERE, turning=0.0, change=0.0, advective_limit=1e5)
     (found,) = candidates(steady, {"bdf2": math.inf}, 1e-9, (BDF2,))
     assert (found.dt, found.bound, found.error) == (43200.0, "longest tried", 0.0)
+
+
+def test_no_step_is_advised_that_goes_beyond_one_that_failed() -> None:
+    failures = [(9.0, 0.5), (5.0, 0.8), (20.0, 0.1), (9.5, 0.6)]
+    method = fitted("bdf2", 2, False, observed(TRUE), failures)
+    assert method.failures == ((5.0, 0.8), (9.0, 0.5), (20.0, 0.1))
+    steps = {dt: method.works(HERE, dt) for dt in (2300.0, 2500.0, 2700.0)}  # A = G / 10
+    assert steps == {2300.0: True, 2500.0: False, 2700.0: False}
+    fragile = replace(BDF2, failures=((5.0, 0.5),))
+    (found,) = candidates(HERE, {"bdf2": math.inf}, 0.5, (fragile,))
+    assert found.dt < 1500.0 and found.bound == "runs that failed"
 
 
 def test_what_comes_with_the_package_is_of_steppers_there_are() -> None:

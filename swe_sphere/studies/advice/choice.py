@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 from swe_sphere.planet import DAY
 from swe_sphere.studies.advice.method import Method
@@ -20,7 +21,7 @@ SHORTEST = 1.0 / 64.0
 """No step is shorter than this part of the gravity limit."""
 RATIO = 2.0**0.125
 """Between the steps that are looked at."""
-LIMIT, ERROR, REACH = "stability", "error", "longest tried"
+LIMIT, ERROR, REACH, FAILURE = "stability", "error", "longest tried", "runs that failed"
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,14 @@ def _best(method: Method, setting: Setting, limit: float, error: float) -> Candi
     longest = limit if math.isfinite(limit) else reach
     count = int(math.log(longest / (SHORTEST * setting.gravity_limit)) / math.log(RATIO))
     steps = [longest / RATIO**n for n in range(max(count, 0) + 1)]
-    good = [dt for dt in steps if method.error(setting, dt) * method.doubt <= error]
+    safe = [dt for dt in steps if method.works(setting, dt)]
+    good = [dt for dt in safe if method.error(setting, dt) * method.doubt <= error]
     if not good:
         return None
     dt = min(good, key=lambda dt: method.step_cost(setting, dt) / dt)
-    bound = ERROR if dt < longest else LIMIT if math.isfinite(limit) else REACH
+    bound = LIMIT if math.isfinite(limit) else REACH
+    if dt < longest:
+        bound = ERROR if dt < safe[0] else FAILURE
     cost = method.step_cost(setting, dt) * DAY / dt
     return Candidate(method, dt, method.error(setting, dt), cost, bound)
 
@@ -82,6 +86,11 @@ def known_methods() -> tuple[Method, ...]:
     """The methods whose constants come with the package."""
     text = files("swe_sphere.studies.advice").joinpath(DATA).read_text()
     return tuple(
-        Method(**table | {name: tuple(table[name]) for name in ("price", "accuracy", "reach")})
+        Method(**{name: _frozen(value) for name, value in table.items()})
         for table in json.loads(text)
     )
+
+
+def _frozen(value: Any) -> Any:
+    """Lists as tuples."""
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -52,8 +52,15 @@ class Method:
     reach: tuple[float, float]
     """The largest advective Courant number A and the longest step [s] at which it was seen to
     work; what has a stability limit is not held to them."""
+    failures: tuple[tuple[float, float], ...]
+    """(G, A) of runs that blew up or could not be solved, the lowest ones."""
     runs: int = field(compare=False)
     """That the constants were fitted to."""
+
+    def works(self, setting: Setting, dt: float) -> bool:
+        """Whether no run failed whose step was no longer in either limit."""
+        here = dt / setting.gravity_limit, dt / setting.advective_limit
+        return not any(g <= here[0] and a <= here[1] for g, a in self.failures)
 
     def step_cost(self, setting: Setting, dt: float) -> float:
         """Cost of a step of dt [s] in right-hand sides."""
@@ -67,11 +74,15 @@ class Method:
         return setting.change * setting.seconds * math.exp(float(laws))
 
 
-def fitted(stepper: str, order: int, explicit: bool, runs: Sequence[Observation]) -> Method:
+def fitted(
+    stepper: str, order: int, explicit: bool, runs: Sequence[Observation],
+    failures: Iterable[tuple[float, float]] = (),
+) -> Method:  # fmt: skip
     """The method with constants by least squares in the logarithms.
 
     Exponents that few runs tell of are held to what is expected: the order of the scheme for p,
     0 for the others.  explicit: a step costs the same whatever the Courant numbers.
+    failures: (G, A) of runs that failed.
     """
     sane = [run for run in runs if run.error < SANE]
     terms = np.array([_price_terms(run.setting, run.dt) for run in sane])
@@ -85,7 +96,16 @@ def fitted(stepper: str, order: int, explicit: bool, runs: Sequence[Observation]
     scatter = float(np.sqrt(np.mean((laws @ accuracy - errors) ** 2)))
     reach = max(run.dt / run.setting.advective_limit for run in sane), max(run.dt for run in sane)
     return Method(stepper, _rounded(price), _rounded(accuracy), round(math.exp(scatter), 3),
-                  _rounded(reach), len(sane))  # fmt: skip
+                  _rounded(reach), _lowest(failures), len(sane))  # fmt: skip
+
+
+def _lowest(pairs: Iterable[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Those than which no other is lower in both."""
+    kept: list[tuple[float, float]] = []
+    for g, a in sorted(pairs):
+        if all(a < known for _, known in kept):
+            kept.append((round(g, 3), round(a, 4)))
+    return tuple(kept)
 
 
 def _rounded(values: Iterable[float]) -> Any:

@@ -115,8 +115,8 @@ def by_step(points: Sequence[Point], error: float) -> Figure:
                 if (offer := point.best(family, error)) and (value := ratio(point, family, error)):
                     style, x = look(offer.stepper), offer.dt / point.gravity_limit
                     face = PAPER if point.diffusive else style.colour
-                    axes.plot(x, value, style.marker, color=style.colour, markerfacecolor=face,
-                              label=offer.stepper)  # fmt: skip
+                    shape: Any = {"marker": style.marker, "color": style.colour, "linestyle": ""}
+                    axes.plot(x, value, markerfacecolor=face, label=offer.stepper, **shape)
         axes.axhline(1.0, color=INK, linewidth=1.6)
         finish(axes, "step with that error [gravity limits]", "cost over that of the best explicit")
         handles, names = axes.get_legend_handles_labels()

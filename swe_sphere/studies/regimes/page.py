@@ -67,7 +67,7 @@ def _figures(found: Sequence[Series]) -> list[tuple[str, str, Figure]]:
         caption = f"{what}: cost ratios by slow-flow error, on the uniform mesh"
         made.append((f"{name}-error", caption, by_error(lines[0], ERRORS)))
     points = [point for of in found for point in of.points]
-    caption = f"Cost ratio against the length of the step, at a slow-flow error of {usual}"
+    caption = f"Cost ratio against the step, at a slow-flow error of {usual}; open: hyperviscosity"
     made.insert(0, ("steps", caption, by_step(points, USUAL)))
     chosen = _chosen(found)
     made.append(("slices", f"All steppers: {'; '.join(chosen)}", slices(chosen)))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.modelled_time import Prices, lowest, modelled_seconds
+from swe_sphere.studies.report.statistics import FAILED
 from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
 
 __all__ = ["Offer", "Point", "Run", "cheapest_step", "read_points"]
@@ -50,6 +51,8 @@ class Point:
     advective_limit: float
     """The same, were there no gravity waves [s]."""
     runs: tuple[Run, ...]
+    failures: tuple[tuple[str, float], ...] = ()
+    """Steppers with steps [s] at which they blew up or could not solve."""
 
     @property
     def froude(self) -> float:
@@ -189,4 +192,11 @@ def _point(
                         krylov))  # fmt: skip
     limits = records[0].numbers
     gravity, advective = limits["gravity_limit"], limits["advective_limit"]
-    return Point(name, records[0].config, gravity or math.nan, advective or math.nan, tuple(runs))
+    failures = tuple(
+        (record.config.stepper, float(record.config.dt))
+        for record in records
+        if record.role == "grid" and record.status in FAILED
+    )
+    return Point(
+        name, records[0].config, gravity or math.nan, advective or math.nan, tuple(runs), failures
+    )

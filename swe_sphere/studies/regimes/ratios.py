@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import get_args
@@ -33,14 +34,15 @@ class Series:
 
 
 def series(points: Sequence[Point]) -> list[Series]:
-    """All series, by scene, diffusion and refinement, in the order of the scenes."""
+    """All series, by scene, diffusion and refinement; first the scene with most places."""
     found: dict[tuple[str, bool, float], list[Point]] = {}
     for point in points:
         key = (point.config.scene, point.diffusive, point.config.stretch)
         found.setdefault(key, []).append(point)
+    places = Counter(point.config.scene for point in points)
     return [
         Series(scene, stretch, diffusive, tuple(sorted(found[key], key=lambda p: p.froude)))
-        for key in sorted(found)
+        for key in sorted(found, key=lambda key: (-places[key[0]], key))
         for scene, diffusive, stretch in [key]
     ]
 
