@@ -84,6 +84,9 @@ def test_break_even_is_where_the_ratio_passes_one() -> None:
     assert break_even(series([costing(5.0, 11.0)])[0], "implicit", 1e-3) == 0.0
     assert break_even(series([costing(5.0, 9.0)])[0], "implicit", 1e-3) == math.inf
     assert math.isnan(break_even(line, "exponential", 1e-3))
+    out_of_reach = place(20.0, run("rk4", 1.0, 10.0, 1e-5), run("bdf2", 9.0, 1.0, 0.1))
+    (cut,) = series([out_of_reach, costing(5.0, 2.5)])
+    assert break_even(cut, "implicit", 1e-3) == pytest.approx(5.0 / 240.0)
 
 
 def test_series_differ_in_refinement_and_hyperviscosity() -> None:

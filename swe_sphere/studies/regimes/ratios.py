@@ -56,14 +56,15 @@ def ratio(point: Point, family: str, error: float) -> float:
 def break_even(of: Series, family: str, error: float) -> float:
     """The Froude number up to which the family is cheaper than explicit steppers.
 
-    Interpolated in the logarithms; 0 where it is dearer everywhere, infinite where it is cheaper
-    up to the end, NaN where nothing is known.
+    Interpolated in the logarithms; where no step of it has the error it counts as dearer.  0 where
+    it is dearer everywhere, infinite where it is cheaper up to the end, NaN if nothing is known.
     """
-    known = [(p.froude, r) for p in of.points if math.isfinite(r := ratio(p, family, error))]
-    cheaper = [i for i, (_, r) in enumerate(known) if r <= 1.0]
-    if not known or not cheaper:
-        return 0.0 if known else math.nan
-    if cheaper[-1] == len(known) - 1:
+    ratios = [(point.froude, ratio(point, family, error)) for point in of.points]
+    cheaper = [i for i, (_, r) in enumerate(ratios) if r <= 1.0]
+    if not cheaper:
+        return 0.0 if any(math.isfinite(r) for _, r in ratios) else math.nan
+    if cheaper[-1] == len(ratios) - 1:
         return math.inf
-    (f0, r0), (f1, r1) = known[cheaper[-1]], known[cheaper[-1] + 1]
-    return float(f0 * (f1 / f0) ** (math.log(r0) / math.log(r0 / r1)))
+    (f0, r0), (f1, r1) = ratios[cheaper[-1]], ratios[cheaper[-1] + 1]
+    share = math.log(r0) / math.log(r0 / r1) if math.isfinite(r1) else 0.0
+    return float(f0 * (f1 / f0) ** share)
