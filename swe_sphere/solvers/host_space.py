@@ -64,7 +64,9 @@ class HostVectors:
         self.view(x).fill(0.0)
 
     def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
-        term = np.multiply(self.view(x), self.dtype.type(a), out=self._sum)
+        term = self.view(x)
+        if a != 1.0:
+            term = np.multiply(term, self.dtype.type(a), out=self._sum)
         target = self.view(y)
         if b != 1.0:
             np.multiply(target, self.dtype.type(b), out=target)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.forcing_term import FollowedNonlinearity
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
@@ -46,15 +47,16 @@ class StageProblem:
         self.preconditioner = make_preconditioner(preconditioner_name, model)
         self.precondition = self.preconditioner
         self._slope, self._operator = model.zeros(), model.jacobian()
+        self._add = combine_kernel(model.device_mesh.real, 2)
+        model.launch.load(self._add)
         self.tau, self.time = 0.0, 0.0
         self.rhs: wp.array = None
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out = x - tau F(x) - r."""
         self._evaluate(x)
-        self.space.copy(x, out)
-        self.space.axpy(-self.slopes * self.tau, self._slope, out)
-        self.space.axpy(-1.0, self.rhs, out)
+        factor = -self.slopes * self.tau
+        self._model.launch(self._add, x.size, x, self._slope, factor, self.rhs, -1.0, out)
 
     def _evaluate(self, x: wp.array) -> None:
         self._model.tendency(x, self.time, self._slope)
@@ -220,22 +222,26 @@ class ImplicitStepper(SteppedInParts):
         Only masses that all effects conserve; what forcing brings has no tracer in it.
         """
         space = self.space
-        for conserved, unit in self._units:
+        for conserved, unit, square in self._units:
             lost = space.dot(rhs, unit) - space.dot(x, unit)
             more = gain if conserved == "mass" else 0.0
-            space.axpy(lost / space.dot(unit, unit) + more, unit, x)
+            space.axpy(lost / square + more, unit, x)
 
-    def _unit_masses(self) -> list[tuple[str, wp.array]]:
-        """What is conserved, with states that are zero but for 1 m of depth, or of a tracer."""
+    def _unit_masses(self) -> list[tuple[str, wp.array, float]]:
+        """What is conserved, with states that are zero but for 1 m of depth, or of a tracer.
+
+        And the square of their norm.
+        """
         model = self.model
         kept = MASSES.intersection(*(effect.conserves for effect in model.scene.effects))
         blocks = np.kron(np.eye(len(model.names)), np.ones(model.mesh.size))
         named = [("mass" if name == "h" else "tracers", name) for name in model.names]
-        return [
+        units = [
             (mass, model.device_mesh.scatter(block))
             for (mass, name), block in zip(named, blocks, strict=True)
             if name not in ("u", "v") and mass in kept
         ]
+        return [(mass, unit, self.space.dot(unit, unit)) for mass, unit in units]
 
     def _slope(self, x: wp.array, rhs: wp.array, tau: float, out: wp.array) -> None:
         """out = (x - rhs)/tau: F(x) as the solved stage equation implies it, mass included."""
