@@ -63,8 +63,7 @@ def counts() -> Section:
             rows.append([label, name, *(str(count) for count, _ in solves)])
     return Section(
         "williamson5, 6 hours in: Krylov iterations of one Newton step to 1e-2, by Δt",
-        "Implicit step τ = Δt/2.  401 stands for no convergence in 400.  Hyperviscosity is not "
-        "preconditioned.",
+        "Implicit step τ = Δt/2.  401 stands for no convergence in 400.",
         ["mesh", "preconditioner", *(f"{dt:.0f} s" for dt in steps)],
         rows,
     )
