@@ -13,7 +13,6 @@ def transport(t: SimpleNamespace, kind: str = "mass") -> Formula:
 
     "mass": -div(m V) of the mass m at `at` by the wind V of a, with the rounding of the depth in
     `shallow_water`.  "tangent": its derivative at the state a along x, both with winds in front.
-    "wind": div V of the wind x.
     """
     np_, geometry, vector, load = t.np, t.geometry, t.vector, t.ops.load
     winds, wind = winds_at(t, own=False, base=False)
@@ -24,29 +23,22 @@ def transport(t: SimpleNamespace, kind: str = "mass") -> Formula:
     @wp.func
     def read(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
-        if wp.static(kind == "wind"):
-            return point(load(x, 0, node), load(x, geo.size, node))
+        m = load(x, at, node)
+        bu = load(a, 0, node)
+        bv = load(a, geo.size, node)
+        if wp.static(kind == "mass"):
+            fu, fv = flux(bu, bv, m, bu, bv, m)
+            return point(fu, fv)
         else:
-            m = load(x, at, node)
-            bu = load(a, 0, node)
-            bv = load(a, geo.size, node)
-            if wp.static(kind == "mass"):
-                fu, fv = flux(bu, bv, m, bu, bv, m)
-                return point(fu, fv)
-            else:
-                u = load(x, 0, node)
-                v = load(x, geo.size, node)
-                fu, fv = flux(u, v, m, bu, bv, load(a, at, node))
-                return point(fu, fv)
+            u = load(x, 0, node)
+            v = load(x, geo.size, node)
+            fu, fv = flux(u, v, m, bu, bv, load(a, at, node))
+            return point(fu, fv)
 
     @no_type_check
     @wp.func
     def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
-        weight = geo.weight[n // np_, n % np_]
-        if wp.static(kind == "wind"):
-            return weight * (d1 + d2)
-        else:
-            return -weight * (d1 + d2)
+        return -geo.weight[n // np_, n % np_] * (d1 + d2)
 
     return Formula(winds, wind, rows, first, second, read, result, 1)
 

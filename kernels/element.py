@@ -216,7 +216,7 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
     """
     np_, value, (d1, d2, _, _) = t.np, t.value, line_sums(t, t.value)
     geometry, vector, local, load, wedge = t.geometry, t.vector, t.local, t.ops.load, t.ops.wedge
-    mass, wind, flux = kind == "mass", kind == "wind", mass_flux(t, kind == "tangent")
+    mass, flux = kind == "mass", mass_flux(t, kind == "tangent")
     field, (_, at_2, at_3, at_4, _) = wp.array2d(dtype=value), scratch(np_, *4 * (value,))
 
     @no_type_check
@@ -242,16 +242,12 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
                 for j in range(np_):
                     n = i * np_ + j
                     node = geo.nodes[e, n]
-                    if wp.static(wind):
-                        fu = load(x, 0, node)
-                        fv = load(x, geo.size, node)
-                    elif wp.static(mass):
-                        m = load(x, first + k * geo.size, node)
+                    m = load(x, first + k * geo.size, node)
+                    if wp.static(mass):
                         u = us[i, j]
                         v = vs[i, j]
                         fu, fv = flux(u, v, m, u, v, m)
                     else:
-                        m = load(x, first + k * geo.size, node)
                         mb = load(a, first + k * geo.size, node)
                         u = load(x, 0, node)
                         v = load(x, geo.size, node)
@@ -261,10 +257,7 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
             for i in range(np_):
                 for j in range(np_):
                     div = d1(geo.derivative, f1, i, j) + d2(geo.derivative, f2, i, j)
-                    if wp.static(wind):
-                        out[e, i * np_ + j, k] = geo.weight[i, j] * div
-                    else:
-                        out[e, i * np_ + j, k] = -geo.weight[i, j] * div
+                    out[e, i * np_ + j, k] = -geo.weight[i, j] * div
 
     return over_elements
 

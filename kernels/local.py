@@ -74,13 +74,12 @@ def tendency_kernel(
 def field_kernels(np_: int, real: type, shape: str) -> SimpleNamespace:
     """Kernels (geometry, a, x, first, count, out) for fields of x from the offset `first` on.
 
-    `gradient` of one field, to two, and `divergence` of the wind in front of x, with any a, and
-    -div(m V) of `count` masses: `transport` by the wind V in front of a, and `tangent`, its
-    derivative at the state a along x, both with winds in front.  With the types `geometry` and
-    `value`.
+    `gradient` of one field, to two, with any a, and -div(m V) of `count` masses: `transport` by the
+    wind V in front of a, and `tangent`, its derivative at the state a along x, both with winds in
+    front.  With the types `geometry` and `value`.
     """
     t = kernel_types(np_, real, shape)
-    kinds = {"divergence": "wind", "transport": "mass", "tangent": "tangent"}
+    kinds = {"transport": "mass", "tangent": "tangent"}
     if shape == "element":
         made = {name: element_divergence(t, kind) for name, kind in kinds.items()}
         made["gradient"] = element_gradient(t)

@@ -80,7 +80,6 @@ def kernels(real: type) -> list[wp.Kernel]:
         *kernels_of(coarse_kernels(4, 16, wp.float32, "node")),
         *kernels_of(damping_kernels(4, wp.float32, real, "node")),
         fields.gradient,
-        fields.divergence,
         fields.transport,
         fields.tangent,
         blocks_kernel(real, adds=False),
