@@ -86,8 +86,9 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
     rest = model.device_mesh.upload(states(model)["rest"])
     spectrum = STEPPERS[name].spectrum(model, rest)
     limit = STEPPERS[name].limit(spectrum)
-    assert growth(name, model, 0.97 * limit, 600) < 4.0
-    if not nu and not name.startswith("mis"):
+    multirate = name.startswith("mis")
+    assert growth(name, model, 0.97 * limit, 600) < (4.0 if multirate else 3.0)
+    if not nu and not multirate:
         assert growth(name, model, 1.1 * limit, 600) > 1e6
 
 
