@@ -336,7 +336,7 @@ def test_a_first_run_says_that_it_compiles(tmp_path):
     """In one line, also beside JSON; later runs, and those asked to be quiet, do not."""
     cache = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "cache")}
     options = ("run", "williamson2", "--ne", 2, "--np", 4, "--days", 0.01)
-    line = "swe-sphere: compiling kernels for this scene, the first time only ...\n"
+    line = "swe-sphere: compiling kernels, the first time only ...\n"
     for flags, said in (("--json", line), ("--json", "")):
         run = process(*options, flags, env=cache)
         out, err = run.communicate(timeout=120)

@@ -5,6 +5,8 @@ import time
 import pytest
 
 from swe_sphere import compiling
+from swe_sphere.cli.main import main
+from swe_sphere.cli.show import COMPILING
 
 
 @pytest.fixture
@@ -39,3 +41,11 @@ def test_nothing_is_said_without_compiling(told):
     with compiling.on_compile(lambda: told.append("once")):
         time.sleep(0.2)
     assert told == []
+
+
+def test_every_command_tells_of_it(told, monkeypatch, capsys):
+    """In one line on stderr."""
+    monkeypatch.setattr("swe_sphere.cli.main.app", lambda *_, **__: wait(0.2))
+    with pytest.raises(SystemExit):
+        main(["verify"])
+    assert capsys.readouterr().err == f"swe-sphere: {COMPILING}\n"

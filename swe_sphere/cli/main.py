@@ -14,9 +14,11 @@ from swe_sphere.cli.pictures import animate, plot
 from swe_sphere.cli.ranks import fail, refuse_ranks
 from swe_sphere.cli.regrid import regrid, scrip
 from swe_sphere.cli.run import run
+from swe_sphere.cli.show import tell_of_compiling
 from swe_sphere.cli.stress import stress
 from swe_sphere.cli.sweep import sweep
 from swe_sphere.cli.verify import verify
+from swe_sphere.compiling import on_compile
 
 app = typer.Typer(
     help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
@@ -65,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _status(arguments: Sequence[str]) -> int:
     try:
-        return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
+        with on_compile(tell_of_compiling):
+            return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
     except Exception as error:
         show_traceback()
         line, status = explain(error)

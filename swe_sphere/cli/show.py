@@ -7,6 +7,7 @@ from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Summary
 
+COMPILING = "compiling kernels, the first time only ..."
 GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""
 
@@ -40,8 +41,12 @@ class Terminal(Watcher):
     def compiling(self) -> None:
         """Say why nothing happens, unless asked to be quiet."""
         if not self._quiet:
-            text = "compiling kernels for this scene, the first time only ..."
-            sys.stderr.write(f"swe-sphere: {text}\n")
+            tell_of_compiling()
+
+
+def tell_of_compiling() -> None:
+    """Say on stderr why nothing happens."""
+    sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 def show_summary(summary: Summary, config: RunConfig) -> None:

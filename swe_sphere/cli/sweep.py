@@ -9,7 +9,9 @@ import typer
 
 from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.show import COMPILING
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
+from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
@@ -76,7 +78,7 @@ def _plans(values: dict[str, Any], recipe: Recipe | None) -> list[SweepPlan]:
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
     terminal = SweepTerminal(plan, quiet)
     try:
-        with terminal:
+        with terminal, on_compile(lambda: terminal.note(COMPILING)):
             return run_plan(plan, folder, terminal)
     except (Interrupted, KeyboardInterrupt):
         raise Stopped(
