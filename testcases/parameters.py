@@ -53,7 +53,7 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
     known = inspect.signature(factory).parameters
     defaults = {key: p.default for key, p in known.items() if p.default is not p.empty}
     told = {key: _plain(value) for key, value in (defaults | values).items() if value is not None}
-    return replace(scene, parameters=told | dict(scene.parameters))
+    return replace(scene, parameters=dict(scene.parameters) | told)
 
 
 def _plain(value: object) -> Parameter:

@@ -147,7 +147,7 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
 
 
 def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
-    """Counts are those without it, where taken whole it doubles them."""
+    """Counts are those without it; taken whole, which the preconditioner knows, half again."""
     mesh, plain = Mesh.build(4, 4), get_scene("williamson5")
     thick = plain.with_effect(Hyperviscosity())
     counts = []
@@ -155,7 +155,7 @@ def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:
         model = Model(mesh, scene)
         stepper = advance("tr-bdf2", model, model.initial_state(), 21600.0, 129600.0, diffusion=how)
         counts.append(stepper.counters["krylov_iterations"])
-    assert counts[1] <= counts[0] + 12 and counts[2] > 1.5 * counts[1], counts
+    assert counts[1] <= counts[0] + 12 and counts[2] <= 1.5 * counts[0], counts
 
 
 def test_what_cannot_have_it_apart_says_so() -> None:

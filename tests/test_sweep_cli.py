@@ -41,7 +41,7 @@ def _empty_page(dataset, folder, **_):
     return page
 
 
-def _words(datasets, folder, *, title, introduction, notes):
+def _words(datasets, folder, *, title, introduction, notes, claims):
     (Path(folder) / "README.md").write_text(f"{title}|{introduction}|{[*datasets]}|{notes}")
 
 
