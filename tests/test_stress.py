@@ -418,6 +418,15 @@ def test_the_limit_of_ars343_holds_over_hills(seed: int) -> None:
     assert try_out(trial).outcome == "passed"
 
 
+@pytest.mark.parametrize("name", ["forward-backward", "fb-rk3"])
+def test_a_planet_that_turns_fast_limits_steps_that_extrapolate_the_wind(name: str) -> None:
+    """With waves and winds alone in the limit, this one ran dry in eleven steps."""
+    scene = {"scene": "stress:random-state", "set": {"scene": {"seed": 192}}}
+    run = {"stepper": name, "days": 1.0, **random_setting(192)[0], **scene}
+    trial = Trial(name="turning", run=run, part=0.88, steps=12, bounds={"froude": 0.1})
+    assert try_out(trial).outcome == "passed"
+
+
 def test_the_page_in_docs_is_made_of_the_numbers_beside_it() -> None:
     """Every result is of a trial that there is, and the page shows it."""
     made = page(read_record(DOCS / "stability.json", Results).results, quick=False)

@@ -24,7 +24,8 @@ class Spectrum:
     wave: float
     dissipation: float = 0.0
     wind: float = 0.0
-    """What the wind has in `wave`; told where a stepper's limit depends on it."""
+    turning: float = 0.0
+    """What the wind has in `wave`, and the Coriolis parameter; told where a limit depends on it."""
 
 
 def estimate_spectrum(

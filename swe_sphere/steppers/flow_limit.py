@@ -31,27 +31,33 @@ class FlowLimited(Stepper):
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1], and what the wind has in that of the waves."""
-        found = super().spectrum(model, state, t)
-        return replace(found, wind=found.wave * wind_share(model, state))
+        """Spectral radii [s-1], what the wind has in that of the waves, and how fast it turns."""
+        found, share = super().spectrum(model, state, t), wind_share(model, state)
+        turning = 0.0 if share == NOTHING_BUT_WIND else float(np.abs(model.coriolis).max())
+        return replace(found, wind=found.wave * share, turning=turning)
 
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
         """Largest step [s] that is stable in winds up to those of the spectrum."""
-        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind)
+        own = spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning
+        return cls.stable_dt(*own)
 
     @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0, wind: float = 0.0) -> float:
+    def stable_dt(
+        cls, wave: float, dissipation: float = 0.0, wind: float = 0.0, turning: float = 0.0
+    ) -> float:
         """Largest step [s] that amplifies no wave on a wind that has `wind` [s-1] in `wave`.
 
-        Nor does it in any weaker or other wind, nor the vorticity that the wind carries.
+        Nor does it in any weaker or other wind, nor the vorticity that the wind carries, nor a wind
+        that turns by itself, at `turning` [s-1].
         """
-        share = wind / wave if wave > 0.0 else 0.0
+        share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in (wind, turning))
         parts = PARTS if share > 0.0 else np.zeros(1)
 
         def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
             waves, winds = (1.0 - share) * z_wave, share * z_wave
-            cases = [(waves, part * winds) for part in parts] + [(0.0 * waves, winds)]
+            cases = [(waves, part * winds) for part in parts]
+            cases += [(0.0 * waves, carried) for carried in (winds, turn * z_wave)]
             grown = [cls._growth(share, c, u, z_dissipation) for c, u in cases]
             largest: NDArray[np.float64] = np.max(grown, axis=0)
             return largest
