@@ -147,6 +147,18 @@ def test_tolerance_zero_ends_at_round_off(real, size) -> None:
     assert np.linalg.norm(b - matrix @ x) < size * np.linalg.norm(b)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-15])
+def test_tolerance_zero_asks_no_preconditioner_in_float32_for_less_than_it_can_hold(size) -> None:
+    """Of a fluid at rest the right-hand side is rounding, and nothing moves to be compared with."""
+    matrix, b = laplacian(1.0), size * random()
+    diagonal = matrix.diagonal()
+    inverse = lambda r: (r / diagonal).astype(np.float32)  # noqa: E731
+    result, x = solve(matrix.__matmul__, b, precondition=inverse, rtol=0.0)
+    assert result.converged and result.roundoff, result.message
+    assert result.iterations < 60
+    assert np.linalg.norm(b - matrix @ x) < 1e-13 * np.linalg.norm(b)
+
+
 def test_out_of_iterations_is_stagnated_with_the_true_residual() -> None:
     matrix, b = laplacian(), random()
     result, x = solve(matrix.__matmul__, b, rtol=1e-8, max_iterations=5)

@@ -15,7 +15,8 @@ from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearS
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # The residual of the recurrence is not believed below this many round-offs of the terms of the true
-# one, and a residual of so few round-offs that no longer falls is as small as it gets.
+# one, and a residual of so few round-offs that no longer falls is as small as it gets; below one of
+# them is nothing to descend to.
 UNTRUSTED, MOST_ROUNDOFFS = 1e4, 1e3
 
 
@@ -37,7 +38,7 @@ class ConjugateGradients(KrylovSolver):
         trusted = p.target >= UNTRUSTED * smallest
         while True:
             start = p.history[-1]
-            failure = self._descend(p, max(p.target, self.space.epsilon * start))
+            failure = self._descend(p, max(p.target, smallest))
             if failure is not None:
                 return failure
             if p.history[-1] <= p.target and trusted:
@@ -45,7 +46,8 @@ class ConjugateGradients(KrylovSolver):
             residual = p.history[-1] = self._true_residual(p)
             if residual <= p.target:
                 return p.end(Status.CONVERGED, "converged")
-            if residual > 0.5 * start and residual <= MOST_ROUNDOFFS * smallest:
+            small = smallest if residual <= 0.5 * start else MOST_ROUNDOFFS * smallest
+            if residual <= small:
                 return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
             if residual > 0.5 * start or p.iterations >= p.limit:
                 return p.end(Status.STAGNATED, "stagnated")
