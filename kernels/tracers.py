@@ -60,7 +60,6 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
     factor (flux - q air), air (N,) being the flux where q = 1.
     raised: (x, bottom, depth, first, N, out): out = hq (1 + b/h).
     raised_tangent: (base, bottom, depth, first, N, x, out): its derivative at `base` along x.
-    scaled: (y, factor, first, N, x): x_hq = factor y.
     add: (y, first, N, x): x_hq += y.
     """
     vector = wp.array(dtype=real)
@@ -118,13 +117,6 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
-    def scaled(y: vector, factor: real, first: int, size: int, x: vector):
-        k, node = wp.tid()
-        at = k * size + node
-        x[first + at] = factor * y[at]
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
     def add(y: vector, first: int, size: int, x: vector):
         k, node = wp.tid()
         at = k * size + node
@@ -136,6 +128,5 @@ def pointwise_kernels(real: type) -> SimpleNamespace:
         correct=correct,
         raised=raised,
         raised_tangent=raised_tangent,
-        scaled=scaled,
         add=add,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -24,7 +25,7 @@ from swe_sphere.solvers.gravity_waves import (
     GravityWaves,
     GravityWaveSolver,
     advection_rate,
-    shallowness,
+    reference_depth,
 )
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.leapfrog import Leapfrog
@@ -49,7 +50,7 @@ def test_operator_against_sparse_matrices(small_mesh, coriolis: str, precision: 
     f = model.coriolis if coriolis == "implicit" else 0.0
     slope = sparse.gradient(small_mesh) @ h
     slope_u, slope_v = np.split(model.scene.planet.gravity * slope, 2)
-    flow = waves.depth * (sparse.divergence(small_mesh) @ np.concatenate([u, v]))
+    flow = sparse.divergence(small_mesh) @ np.concatenate([waves.depth * u, waves.depth * v])
     expected = np.concatenate([f * v - slope_u, -f * u - slope_v, -flow])
     assert relative(out.numpy(), expected, 3) < (1e-12 if precision == "float64" else 1e-4)
 
@@ -75,12 +76,15 @@ def test_solver_inverts_the_operator(small_mesh, coriolis: str, tau: float) -> N
     assert again.iterations <= 1, "the guess was not used"
 
 
-def test_reference_depth_is_deep_enough(small_mesh) -> None:
-    flat = make_scene(*WAVES)
-    assert GravityWaves(Model(small_mesh, flat)).depth == pytest.approx(1000.0)
+def test_reference_depth_is_that_below_a_level_surface_and_deep_enough(small_mesh) -> None:
+    flat = make_scene("advection", "pressure", "rotation")
+    assert reference_depth(Model(small_mesh, flat)) == pytest.approx(1000.0)
     hill = lambda lon, lat: (0.0 * lat, 0.0 * lat, 1000.0 + 4000.0 * (lat > 1.0))  # noqa: E731
-    deep = GravityWaves(Model(small_mesh, replace(flat, initial=hill))).depth
-    assert deep == pytest.approx(4000.0)
+    assert reference_depth(Model(small_mesh, replace(flat, initial=hill))) == pytest.approx(4000.0)
+    mountain = Model(small_mesh, get_scene("williamson5"))
+    surface = reference_depth(mountain) + mountain.bottom
+    assert np.ptp(mountain.bottom) > 1000.0
+    assert surface == pytest.approx(surface.mean(), rel=1e-12)
 
 
 def test_what_cannot_be_semi_implicit_is_refused(small_mesh) -> None:
@@ -132,6 +136,25 @@ def test_explicit_part_alone_is_exponential_as_far_as_the_authors_say(
     z = np.array([0.3j, 1.2j, 2.5j, -1.0 + 0.5j])
     series = sum(z**k / math.factorial(k) for k in range(powers + 1))
     assert STEPPERS[name]._growth(0.0 * z, z, 0.0 * z) == pytest.approx(np.abs(series), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "deviations", "growth"),
+    [("ark2", (-0.1, 0.0, 0.05), 0.0), ("ark2", (-0.32,), 0.5), ("ars343", (-0.8, -0.3, 0.1), 0.0)],
+)
+def test_explicit_waves_of_a_deviating_depth(name: str, deviations, growth: float) -> None:
+    """Wind and depth of one wave, L = iω [[0, 1], [1, 0]] and N = iω [[0, 0], [δ, 0]]."""
+    cls = STEPPERS[name]
+    a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
+    largest = 0.0
+    for delta, z in itertools.product(deviations, np.geomspace(0.01, 300.0, 60)):
+        linear = 1j * z * np.array([[0.0, 1.0], [1.0, 0.0]])
+        rest = 1j * z * np.array([[0.0, 0.0], [delta, 0.0]])
+        whole = np.eye(2 * len(cls.b)) - np.kron(a_i, linear) - np.kron(a_e, rest)
+        stages = np.linalg.solve(whole, np.tile(np.eye(2), (len(cls.b), 1)))
+        step = np.eye(2) + np.kron(cls.b, linear + rest) @ stages
+        largest = max(largest, np.abs(np.linalg.eigvals(step)).max() - 1.0)
+    assert largest == pytest.approx(growth, rel=0.1, abs=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -294,9 +317,16 @@ def test_inertial_waves_limit_steps_where_the_wind_is_slow(small_mesh) -> None:
     assert GravityWaves(model).explicit_spectrum(state).wave == pytest.approx(slowest)
 
 
-def test_steps_are_shorter_where_the_depth_varies_much(small_mesh) -> None:
-    assert shallowness(Model(small_mesh, get_scene("williamson5"))) == 1.0
-    assert 1.3 < shallowness(Model(small_mesh, get_scene("lauter"))) < 1.5
+@pytest.mark.parametrize("name", IMEX)
+def test_automatic_steps_over_a_mountain_in_a_slow_wind(name: str) -> None:
+    """Five explicit limits and more: waves over the mountain must be implicit where they are."""
+    mesh = Mesh.build(4, 4, stretch=4.0, centre=(1.5 * np.pi, np.pi / 6.0))
+    model, kind = Model(mesh, get_scene("williamson5", speed=2.0)), STEPPERS[name]
+    state = model.initial_state()
+    dt = kind.safety * kind.limit(kind.spectrum(model, state))
+    assert dt * model.spectrum(state).wave > 10.0
+    fields = model.fields(advance(name, model, state, dt, 2.0 * 86400.0).state)
+    assert np.hypot(fields["u"], fields["v"]).max() < 10.0
 
 
 @pytest.mark.parametrize("name", IMEX)

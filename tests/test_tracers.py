@@ -168,7 +168,7 @@ def test_tracers_solve_their_rows_of_the_gravity_waves(mesh, coriolis):
     left = residuals[2] - q * residuals[0]
     assert np.ptp(left) < 1e-11 * scale
     assert mesh.area @ rows[1][2] == pytest.approx(mesh.area @ rows[0][2], rel=1e-13)
-    expected = -waves.depth * divergence(mesh, *(q * x.numpy().reshape(5, -1)[:2]))
+    expected = -divergence(mesh, *(q * waves.depth * x.numpy().reshape(5, -1)[:2]))
     assert rows[2][2] == pytest.approx(expected, rel=1e-9, abs=1e-11 * np.abs(expected).max())
 
 

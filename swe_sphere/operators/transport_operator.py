@@ -61,7 +61,7 @@ class MixingRatio:
         self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
         """(count*N,)"""
         kernels = self._kernels
-        launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct, kernels.scaled)
+        launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct)
 
     def set(self, state: wp.array) -> None:
         """Take the mixing ratios of a state."""
@@ -78,7 +78,3 @@ class MixingRatio:
         self._launch(
             self._kernels.correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x
         )
-
-    def scaled(self, flux: wp.array, factor: float, x: wp.array) -> None:
-        """x_hq = factor flux."""
-        self._launch(self._kernels.scaled, self._dim, flux, factor, *self._offsets[1:], x)

@@ -1,8 +1,8 @@
 """The linear gravity waves that semi-implicit steppers treat implicitly.
 
-L(V, h) = (-g G h [- f k x V], -H D V): waves about rest at a constant reference depth H, with the
-model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as F does.  With D and
-G adjoint, S = I - tau^2 g H D G is symmetric for the areas as weights.
+L(V, h) = (-g G h [- f k x V], -D(H V)): waves about rest under a level surface, H deep above the
+bottom, with the model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as F
+does.  With D and G adjoint, S = I - tau^2 g D H G is symmetric for the areas as weights.
 """
 
 import time
@@ -30,10 +30,8 @@ from swe_sphere.solvers.vector_space import VectorSpace
 CORIOLIS = ("explicit", "implicit")
 """Where the Coriolis force may be taken."""
 DEEPEST = 0.8
-"""Least reference depth, as a part of the largest.  Below half of it the explicit rest of the waves
-outgrows their implicit part (Simmons, Hoskins & Burridge 1978,
-doi:10.1175/1520-0493(1978)106<0405:SOTSIM>2.0.CO;2); scene lauter, whose depth varies by a factor
-11, also needs 0.8 for third-order steps as long as its wind allows, and loses no accuracy by it."""
+"""Least reference depth, as a part of that below the highest surface.  Where fluid is deeper than
+its reference, explicit waves grow sooner than where it is shallower (docs/imex_steps.md)."""
 INERTIAL = 1.25
 """How much more explicit inertial waves limit steps than advection of the same frequency: by
 measurement on meshes so coarse that they do (docs/imex_steps.md)."""
@@ -41,29 +39,17 @@ MOST_ITERATIONS = 200
 BASIS = 40
 
 
-def reference_depth(model: Model) -> float:
-    """The mean depth of the scene's initial state [m], or 0.8 of the largest where that is more.
+def reference_depth(model: Model) -> Array:
+    """Depth (N,) below the mean surface of the initial state [m], or 0.8 of that below the highest.
 
-    Of linearised dynamics it is that of the base.
+    The larger of both.  Of linearised dynamics it is that of the base.
     """
-    depth = _depth(model)
-    return max(float(np.average(depth, weights=model.mesh.area)), DEEPEST * float(depth.max()))
-
-
-def shallowness(model: Model) -> float:
-    """1, or more where the depth is somewhere less than half of the reference depth.
-
-    So much shorter are stable steps where the implicit waves are faster than the true ones by so
-    much: the fourth root of the ratio, by measurement in scene lauter (docs/imex_steps.md).
-    """
-    ratio = reference_depth(model) / float(_depth(model).min())
-    return float(max(1.0, 0.5 * ratio) ** 0.25)
-
-
-def _depth(model: Model) -> Array:
     flow = model.scene.base or model.scene.initial
     _, _, depth = flow(model.mesh.lon, model.mesh.lat)
-    return np.broadcast_to(depth, model.mesh.size)
+    surface: Array = depth + model.bottom
+    mean = np.average(surface, weights=model.mesh.area)
+    deep: Array = np.maximum(mean - model.bottom, DEEPEST * (surface.max() - model.bottom))
+    return deep
 
 
 class GravityWaves:
@@ -86,7 +72,7 @@ class GravityWaves:
         n, scatter = model.mesh.size, model.device_mesh.scatter
         parameters = {
             "gravity": model.scene.planet.gravity,
-            "base": scatter(np.concatenate([np.zeros(2 * n), np.full(n, self.depth)])),
+            "base": scatter(np.concatenate([np.zeros(2 * n), self.depth])),
             "coriolis": scatter(self.coriolis),
         }
         self.apply_to_fluid = TendencyOperator(
@@ -96,9 +82,9 @@ class GravityWaves:
         """out = L d for wind and depth: apply_to_fluid(d, out)."""
         self.tracers: TracerWaves | FluxWaves | None = None
         if isinstance(model.carried, MassFlux):
-            self.tracers = FluxWaves(model, model.carried, self.depth)
+            self.tracers = FluxWaves(model, model.carried, parameters["base"])
         elif model.carried is not None:
-            self.tracers = TracerWaves(model, model.carried, self.depth)
+            self.tracers = TracerWaves(model, model.carried, parameters["base"])
 
     @property
     def symmetric(self) -> bool:
@@ -196,7 +182,7 @@ class GravityWaveSolver:
     def _make(self, tau: float) -> None:
         start = time.perf_counter()
         self.tau = tau
-        depth = np.full(self.waves.model.mesh.size, self.waves.depth)
+        depth = self.waves.depth
         self.operator.configure(tau, depth, self._inner.prepare(tau, depth))
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start

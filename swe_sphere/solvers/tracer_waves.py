@@ -7,22 +7,26 @@ from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.kernels import combine_kernel
+from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.operators.transport_operator import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 
 
 class TracerWaves:
-    """L_hq(V) = -H div(q V), the tracers' rows of L, with the mixing ratios q of one state.
+    """L_hq(V) = -div(q H V), the tracers' rows of L, with the mixing ratios q of one state.
 
     Nothing depends on tracers, so that (I - tau L)^-1 needs no solve for them; but they have to
     follow the depth: where its waves are implicit and those of hq explicit, a constant q would not
     stay constant.  What the solver leaves as residual of the depth is taken over times q.
     """
 
-    def __init__(self, model: Model, tracers: TracerEquations, depth: float) -> None:
-        """depth: the reference depth H [m]."""
+    def __init__(self, model: Model, tracers: TracerEquations, rest: wp.array) -> None:
+        """rest: wind and depth without motion, the reference depth H [m]."""
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
-        self._height, self._first = depth, tracers.first
+        self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
+        self._launch, self._carry = model.launch, flux_kernel(mesh.real)
+        self._launch.load(self._carry)
+        self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
         self._transport = TracerTransport(mesh, model.launch, count)
         self._air_transport = TracerTransport(mesh, model.launch, 1)
@@ -39,26 +43,31 @@ class TracerWaves:
 
     def apply(self, d: wp.array, out: wp.array) -> None:
         """out_hq = L_hq d."""
-        self._transport(d, self._ratio.values, 0, self._flux, 0)
-        self._ratio.scaled(self._flux, self._height, out)
+        self._carry_rest(d)
+        self._transport(self._flow, self._ratio.values, 0, out, self._first)
 
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
         """x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
-        self._transport(x, self._ratio.values, 0, self._flux, 0)
-        self._air_transport(x, self._ones, 0, self._air, 0)
-        self._ratio.correct(self._flux, self._air, tau * self._height, r, x)
+        self._carry_rest(x)
+        self._transport(self._flow, self._ratio.values, 0, self._flux, 0)
+        self._air_transport(self._flow, self._ones, 0, self._air, 0)
+        self._ratio.correct(self._flux, self._air, tau, r, x)
         for unit in self._units:
             self._space.axpy(self._space.dot(r, unit) - self._space.dot(x, unit), unit, x)
+
+    def _carry_rest(self, d: wp.array) -> None:
+        """flow = H V."""
+        n = self._ones.size
+        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._flow)
 
 
 class FluxWaves:
     """L_G(V) = H V: what the waves carry across a point, in the place of tracers."""
 
-    def __init__(self, model: Model, flux: MassFlux, depth: float) -> None:
-        """depth: the reference depth H [m]."""
-        self._launch, self._height, n = model.launch, depth, model.device_mesh.size
-        self._winds, self._crossed = slice(0, 2 * n), slice(flux.first, flux.first + 2 * n)
-        self._zeros = model.device_mesh.upload(np.zeros(2 * n))
+    def __init__(self, model: Model, flux: MassFlux, rest: wp.array) -> None:
+        """rest: wind and depth without motion, the reference depth H [m]."""
+        self._launch, self._flux, self._rest = model.launch, flux, rest
+        self._crossed = slice(flux.first, flux.first + 2 * model.device_mesh.size)
         self._add = combine_kernel(model.device_mesh.real, 1)
         self._launch.load(self._add)
 
@@ -67,12 +76,10 @@ class FluxWaves:
 
     def apply(self, d: wp.array, out: wp.array) -> None:
         """out_G = L_G d."""
-        self._run(self._zeros, d[self._winds], self._height, out[self._crossed])
+        self._flux.carry(d, self._rest, out)
 
     def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
         """x_G = r_G + tau L_G x."""
-        crossed = self._crossed
-        self._run(r[crossed], x[self._winds], tau * self._height, x[crossed])
-
-    def _run(self, x: wp.array, winds: wp.array, factor: float, out: wp.array) -> None:
-        self._launch(self._add, x.size, x, winds, factor, out)
+        self._flux.carry(x, self._rest, x)
+        old, crossed = r[self._crossed], x[self._crossed]
+        self._launch(self._add, crossed.size, old, crossed, tau, crossed)

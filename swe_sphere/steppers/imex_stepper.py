@@ -10,7 +10,7 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import SolverFailed
-from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver, shallowness
+from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.steppers.solving import SolvingStepper
 from swe_sphere.steppers.stability import Complex, largest_step
 from swe_sphere.steppers.trial_run import strongest_advection
@@ -79,7 +79,7 @@ class ImexStepper(SolvingStepper):
         """
         at_start = GravityWaves(model.inviscid).explicit_spectrum(state, t)
         wave = max(at_start.wave, strongest_advection(model))
-        return replace(at_start, wave=shallowness(model) * wave)
+        return replace(at_start, wave=wave)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

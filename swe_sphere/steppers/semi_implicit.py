@@ -28,7 +28,7 @@ class SemiImplicit(ImexStepper):
     vectors = ARK2.vectors + 26  # with the room of the second set-up
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
-    expected_error = ((900.0, 3.986228e-05, 1.060878e-03), (450.0, 9.255843e-06, 3.349328e-04))
+    expected_error = ((900.0, 5.462867e-05, 1.128908e-03), (450.0, 1.447359e-05, 3.498897e-04))
 
     def _allocate(self, model: Model) -> None:
         self._starter = ARK2(model, self.dt, solver=self.solver)
