@@ -1,6 +1,6 @@
 """What a step takes on one rank and on two, what is sent, and what a model makes of it.
 
-    python benchmarks/scaling.py [--rounds 5] [--ne 30] [--write docs/scaling.md]
+    python benchmarks/scaling.py [--rounds 5] [--ne 30] [--write FILE.md]
 
 Runs on one process, on one rank and on two go in turns, so that a busy moment of the machine meets
 all of them; told are the least and the median time of pieces of a few steps.
