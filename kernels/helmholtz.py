@@ -29,7 +29,7 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
     """
     t = kernel_types(np_, real, shape)
     value, field, on_nodes, state = t.value, t.local, wp.array(dtype=real), wp.array(dtype=given)
-    mul, wedge = t.ops.mul, t.ops.wedge
+    mul, dot, wedge = t.ops.mul, t.ops.dot, t.ops.wedge
     share = np_ * np_ if shape == "element" else 1
     members = {
         "nodes": wp.array2d(dtype=t.index),
@@ -82,8 +82,8 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         for n in range(part * share, part * share + share):
             u = load(r, 0, geo.nodes[e, n])
             v = load(r, geo.size, geo.nodes[e, n])
-            f1[e, n, 0] = mul(geo.fluxes[e, n, 0], u) + mul(geo.fluxes[e, n, 1], v)
-            f2[e, n, 0] = mul(geo.fluxes[e, n, 2], u) + mul(geo.fluxes[e, n, 3], v)
+            f1[e, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
+            f2[e, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -100,8 +100,8 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         for n in range(part * share, part * share + share):
             u = mul(geo.per_area[e, n], assembled(geo, east, east_flat, e, n))
             v = mul(geo.per_area[e, n], assembled(geo, north, north_flat, e, n))
-            f1[e, n, 0] = mul(geo.fluxes[e, n, 0], u) + mul(geo.fluxes[e, n, 1], v)
-            f2[e, n, 0] = mul(geo.fluxes[e, n, 2], u) + mul(geo.fluxes[e, n, 3], v)
+            f1[e, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
+            f2[e, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

@@ -19,7 +19,7 @@ class Poisson:
 
     def __init__(self, mesh: Mesh) -> None:
         self._nodes, self._mean = mesh.nodes.ravel(), mesh.area / mesh.area.sum()
-        weights = mesh.jacobian * np.multiply.outer(mesh.gll_weights, mesh.gll_weights)
+        weights = mesh.jacobian * mesh.quadrature
         slopes = _slopes(mesh)
         self._against_slopes = [(sparse.diags_array(weights.ravel()) @ x).T for x in slopes]
         stiffness = sum(w @ x for w, x in zip(self._against_slopes, slopes, strict=True))

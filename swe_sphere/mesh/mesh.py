@@ -123,6 +123,11 @@ class Mesh:
         corners = [n[:, :-1, :-1], n[:, 1:, :-1], n[:, 1:, 1:], n[:, :-1, 1:]]
         return np.stack(corners, axis=-1).reshape(-1, 4)
 
+    @property
+    def quadrature(self) -> Array:
+        """(np, np) quadrature weights of the nodes of an element on [-1, 1]^2."""
+        return np.outer(self.gll_weights, self.gll_weights)
+
     def spacing(self) -> tuple[float, float]:
         """Smallest and largest over the elements of the mean node spacing [m].
 

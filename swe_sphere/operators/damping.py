@@ -34,11 +34,11 @@ class Damping:
         self._mesh, self._launch, self._rate = mesh, launch, rate
         self._kernels = damping_kernels(mesh.mesh.np, mesh.real, given, mesh.shape)
         squares, vectors = _modes(mesh.mesh)
-        weights = mesh.mesh.gll_weights
-        self._to_modes, self._to_nodes = mesh.upload(vectors.T * weights), mesh.upload(vectors)
+        self._to_modes = mesh.upload(vectors.T * mesh.mesh.gll_weights)
+        self._to_nodes = mesh.upload(vectors)
         self._wavenumbers = _squared_wavenumbers(mesh.mesh, squares)
         jacobian = mesh.mesh.jacobian[mesh.part.elements]
-        self._mass = mesh.on_elements(np.outer(weights, weights) * jacobian)
+        self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
         self._ones = mesh.on_elements(np.ones_like(jacobian))
         self._once, self._twice = (mesh.on_elements(np.ones_like(jacobian)) for _ in range(2))
         self._first, self._second, self._east, self._north = (

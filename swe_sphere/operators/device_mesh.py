@@ -96,7 +96,7 @@ class DeviceMesh:
     @functools.cached_property
     def weight(self) -> wp.array:
         """Products of GLL weights (np, np)."""
-        return self.upload(np.outer(self.mesh.gll_weights, self.mesh.gll_weights))
+        return self.upload(self.mesh.quadrature)
 
     @functools.cached_property
     def inner(self) -> int:
@@ -289,6 +289,13 @@ class DeviceMesh:
         return wp.array(
             np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
         )
+
+    def write(self, values: NDArray[Any], to: wp.array) -> None:
+        """Numbers (k,) from the host to the front of an array; on a CPU without Warp's detours."""
+        if to.device.is_cpu:
+            to.numpy()[: values.size] = values
+        else:
+            wp.copy(to, self.upload(values), count=values.size)
 
     def on_elements(
         self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None

@@ -19,7 +19,7 @@ def vorticity(mesh: Mesh, u: Array, v: Array) -> Array:
     """
     covariant = np.einsum("eijak,keij->aeij", mesh.basis, np.stack([u, v])[:, mesh.nodes])
     curl = _along_1(mesh, covariant[1]) - _along_2(mesh, covariant[0])
-    return assemble(mesh, _weights(mesh) * curl)
+    return assemble(mesh, mesh.quadrature * curl)
 
 
 def divergence(mesh: Mesh, u: Array, v: Array) -> Array:
@@ -27,11 +27,7 @@ def divergence(mesh: Mesh, u: Array, v: Array) -> Array:
     b, wind_u, wind_v = mesh.basis, u[mesh.nodes], v[mesh.nodes]
     flux_1 = b[..., 1, 1] * wind_u - b[..., 1, 0] * wind_v
     flux_2 = b[..., 0, 0] * wind_v - b[..., 0, 1] * wind_u
-    return assemble(mesh, _weights(mesh) * (_along_1(mesh, flux_1) + _along_2(mesh, flux_2)))
-
-
-def _weights(mesh: Mesh) -> Array:
-    return np.outer(mesh.gll_weights, mesh.gll_weights)
+    return assemble(mesh, mesh.quadrature * (_along_1(mesh, flux_1) + _along_2(mesh, flux_2)))
 
 
 def _along_1(mesh: Mesh, field: Array) -> Array:

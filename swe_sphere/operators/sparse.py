@@ -43,7 +43,7 @@ class ElementSpace:
 def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
     """(2N, N) [m-1]: eastward and northward components of the gradient of a nodal field."""
     b = mesh.basis
-    weight = _weights(mesh)
+    weight = mesh.quadrature
     east = _derivatives(mesh, weight * b[..., 1, 1], -weight * b[..., 0, 1])
     north = _derivatives(mesh, -weight * b[..., 1, 0], weight * b[..., 0, 0])
     return scipy.sparse.vstack([east, north], format="csr")
@@ -52,7 +52,7 @@ def gradient(mesh: Mesh) -> scipy.sparse.csr_matrix:
 def slopes(mesh: Mesh, space: ElementSpace) -> scipy.sparse.csr_matrix:
     """(2N, V) [m-1]: the gradients of the functions, without the large matrix on the nodes."""
     rows = mesh.nodes.reshape(mesh.elements, -1)
-    b = _weights(mesh)[..., None, None] * mesh.basis
+    b = mesh.quadrature[..., None, None] * mesh.basis
     b = b.reshape(mesh.elements, -1, 1, 2, 2)
     line_1, line_2 = _lines(mesh)
     along_1, along_2 = line_1 @ space.values, line_2 @ space.values
@@ -94,7 +94,7 @@ def stiffness(
 def _stiffness_of(mesh: Mesh, coefficient: Array, lines: Array, part: slice) -> Array:
     """(part of E, k, k) element matrices for the derivatives (2, np*np, k) of the functions."""
     inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", mesh.basis[part], mesh.basis[part]))
-    factor = _weights(mesh) * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
+    factor = mesh.quadrature * mesh.jacobian[part] * coefficient[mesh.nodes[part]]
     metric = (factor[..., None, None] * inverse).reshape(len(factor), -1, 2, 2)
     blocks: Array = np.einsum("apm,epab,bpn->emn", lines, metric, lines, optimize=True)
     return blocks
@@ -125,7 +125,3 @@ def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_
     """The matrix, its rows divided by the nodal areas in place."""
     matrix.data *= np.repeat(1.0 / mesh.area, np.diff(matrix.indptr))
     return matrix
-
-
-def _weights(mesh: Mesh) -> Array:
-    return np.outer(mesh.gll_weights, mesh.gll_weights)

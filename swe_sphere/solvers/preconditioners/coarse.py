@@ -100,10 +100,9 @@ class Transfer:
         count = numbers.shape[1]
         self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
         operator.launch.load(self._kernels.restrict, self._kernels.prolong)
-        weights = np.outer(mesh.mesh.gll_weights, mesh.mesh.gll_weights)
         self._values = mesh.upload(values.T)
         here = mesh.part.elements
-        self._mass = mesh.on_elements((weights * mesh.mesh.jacobian)[here])
+        self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[here])
         self._numbers = mesh.on_elements(numbers[here], scalar=wp.int32)
         self._local = wp.zeros((mesh.groups, count), dtype=self._mass.dtype, device=mesh.device)
         self._coefficients = mesh.upload(np.zeros(starts[-1]))
@@ -122,10 +121,7 @@ class Transfer:
     def prolong(self, coefficients: Float32, x: Field) -> None:
         """Add the functions times their coefficients to x."""
         operator, target = self._operator, self._coefficients
-        if target.device.is_cpu:  # without Warp's slow detours
-            target.numpy()[:] = coefficients
-        else:
-            wp.copy(target, operator.mesh.upload(coefficients.astype(np.float64)))
+        operator.mesh.write(coefficients, target)
         kernel = self._kernels.prolong
         operator.launch(kernel, self._dims[1], self._values, self._numbers, target, x.values)
 

@@ -93,9 +93,6 @@ class JacobianDirect(KeptSetup):
         return fluid
 
     def _place(self, fluid: Array, state: wp.array) -> None:
-        """Put them in front of a state; on the CPU without Warp's slow detours."""
-        mesh, size = self._model.device_mesh, self._model.fluid_size
-        if state.device.is_cpu:
-            state.numpy()[:size] = mesh.restrict(fluid)
-        else:
-            wp.copy(state, mesh.scatter(fluid), count=size)
+        """Put them in front of a state."""
+        mesh = self._model.device_mesh
+        mesh.write(mesh.restrict(fluid), state)
