@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere import Simulation
 from swe_sphere.equations import Model
@@ -13,6 +14,7 @@ from swe_sphere.errors import Unstable
 from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.device_space import DeviceVectors
+from swe_sphere.solvers.host_space import HostVectors
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -106,6 +108,23 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
         sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
         with pytest.raises(Unstable, match=complaint):
             check.observe(sim)
+
+
+def test_looking_at_the_health_wakes_no_threads(monkeypatch):
+    """Those of BLAS spin for a while after a product: a second core at work for nothing."""
+    threads, dot = [], HostVectors.dot
+
+    def counted(*arguments):
+        pools = threadpool_info()
+        threads.extend(pool["num_threads"] for pool in pools if pool["user_api"] == "blas")
+        return dot(*arguments)
+
+    monkeypatch.setattr(HostVectors, "dot", counted)
+    sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
+    sim.begin()
+    with threadpool_limits(2, user_api="blas"):
+        HealthCheck(sim).observe(sim)
+    assert set(threads) == {1}
 
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):

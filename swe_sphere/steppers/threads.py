@@ -1,5 +1,6 @@
 """One thread for the libraries' linear algebra while a step is taken."""
 
+import sys
 from contextlib import AbstractContextManager
 from functools import cache
 
@@ -7,7 +8,8 @@ from threadpoolctl import ThreadpoolController
 
 
 @cache
-def _libraries() -> ThreadpoolController:
+def _libraries(scipy: bool) -> ThreadpoolController:
+    """The BLAS libraries loaded by now: scipy brings its own when it is first needed."""
     return ThreadpoolController()
 
 
@@ -16,5 +18,6 @@ def one_thread() -> AbstractContextManager[object]:
 
     numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower.
     """
-    limited: AbstractContextManager[object] = _libraries().limit(limits=1, user_api="blas")
+    libraries = _libraries("scipy.linalg" in sys.modules)
+    limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
     return limited
