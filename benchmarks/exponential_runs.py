@@ -81,9 +81,7 @@ def exponential_steps() -> Section:
     )
 
 
-def _error(
-    scene: str, mesh: Mesh, name: str, dt: float, days: float, exact: np.ndarray
-) -> str:
+def _error(scene: str, mesh: Mesh, name: str, dt: float, days: float, exact: np.ndarray) -> str:
     dt = days * DAY / np.ceil(days * DAY / dt)
     try:
         found = _vorticity(run(scene, mesh, name, dt, days))

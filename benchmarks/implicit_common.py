@@ -109,4 +109,3 @@ def interleaved(
                     call()
                 times.append((clock() - began) / batch)
     return [float(np.median(times)) for times in seconds]
-

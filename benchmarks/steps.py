@@ -1,8 +1,8 @@
 """What cheaper steps cost and how exact they are, in interleaved runs; writes docs/steps.md.
 
-    python benchmarks/steps.py                      all sections
-    python benchmarks/steps.py forward-backward
-    python benchmarks/steps.py multirate
+python benchmarks/steps.py                      all sections
+python benchmarks/steps.py forward-backward
+python benchmarks/steps.py multirate
 """
 
 from __future__ import annotations

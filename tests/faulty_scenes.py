@@ -7,7 +7,7 @@ from collections.abc import Iterator
 FLOW, WIND, LINEAR = "flow", "wind", "linear"
 """Kinds of scenes: together they have every function that a scene can have."""
 
-SOUND = '''
+SOUND = """
 import sys
 import numpy as np
 from swe_sphere.equations.effects import *
@@ -58,7 +58,7 @@ linear = dict(effects=(*DYNAMICS, Linearised()), base=base)
 
 def scene():
     return Scene(**given | KIND | dict(CHANGES))
-'''
+"""
 
 FIELDS = {
     "initial": ("10.0 * np.cos(lat)", "0.0 * lat", "1000.0 + np.sin(lat)"),

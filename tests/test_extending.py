@@ -258,8 +258,11 @@ def test_the_diagnostics_of_the_page_appear_in_the_file(here, capsys):
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [("x = 1\n", "defines no diagnostic"), ("x = = 1\n", "SyntaxError"),
-     (None, "no diagnostic file")],
+    [
+        ("x = 1\n", "defines no diagnostic"),
+        ("x = = 1\n", "SyntaxError"),
+        (None, "no diagnostic file"),
+    ],
 )
 def test_files_without_diagnostics_are_one_line(here, text, word):
     if text is not None:

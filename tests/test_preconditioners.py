@@ -315,9 +315,7 @@ def coarse_functions(mesh: Mesh, envelope: np.ndarray) -> list[np.ndarray]:
     along_1, along_2 = (-1.0) ** ((mesh.np - 1) * i), (-1.0) ** ((mesh.np - 1) * j)
     functions = []
     spaces = [interpolation(mesh, space) for space in coarse_spaces(mesh)]
-    for space, sign in zip(
-        spaces, (1.0, along_1 * along_2, along_1, along_2), strict=True
-    ):
+    for space, sign in zip(spaces, (1.0, along_1 * along_2, along_1, along_2), strict=True):
         rows = space[vertices.ravel()].toarray()
         coefficients = np.zeros(space.shape[1])
         coefficients[rows.argmax(axis=1)] = (sign * envelope).ravel()

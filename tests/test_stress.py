@@ -51,7 +51,6 @@ def calm(expect: str = "pass") -> Trial:
     return Trial(name="x", run={"stepper": "rk4"}, expect=expect, **CALM)
 
 
-
 @pytest.mark.parametrize(
     ("expect", "status", "wind", "mass", "outcome"),
     [

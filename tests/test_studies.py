@@ -96,9 +96,7 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
         read_tables(file, "case", Entry)
 
 
-@pytest.mark.parametrize(
-    ("folder", "names"), [("verify/cases", CASES), ("stress/groups", GROUPS)]
-)
+@pytest.mark.parametrize(("folder", "names"), [("verify/cases", CASES), ("stress/groups", GROUPS)])
 def test_every_file_of_a_study_is_read(folder, names) -> None:
     there = Path(configuration.__file__).parent / folder
     assert sorted(names) == sorted(path.stem for path in there.iterdir())

@@ -121,8 +121,6 @@ def stepped(model, name, dt, steps, state=None):
     return stepper
 
 
-
-
 @pytest.mark.parametrize("name", STEPPERS)
 def test_steppers_keep_a_constant_mixing_ratio_and_the_mass(mesh, name):
     scene = with_tracers(get_scene("williamson5")).with_effect(Viscosity(1e5))

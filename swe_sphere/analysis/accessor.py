@@ -148,9 +148,7 @@ class Analysis:
         about = {k: dict(zip(("long_name", "units"), DIAGNOSTICS[k], strict=True)) for k in series}
         return self._series({k: ("time", values, about[k]) for k, values in series.items()})
 
-    def error_norms(
-        self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")
-    ) -> xr.Dataset:
+    def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
         """l1, l2 and linf of this run against another, taken for right, at all common times.
 
         Norms are those of Williamson et al. (1992), at the nodes and with the weights of the other
@@ -179,7 +177,10 @@ class Analysis:
         return self._series({k: ("time", v) for k, v in found.items()}, [k for k, _ in pairs])
 
     def plot(
-        self, field: str | None = None, time: float | None = None, ax: Axes | None = None,
+        self,
+        field: str | None = None,
+        time: float | None = None,
+        ax: Axes | None = None,
         **look: Any,
     ) -> Axes:
         """Draw a field on the globe; into `ax`, else into a figure of its own.

@@ -61,8 +61,7 @@ def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     return {
         name: value
         for name, value in values.items()
-        if name in model.model_fields
-        and not (value is None or value is False or value in absent)
+        if name in model.model_fields and not (value is None or value is False or value in absent)
     }
 
 

@@ -33,9 +33,7 @@ Centre = Annotated[
 Region = Annotated[
     str | None, typer.Option(metavar="W,E,S,N", help="Part of the globe that is shown.")
 ]
-Limits = Annotated[
-    str | None, typer.Option(metavar="LOW,HIGH", help="Ends of the colour scale.")
-]
+Limits = Annotated[str | None, typer.Option(metavar="LOW,HIGH", help="Ends of the colour scale.")]
 Levels = Annotated[int | None, typer.Option(metavar="N", help="About how many contours.")]
 Colours = Annotated[
     str | None, typer.Option(metavar="NAME", help="Colour map of cmocean or matplotlib.")
@@ -77,9 +75,7 @@ def plot(
     """Draw a field of a file on the globe."""
     from swe_sphere.pictures.plot import plot_file
 
-    look = _look(
-        projection, centre, region, limits, levels, colours, contours, panel, mesh, winds
-    )
+    look = _look(projection, centre, region, limits, levels, colours, contours, panel, mesh, winds)
     seconds = None if time is None else time * DAY
     against = None if compare is None else _against(file, compare)
     typer.echo(plot_file(file, field, seconds, out, look, against))
@@ -106,15 +102,21 @@ def animate(
     """Make a film of all frames of a run."""
     from swe_sphere.pictures.animate import animate_file
 
-    look = _look(
-        projection, centre, region, limits, levels, colours, contours, False, mesh, winds
-    )
+    look = _look(projection, centre, region, limits, levels, colours, contours, False, mesh, winds)
     typer.echo(animate_file(file, field, out, look, rate))
 
 
 def _look(
-    projection: str, centre: str, region: str | None, limits: str | None, levels: int | None,
-    colours: str | None, contours: bool | None, panel: bool, mesh: bool, winds: str | None,
+    projection: str,
+    centre: str,
+    region: str | None,
+    limits: str | None,
+    levels: int | None,
+    colours: str | None,
+    contours: bool | None,
+    panel: bool,
+    mesh: bool,
+    winds: str | None,
 ) -> Look:
     from swe_sphere.pictures.look import Look
 

@@ -20,9 +20,7 @@ INVARIANT = 1e-6
 STRIP = 65536
 
 
-def largest_modulus(
-    product: Product, start: Array, tolerance: float
-) -> float | None:
+def largest_modulus(product: Product, start: Array, tolerance: float) -> float | None:
     """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
 
     Arnoldi iteration from `start` (n,), begun anew from the Schur vectors of the largest Ritz
@@ -50,9 +48,7 @@ def largest_modulus(
     return None
 
 
-def _expand(
-    product: Product, basis: Float32, small: Array, j: int
-) -> tuple[float, float]:
+def _expand(product: Product, basis: Float32, small: Array, j: int) -> tuple[float, float]:
     """Next row of the basis, next column of the small matrix: |A v_j|, its part that is new."""
     row, rows = basis[j + 1], basis[: j + 1]
     size = _unit(product(basis[j]), row)

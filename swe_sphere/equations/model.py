@@ -61,9 +61,7 @@ class Model:
         self.comm = comm or Alone()
         """The ranks that share the mesh."""
         self.launch = Launcher(self.device, self.comm)
-        self.device_mesh = DeviceMesh(
-            mesh, self.device, REALS[precision], self.shape, self.comm
-        )
+        self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape, self.comm)
         made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)
         self.discrete = made
         self.names, self.size = made.names, made.size

@@ -24,6 +24,7 @@ KINDS: Mapping[str, type] = {
 }  # fmt: skip
 """Attributes of a scene that are neither numbers nor functions."""
 
+
 def check_scene(scene: SceneFields) -> None:
     """ConfigError for the first thing that is wrong."""
     _check_kinds(scene)

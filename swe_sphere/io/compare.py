@@ -87,9 +87,7 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
     return field
 
 
-def _on_points_of(
-    target: Source, source: Source, field: str, time: float | None
-) -> Array:
+def _on_points_of(target: Source, source: Source, field: str, time: float | None) -> Array:
     if _same_mesh(source, target):
         return source.values(field, time)
     return source.at(field, *target.points, time)

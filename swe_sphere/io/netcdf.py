@@ -193,9 +193,7 @@ class FrameWriter:
             dataset.set_fill_off()
             dataset.setncatts(self._attributes)
             series = {name: self._own.get(name, {}) for name in self._series}
-            add_layout(
-                dataset, self._mesh, self._constants, self._fields, series, self._samples
-            )
+            add_layout(dataset, self._mesh, self._constants, self._fields, series, self._samples)
         growing = GrowingFile(self._file, SERIES)
         growing.set_text(SUMMARY, json.dumps({"completed": False}))
         if self._earlier is not None:

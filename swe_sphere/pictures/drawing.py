@@ -75,9 +75,7 @@ class Drawing:
         frame = self.source.frame(time)
         return np.concatenate([evaluate(piece, frame, field) for piece in self._kept])
 
-    def draw(
-        self, axes: Axes, time: float | None, ends: tuple[float, float] | None = None
-    ) -> None:
+    def draw(self, axes: Axes, time: float | None, ends: tuple[float, float] | None = None) -> None:
         """Draw the field at a time; ends: of the colour scale, where the look does not say them."""
         values = self.values(time)
         low, high = self.look.limits or ends or limits(values, self.kind)

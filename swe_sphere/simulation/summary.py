@@ -133,9 +133,12 @@ def _costs(n: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "rejected steps", str(n["rejected_steps"])
     if n["setups"]:
         times = "once" if n["setups"] == 1 else f"{n['setups']} times"
-        yield "preconditioner", (
-            f"{n.get('preconditioner', 'built in')}: {n['preconditioner_applications']}"
-            f" applications, set up {times} in {n['setup_seconds']:.3g} s"
+        yield (
+            "preconditioner",
+            (
+                f"{n.get('preconditioner', 'built in')}: {n['preconditioner_applications']}"
+                f" applications, set up {times} in {n['setup_seconds']:.3g} s"
+            ),
         )
 
 

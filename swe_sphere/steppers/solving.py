@@ -37,7 +37,10 @@ class SolvingStepper(Stepper):
         self.loosest = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
         self.space = VectorSpace(
-            energy_weights(model), model.device, model.device_mesh.real, work=model.launch.work,
+            energy_weights(model),
+            model.device,
+            model.device_mesh.real,
+            work=model.launch.work,
             mesh=model.device_mesh,
         )
         self.motion = Motion(self.space)

@@ -109,8 +109,11 @@ class TracerSteps(Stepper):
         self._flux = model.device_mesh.upload(np.zeros(2 * size))
         self._rate = TransportRate(model)
         self._transport = TracerStep(
-            model.device_mesh, model.launch, self._rate.crossings,
-            model.tracers.count, model.tracers.first,
+            model.device_mesh,
+            model.launch,
+            self._rate.crossings,
+            model.tracers.count,
+            model.tracers.first,
         )
         self._add = combine_kernel(model.device_mesh.real, 1)
         model.launch.load(self._add)

@@ -18,9 +18,7 @@ _RATES = (
     "test_motion.py::test_motion_goes_on_from_what_it_remembers",
 )
 _PARABOLA = ("test_variable_steps.py::test_schemes_of_second_order_follow_a_parabola[bdf2]",)
-_GUESSES = (
-    "test_variable_steps.py::test_guesses_are_solutions_where_the_state_moves_straight_on",
-)
+_GUESSES = ("test_variable_steps.py::test_guesses_are_solutions_where_the_state_moves_straight_on",)
 _SHARED = ("test_motion.py::test_semi_implicit_schemes_have_the_constants_of_their_parts",)
 _RESTART = ("test_implicit.py::test_restart_is_exact_to_the_last_bit[bdf2]",)
 _CONVENTIONS = ("test_netcdf.py::test_conventions",)

@@ -163,4 +163,3 @@ def _link_rows(text: str, section: str) -> Markup:
     link = rf'<a href="#{section}-\1">row&nbsp;\1</a>'
     linked = re.sub(r"\brow (\d+)\b", link, str(escape(text)))
     return Markup(re.sub(r"(\d) (s|%)(?!\w)", r"\1&nbsp;\2", linked))
-

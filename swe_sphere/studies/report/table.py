@@ -64,8 +64,7 @@ def columns(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[Column]:
     return [
         column
         for column in (*_SETTINGS, *(_error_column(metric) for metric in metrics), *_COSTS)
-        if column.essential
-        or any(column.cell(row) not in ("", words.NOTHING) for row in rows)
+        if column.essential or any(column.cell(row) not in ("", words.NOTHING) for row in rows)
     ]
 
 

@@ -29,6 +29,7 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 }
 """Quantities that have a column of their own, and its head."""
 
+
 def page(rows: Sequence[Row], command: str) -> str:
     """The page (Markdown) of these rows, in the order of the families."""
     return rendered(
