@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
+from mixing import filaments, mixing
 from numpy.typing import NDArray
 from rich.console import Console
 
 from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Tracers
-from swe_sphere.io.mixing import filaments, mixing
 from swe_sphere.io.norms import norms
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh

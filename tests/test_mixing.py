@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mixing import BELLS, filaments, mixing
 from scipy.optimize import minimize_scalar
-
-from swe_sphere.io.mixing import BELLS, filaments, mixing
 
 
 def test_filaments_of_what_only_moved_are_all_there():
