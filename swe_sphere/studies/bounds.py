@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["Bound", "Check", "Limits", "read_bounds"]
-
 Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
 """A table of a study's file: `quantity = high`, or `quantity = {low = low, high = high}`."""
 

@@ -14,8 +14,6 @@ from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.simulation.snapshot import Fields
 
-__all__ = ["Norms", "OnGrid", "Place", "at_nodes", "exact_fields", "field_errors", "slow_errors"]
-
 Norms = dict[str, dict[str, float]]
 """l1, l2 and linf by field."""
 

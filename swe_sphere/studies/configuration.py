@@ -21,8 +21,6 @@ from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.parameters import checked
 from swe_sphere.toml_file import read_toml
 
-__all__ = ["Configuration", "merged", "read_tables", "study_files"]
-
 if TYPE_CHECKING:
     from swe_sphere.simulation.simulation import Simulation
 

@@ -14,8 +14,6 @@ from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 
-__all__ = ["ENDS", "STOPPED", "Ended", "attempt", "in_one_line", "stepped"]
-
 STOPPED = ("refused", "unstable", "solver-failed")
 """Ways in which a run ends itself and says why."""
 ENDS = ("completed", *STOPPED, "timed-out", "failed")

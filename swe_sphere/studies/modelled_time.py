@@ -19,8 +19,6 @@ from typing import Any
 
 from swe_sphere.operators.work import Tally
 
-__all__ = ["Counts", "Prices", "Stopwatch", "difference", "lowest", "modelled_seconds"]
-
 Counts = Mapping[str, tuple[int, int]]
 """(calls, rows) by kind of work, see `Tally`."""
 Prices = Mapping[str, tuple[float, float]]

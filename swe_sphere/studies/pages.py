@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-__all__ = ["anchor", "in_table", "rendered"]
-
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
     """A template of a study filled in.

@@ -17,8 +17,6 @@ from swe_sphere.settings import complaint
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Record", "Result", "Store", "as_netcdf", "locked", "read_record"]
-
 
 class Record(BaseModel):
     """What is kept in a file of JSON; nothing is taken for what it is not, NaN is null."""

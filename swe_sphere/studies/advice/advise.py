@@ -23,8 +23,6 @@ from swe_sphere.studies.advice.choice import Candidate, candidates, known_method
 from swe_sphere.studies.advice.setting import Setting, setting_of
 from swe_sphere.studies.sweep.discretisation import Discretisation
 
-__all__ = ["Advice", "Question", "advise", "safe_steps"]
-
 
 class Question(SharedConfig):
     """What advice is asked for; None means: as the scene recommends."""

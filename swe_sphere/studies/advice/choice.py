@@ -14,8 +14,6 @@ from swe_sphere.planet import DAY
 from swe_sphere.studies.advice.method import Method
 from swe_sphere.studies.advice.setting import Setting
 
-__all__ = ["Candidate", "as_text", "candidates", "known_methods"]
-
 DATA = "methods.json"
 SHORTEST = 1.0 / 64.0
 """No step is shorter than this part of the gravity limit."""

@@ -12,8 +12,6 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.studies.advice.setting import Setting
 
-__all__ = ["Method", "Observation", "fitted"]
-
 SANE = 0.3
 """A run with a larger error has blown up or is about to."""
 FLOOR = 1e-6

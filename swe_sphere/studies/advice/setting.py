@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from swe_sphere.simulation.snapshot import Fields
     from swe_sphere.studies.sweep.discretisation import Discretisation
 
-__all__ = ["Setting", "setting_of", "slow_frequencies"]
-
 
 @dataclass(frozen=True)
 class Setting:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.arrays import Array
 
-__all__ = ["by_error", "by_refinement", "by_step", "slices"]
-
 COLOURS = "RdBu_r"
 FARTHEST = 3.0
 """The colours end at two to this power and at one over it."""

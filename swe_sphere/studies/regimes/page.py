@@ -21,8 +21,6 @@ from swe_sphere.studies.sweep.record import read_header, runs_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write_map"]
-
 ERRORS = (1e-2, 3e-3, 1e-3)
 USUAL = 3e-3
 """The slow-flow error of the tables and figures that are for one."""

@@ -16,8 +16,6 @@ from swe_sphere.studies.modelled_time import Prices, lowest, modelled_seconds
 from swe_sphere.studies.report.statistics import FAILED
 from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
 
-__all__ = ["Offer", "Point", "Run", "cheapest_step", "read_points"]
-
 UNIT = "rk4"
 """The stepper whose right-hand sides costs are told in."""
 

@@ -11,8 +11,6 @@ from typing import get_args
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies.regimes.points import Point
 
-__all__ = ["BASE", "OTHERS", "Series", "break_even", "ratio", "series"]
-
 BASE = "explicit"
 OTHERS: tuple[str, ...] = tuple(name for name in get_args(Family) if name != BASE)
 

@@ -12,8 +12,6 @@ from swe_sphere.studies.report.palette import Curve, curves
 from swe_sphere.studies.report.rows import KINDS, MODELLED, Metric, Row
 from swe_sphere.studies.report.statistics import cheapest, plateau, smallest, targets, told_apart
 
-__all__ = ["Ranking", "rankings"]
-
 ANSWERED = {"total": ("h", "v", "vorticity"), "time": ("h", "v", "vorticity"),
             "slow": ("vorticity", "h", "v")}  # fmt: skip
 """For each kind of error the field that steppers are ranked by: the first one there is."""

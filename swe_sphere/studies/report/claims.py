@@ -11,8 +11,6 @@ from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import Metric, Row
 from swe_sphere.studies.report.statistics import largest_step, threshold
 
-__all__ = ["Claim", "verdicts"]
-
 FIELDS = ("h", "vorticity")
 HEADS = (
     "scene", "stepper", "claimed", "l2(h)", "l2(vorticity)", "confirmed", "longest step tried",

@@ -27,8 +27,6 @@ from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["OneMesh", "Section", "attribute", "read_sections", "sweep_rankings"]
-
 
 @dataclass(frozen=True)
 class OneMesh:

@@ -20,11 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-__all__ = [
-    "FAINT", "INK", "PAPER", "SMALLEST", "STYLE", "finish", "inline", "mark_limits", "name_curves",
-    "points", "save_svg",
-]  # fmt: skip
-
 INK, FAINT, GRID, PAPER = "#1b1f24", "#6e7781", "#dfe3e8", "#fefefe"
 """Colours of a figure that follow the page, light or dark; no stepper has one of these."""
 THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--paper)"}

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Diagram", "diagrams", "error_diagrams", "render"]
-
 WIDTH, HEIGHT = 5.4, 3.7
 """Inches: on a telephone a point of text is about a pixel."""
 DRIFTS = {"mass_drift": "mass", "energy_drift": "energy", "enstrophy_drift": "potential enstrophy"}

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from xarray import Dataset
 
-__all__ = ["write_markdown", "write_report"]
-
 DOTS_PER_INCH = 160
 TITLE = "What accuracy costs in time"
 SHOWN = ("time", "step")

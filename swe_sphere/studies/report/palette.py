@@ -11,8 +11,6 @@ from swe_sphere.studies.report.rows import Row
 if TYPE_CHECKING:
     from swe_sphere.steppers.stepper import Marker
 
-__all__ = ["STATUS", "Curve", "Look", "curves", "look"]
-
 
 @dataclass(frozen=True)
 class Look:

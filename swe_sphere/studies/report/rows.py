@@ -15,8 +15,6 @@ from swe_sphere.studies.sweep.dataset import UNITS, WORDS
 if TYPE_CHECKING:
     from xarray import Dataset
 
-__all__ = ["KINDS", "MADE_FOR_OTHERS", "MODELLED", "Metric", "Row", "metrics", "read_rows"]
-
 REQUIRED = ("stepper", "dt", "status", "wall_seconds")
 COMPARED = ("", "grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""

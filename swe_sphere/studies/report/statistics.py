@@ -8,11 +8,6 @@ from dataclasses import dataclass
 
 from swe_sphere.studies.report.rows import Metric, Row
 
-__all__ = [
-    "BASELINE", "FAILED", "SLACK", "Cost", "Plateau", "Threshold", "candidates", "cheapest", "cost",
-    "largest_step", "pareto", "plateau", "smallest", "targets", "threshold", "told_apart",
-]  # fmt: skip
-
 Cost = Callable[[Row], float]
 
 GAIN = 0.01

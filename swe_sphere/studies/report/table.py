@@ -19,8 +19,6 @@ from swe_sphere.studies.report.statistics import (
     threshold,
 )
 
-__all__ = ["Column", "LargestSteps", "columns", "csv_text", "how_it_ended", "largest_steps"]
-
 
 @dataclass(frozen=True)
 class LargestSteps:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["bytes_text", "count", "error", "minus", "number", "percent", "seconds", "step", "times"]
-
 NOTHING = "–"
 
 

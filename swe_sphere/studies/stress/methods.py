@@ -22,8 +22,6 @@ from swe_sphere.studies.stress.random_state import random_setting
 from swe_sphere.studies.stress.series import SYMMETRIES, Series
 from swe_sphere.studies.stress.trial import Result, Trial, judge
 
-__all__ = ["METHODS", "Tick", "measure", "try_out"]
-
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 

@@ -15,8 +15,6 @@ from swe_sphere.studies.pages import anchor, rendered
 from swe_sphere.studies.store import Record, read_record
 from swe_sphere.studies.stress.trial import OUTCOMES, Group, Result, Trial, groups
 
-__all__ = ["Results", "Store", "page"]
-
 Told = Sequence[tuple[Trial, Result]]
 
 

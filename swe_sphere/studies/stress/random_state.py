@@ -13,8 +13,6 @@ from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases.flows import coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
-__all__ = ["Length", "noise", "random_scene", "random_setting"]
-
 SHALLOWEST = 0.2
 """A state is admissible if its depth is nowhere below this part of the mean."""
 FASTEST = 0.6

@@ -15,8 +15,6 @@ from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.flows import cone, coriolis, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
-__all__ = ["BOTTOMS", "PLANETS", "SCENES"]
-
 PLACE = (1.5 * np.pi, np.pi / 6.0)
 """Where the mountain of williamson5 stands [rad]."""
 RADIUS = np.pi / 9.0

@@ -19,8 +19,6 @@ from swe_sphere.simulation.time_plan import TimePlan
 if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
 
-__all__ = ["SYMMETRIES", "Series"]
-
 Symmetry = Callable[[Snapshot], dict[str, float]]
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -19,11 +19,6 @@ from swe_sphere.studies.configuration import Configuration, merged, read_tables,
 from swe_sphere.studies.ended import STOPPED, Ended
 from swe_sphere.studies.stress.random_state import random_setting
 
-__all__ = [
-    "FILES", "OUTCOMES", "Group", "Result", "Table", "Trial", "choose", "groups", "judge",
-    "read_group",
-]  # fmt: skip
-
 FILES = (
     "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
     "precision", "long-steps", "stretched", "planets", "rest", "modons", "guards",

@@ -17,11 +17,6 @@ from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.studies.bounds import Bound, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
 
-__all__ = [
-    "CONVERGED", "FILES", "NORMS", "ORDERS", "Case", "Level", "Published", "all_cases", "choose",
-    "families", "read_cases",
-]  # fmt: skip
-
 FILES = (
     "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",
     "conservation", "dissipation",

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
     from swe_sphere.simulation.simulation import Simulation
 
-__all__ = ["Finer", "Measure", "measure"]
-
 CONVERGED_RUN = {"dt": 60.0, "stepper": "rk4", "tolerance": None}
 """What differs in a run to compare with whose time error is none."""
 

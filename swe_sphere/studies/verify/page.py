@@ -16,8 +16,6 @@ from swe_sphere.studies.verify.case import NORMS, Case, families
 from swe_sphere.studies.verify.verdict import Row
 from swe_sphere.toml_file import read_toml
 
-__all__ = ["page"]
-
 PACKAGE = "swe_sphere.studies.verify"
 
 MASS = "mass_drift"

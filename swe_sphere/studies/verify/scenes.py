@@ -20,8 +20,6 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.flows import solid_body, tilted_latitude
 
-__all__ = ["decay", "driven", "friction", "homme_mountain", "homme_wave"]
-
 DEGREE = 3
 """Of the spherical harmonic Y = cos³ θ cos 3λ + ... that decays."""
 MEAN = 1000.0

@@ -13,8 +13,6 @@ from swe_sphere.studies.store import Store
 from swe_sphere.studies.verify.case import ORDERS, Case, Level
 from swe_sphere.studies.verify.measure import Finer, Measure, measure
 
-__all__ = ["Row", "run_cases"]
-
 
 @dataclass(frozen=True, eq=False)
 class Row:
