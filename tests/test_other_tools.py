@@ -10,6 +10,7 @@ import xarray as xr
 from swe_sphere import open_run
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.mesh import Mesh
+from swe_sphere.sphere import position
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,34 @@ def test_cdo_remaps_and_keeps_the_integral(run, mesh, tmp_path):
         found = np.average(after.h.mean("lon").isel(time=-1), weights=zones)
         assert np.ptp(after.h.values) > 900.0
         assert found == pytest.approx(np.average(before.h[-1], weights=mesh.area), rel=1e-6)
+
+
+def test_the_reader_of_paraview_sees_the_quads_and_their_values(run, mesh):
+    vtk_netcdf = pytest.importorskip("vtkmodules.vtkIONetCDF")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = vtk_netcdf.vtkNetCDFUGRIDReader()
+    reader.SetFileName(str(run))
+    reader.UpdateTimeStep(600.0)
+    grid = reader.GetOutput()
+    assert grid.GetNumberOfCells() == 6 * 6**2 * 5**2
+    with xr.open_dataset(run) as data:
+        for name in ("h", "b", "area"):
+            found = vtk_to_numpy(grid.GetPointData().GetArray(name))
+            np.testing.assert_array_equal(found, data[name].values.reshape(-1, mesh.size)[-1])
+    lon, lat, _ = np.radians(vtk_to_numpy(grid.GetPoints().GetData())).T
+    corners = position(lon, lat)[vtk_to_numpy(grid.GetCells().GetConnectivityArray())]
+    areas = sum(triangles(*(corners.reshape(-1, 4, 3)[:, k].T for k in half)) for half in HALVES)
+    assert areas.min() > 0.0 and areas.sum() == pytest.approx(4.0 * np.pi, rel=1e-9)
+
+
+HALVES = (0, 1, 2), (0, 2, 3)
+
+
+def triangles(a, b, c):
+    """Signed areas of triangles on the unit sphere (Eriksson 1990)."""
+    dot = [np.sum(x * y, axis=0) for x, y in ((a, b), (b, c), (c, a))]
+    return 2.0 * np.arctan2(np.sum(a * np.cross(b, c, axis=0), axis=0), 1.0 + sum(dot))
 
 
 @pytest.mark.thorough

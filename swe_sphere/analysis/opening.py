@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swe_sphere.io.runfile import RunFile
 
@@ -41,7 +41,8 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
     from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
 
     found = RunFile(path).attributes
+    raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # whole numbers stay so
     if chunks is not None:
-        return xr.open_dataset(path, decode_times=False, chunks=dict(chunks)).assign_attrs(found)
-    with xr.open_dataset(path, decode_times=False) as dataset:
+        return xr.open_dataset(path, **raw, chunks=dict(chunks)).assign_attrs(found)
+    with xr.open_dataset(path, **raw) as dataset:
         return dataset.load().assign_attrs(found)

@@ -155,7 +155,8 @@ def _add_topology(dataset: netCDF4.Dataset, mesh: Mesh) -> None:
         "face_node_connectivity": "face_nodes",
         "face_dimension": "face",
     })  # fmt: skip
-    dataset.createVariable("face_nodes", "i4", ("face", "corner")).setncatts({
+    faces = dataset.createVariable("face_nodes", "i4", ("face", "corner"), fill_value=-1)
+    faces.setncatts({
         "cf_role": "face_node_connectivity",
         "long_name": "corner nodes of each quad, anticlockwise",
         "start_index": np.int32(0),
