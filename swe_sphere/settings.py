@@ -3,17 +3,21 @@
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from types import NoneType
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown
 
 SCENE, STEPPER = "scene", "stepper"
 """Owners of settings that are no effects."""
 
+M = TypeVar("M", bound=BaseModel)
+
+_FLAGS = {"settings": "set", "as_json": "json"}
+"""Fields whose flags are called otherwise."""
 _NOUNS = {float: "a number", int: "a whole number", bool: "true or false"}
 _DEFAULT = "default"
 """The word that stands for None, where None is a choice."""
@@ -80,3 +84,38 @@ def complaint(error: ValidationError) -> str:
     """What a value must be, in words: the first thing that pydantic finds wrong."""
     message: str = error.errors(include_url=False)[0]["msg"]
     return message.removeprefix("Value error, ").replace("Input should", "must")
+
+
+def validated(model: type[M], values: Mapping[str, object]) -> M:
+    """The model of what the user said.
+
+    Raises:
+        ConfigError: an unknown name or an unfit value, in one line that names the flag.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        raise ConfigError(_first_complaint(error, model)) from None
+
+
+def _first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first complaint about values of the model as "flag: what is wrong, not value"."""
+    first = error.errors(include_url=False)[0]
+    name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
+    if first["type"] == "extra_forbidden":
+        names = ", ".join(sorted(map(flag_of, model.model_fields)))
+        return f"there is no option {name!r}; there are {names}"
+    if first["type"] == "missing":
+        return f"{name}: say which one to run (swe-sphere list shows what there is)"
+    return f"{name}: {complaint(error)}, not {shown(first['input'])}"
+
+
+def flag_of(field: str) -> str:
+    """Name of a field on the command line."""
+    return _FLAGS.get(field, field.replace("_", "-"))
+
+
+def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by the names of fields, from those by the names of flags."""
+    fields = {flag: field for field, flag in _FLAGS.items()}
+    return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}

@@ -26,6 +26,7 @@ from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
 from swe_sphere.pictures.projections import PROJECTIONS, Rounded, make_map, robinson
 from swe_sphere.planet import DAY
+from swe_sphere.settings import validated
 from swe_sphere.testcases import get_scene
 
 
@@ -190,7 +191,7 @@ def test_a_region_fills_the_map():
 ])  # fmt: skip
 def test_every_look_changes_the_picture(run, look):
     pixels = []
-    for each in (Look("orthographic"), Look("orthographic", **look)):
+    for each in (Look(projection="orthographic"), Look(projection="orthographic", **look)):
         figure = Figure(figsize=(3.0, 3.0), dpi=50)
         canvas = FigureCanvasAgg(figure)
         Drawing(RunFile(run), "h", each, None, 31).draw(figure.subplots(), DAY)
@@ -205,12 +206,12 @@ def test_every_look_changes_the_picture(run, look):
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
-    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "1 to 100"),
-    ({"winds": "barbs"}, "unknown drawing of winds"),
+    ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, not 0"),
+    ({"winds": "barbs"}, "winds: must be 'arrows' or 'streamlines', not 'barbs'"),
 ])  # fmt: skip
 def test_looks_that_cannot_be(look, reason):
     with pytest.raises(ConfigError, match=reason) as error:
-        Look(**look)
+        validated(Look, look)
     assert "\n" not in str(error.value)
 
 

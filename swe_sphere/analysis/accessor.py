@@ -27,6 +27,7 @@ from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import TOLERANCE
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.settings import validated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -199,7 +200,7 @@ class Analysis:
         about = {str(name): value for name, value in self._data.attrs.items()}
         frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
         now = float(self._times[k])
-        return draw_state(self.mesh, frame, now, about, field, ax, Look(**look))
+        return draw_state(self.mesh, frame, now, about, field, ax, validated(Look, look))
 
     @cached_property
     def _times(self) -> Array:

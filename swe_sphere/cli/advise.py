@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import typer
-from pydantic import ValidationError
 
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.config import first_complaint
+from swe_sphere.settings import validated
 from swe_sphere.studies.advice.advise import Question
 
 if TYPE_CHECKING:
@@ -32,11 +31,7 @@ def advise(**values: Any) -> None:
 
     if values["error"] is None:
         raise ConfigError("error: say how large the slow-flow error may be (--error 1e-3)")
-    try:
-        question = Question.model_validate(given(values, Question))
-    except ValidationError as error:
-        raise ConfigError(first_complaint(error, Question)) from None
-    advice = advice_on(question)
+    advice = advice_on(validated(Question, given(values, Question)))
     console = Console(markup=False, highlight=False)
     console.print(_situation(advice), soft_wrap=True)
     console.print(_table(advice))

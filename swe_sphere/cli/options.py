@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import typer
 from pydantic import BaseModel
 
-from swe_sphere.simulation.config import flag_of
+from swe_sphere.settings import flag_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -19,7 +19,8 @@ METAVARS = {
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
-    "repeats": "R", "target_error": "E", "error": "E", "finer": "NE",
+    "repeats": "R", "target_error": "E", "error": "E", "finer": "NE", "projection": "NAME",
+    "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH", "colours": "NAME",
 }  # fmt: skip
 """What a flag takes, where its type does not say it."""
 
@@ -30,13 +31,13 @@ REPEATED = ("settings", "diagnostics", "reference")
 
 
 def with_flags(
-    model: type[BaseModel], argument: str, without: Sequence[str] = ()
+    model: type[BaseModel], argument: str = "", without: Sequence[str] = ()
 ) -> Callable[[F], F]:
     """Give a command `f(**values)` a flag for each field of the model.
 
-    argument: the field that is given without a flag; without: fields that have none.  The command's
-    own parameters stay; what the user does not give is None or empty, and the texts of the fields
-    are the help.
+    argument: the field that is given without a flag, if one is; without: fields that have none.
+    The command's own parameters stay; what the user does not give is None, and the texts of the
+    fields are the help.
     """
 
     def give(function: F) -> F:
@@ -57,11 +58,11 @@ def with_flags(
 
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """The fields of the model that the user gave."""
-    absent: tuple[object, ...] = ([], ())
+    absent: tuple[object, ...] = (None, [], ())
     return {
         name: value
         for name, value in values.items()
-        if name in model.model_fields and not (value is None or value is False or value in absent)
+        if name in model.model_fields and value not in absent
     }
 
 
@@ -69,18 +70,17 @@ def _parameter(model: type[BaseModel], name: str, argument: str) -> inspect.Para
     field = model.model_fields[name]
     kind, choices = _kind(field.annotation, name in REPEATED)
     text = (field.description or "").replace("[", r"\[")
-    if name == argument:
-        info = typer.Argument(help=text)
-    elif kind is bool:
-        info = typer.Option(f"--{flag_of(name)}", help=text)
+    flag = f"--{flag_of(name)}"
+    if kind is bool:
+        no = "" if field.default is False else f"/--no-{flag_of(name)}"
+        info = typer.Option(f"{flag}{no}", help=text)
     else:
         metavar = LIST if choices == LIST else METAVARS.get(name) or choices
-        info = typer.Option(f"--{flag_of(name)}", metavar=metavar, help=text)
-    default = False if kind is bool else None
-    wanted: Any = kind if kind is bool else kind | None
-    annotation = Annotated[wanted, info]
+        info = typer.Option(flag, metavar=metavar, help=text)
+    wanted: Any = kind | None
+    annotation = Annotated[wanted, typer.Argument(help=text) if name == argument else info]
     return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+        name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation
     )
 
 
@@ -94,7 +94,7 @@ def _kind(annotation: Any, repeated: bool) -> tuple[Any, str | None]:
     if origin is tuple and repeated:
         return list[_kind(inside[0], repeated)[0]], None  # type: ignore[misc]
     if origin is tuple:
-        return str, LIST
+        return str, LIST if inside[-1] is ... else None
     kinds = [_kind(each, repeated) for each in inside if each is not type(None)]
     if len(kinds) == 1:
         return kinds[0]

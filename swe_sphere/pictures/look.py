@@ -2,64 +2,79 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.io.scalar_fields import Field
 from swe_sphere.pictures.projections import Map, make_map
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
 
-WINDS = ("arrows", "streamlines")
+    from swe_sphere.io import scalar_fields
+
+Pair = tuple[float, float]
+Four = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class Look:
-    """Projection, region, colours and what is drawn over the field.
+def _numbers(*counts: int) -> Callable[[Any], Any]:
+    """A text "1,2" as so many numbers, filled up with zeros; what is no text stays."""
 
-    Raises ConfigError for what cannot be drawn, in one line.
-    """
+    def read(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        parts = value.split(",")
+        if len(parts) not in counts:
+            wanted = " or ".join(map(str, counts))
+            raise ValueError(f"must be {wanted} numbers, separated by commas")
+        return [*parts, *["0"] * (counts[-1] - len(parts))]
+
+    return read
+
+
+class Look(BaseModel):
+    """Projection, region, colours and what is drawn over the field."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     projection: str = "equal-earth"
-    """One of `projections.PROJECTIONS`."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """Longitude and latitude of the middle [degrees]; latitude for orthographic alone."""
-    region: tuple[float, float, float, float] | None = None
-    """West, east, south, north [degrees]."""
-    limits: tuple[float, float] | None = None
+    """equal-earth (the default), robinson, lat-lon, orthographic, north-polar, south-polar."""
+    centre: Annotated[Pair, BeforeValidator(_numbers(1, 2))] = (0.0, 0.0)
+    """Longitude of the middle of the map [degrees], and latitude for orthographic."""
+    region: Annotated[Four, BeforeValidator(_numbers(4))] | None = None
+    """Part of the globe that is shown: west, east, south, north [degrees]."""
+    limits: Annotated[Pair, BeforeValidator(_numbers(2))] | None = None
     """Ends of the colour scale."""
-    levels: int | None = None
+    levels: Annotated[int, Field(ge=1, le=100)] | None = None
     """About how many contours."""
     colours: str | None = None
-    """A colour map of cmocean or matplotlib."""
+    """Colour map of cmocean or matplotlib."""
     contours: bool | None = None
-    """None: where they are not all loops and islands."""
+    """Contour lines; by default where they are not all loops and islands."""
     panel: bool = True
     """Curves of errors and drifts underneath."""
     mesh: bool = False
-    """Edges of the elements."""
-    winds: str | None = None
-    """"arrows" or "streamlines"."""
+    """Draw the edges of the elements."""
+    winds: Literal["arrows", "streamlines"] | None = None
+    """Draw the wind."""
 
-    def __post_init__(self) -> None:
-        if self.winds not in (None, *WINDS):
-            raise unknown_name("drawing of winds", self.winds, WINDS)
-        if self.limits is not None and not (
-            all(map(math.isfinite, self.limits)) and self.limits[0] < self.limits[1]
-        ):
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        """ConfigError for what cannot be drawn."""
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
             raise ConfigError(f"limits are low,high with low < high, not {self.limits}")
-        if self.levels is not None and not 1 <= self.levels <= 100:
-            raise ConfigError(f"levels={self.levels}: 1 to 100 contours can be told apart")
         self.map()
+        return self
 
     def map(self) -> Map:
         """The map that is drawn on."""
         return make_map(self.projection, self.centre, self.region)
 
-    def colour_map(self, kind: Field) -> Colormap:
+    def colour_map(self, kind: scalar_fields.Field) -> Colormap:
         """The colours asked for, or those of the field."""
         import cmocean
         import matplotlib as mpl

@@ -11,13 +11,11 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
     field_validator,
 )
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.errors import ConfigError, shown
-from swe_sphere.settings import complaint
+from swe_sphere.settings import by_field, validated
 from swe_sphere.toml_file import read_toml
 
 
@@ -74,10 +72,6 @@ Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=0, le=MOST_ELEMEN
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
 Count = Annotated[int | Literal["auto"], BeforeValidator(_count)]
-
-
-_FIELDS = {"set": "settings", "json": "as_json"}
-"""Flags whose fields are called otherwise."""
 
 
 class SharedConfig(BaseModel):
@@ -186,10 +180,7 @@ def make_config(values: Mapping[str, object]) -> RunConfig:
     Raises:
         ConfigError: an unknown name or an unfit value, in one line that names the field.
     """
-    try:
-        return RunConfig.model_validate(dict(values))
-    except ValidationError as error:
-        raise ConfigError(first_complaint(error, RunConfig)) from None
+    return validated(RunConfig, values)
 
 
 def load_config(path: Path) -> dict[str, object]:
@@ -199,26 +190,3 @@ def load_config(path: Path) -> dict[str, object]:
         ConfigError: the file is not there or is no TOML.
     """
     return by_field(read_toml(path))
-
-
-def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by the names of fields, from those by the names of flags."""
-    return {_FIELDS.get(key, key.replace("-", "_")): value for key, value in table.items()}
-
-
-def first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first complaint about values of the model as "field: what is wrong, not value"."""
-    first = error.errors(include_url=False)[0]
-    name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
-    if first["type"] == "extra_forbidden":
-        names = ", ".join(sorted(map(flag_of, model.model_fields)))
-        return f"there is no option {name!r}; there are {names}"
-    if first["type"] == "missing":
-        return f"{name}: say which one to run (swe-sphere list shows what there is)"
-    return f"{name}: {complaint(error)}, not {shown(first['input'])}"
-
-
-def flag_of(field: str) -> str:
-    """Name of a field on the command line."""
-    flags = {own: flag for flag, own in _FIELDS.items()}
-    return flags.get(field, field.replace("_", "-"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.settings import validated
 from swe_sphere.simulation.callbacks import intervals, scheduled
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.execution import execute, summary_of
@@ -198,7 +199,7 @@ class Simulation(Running):
 
         fields = self.snapshot.with_constants | self.own_fields
         about = attributes_of(self)
-        return draw_state(self.mesh, fields, self.time, about, field, ax, Look(**look))
+        return draw_state(self.mesh, fields, self.time, about, field, ax, validated(Look, look))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that is needed to go on from here bit for bit, with `from_checkpoint`.

@@ -10,13 +10,13 @@ from pydantic import Field
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
+from swe_sphere.settings import flag_of
 from swe_sphere.simulation.config import (
     Days,
     Number,
     RunConfig,
     SharedConfig,
     Whole,
-    flag_of,
     make_config,
 )
 from swe_sphere.studies.advice.choice import Candidate, candidates, known_methods

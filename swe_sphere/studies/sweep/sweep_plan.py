@@ -10,11 +10,12 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.settings import by_field, validated
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -23,8 +24,6 @@ from swe_sphere.simulation.config import (
     RunConfig,
     SharedConfig,
     Whole,
-    by_field,
-    first_complaint,
     make_config,
 )
 from swe_sphere.simulation.setup import make_mesh
@@ -178,10 +177,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     Raises:
         ConfigError: an unknown name or an unfit value, in one line that says which.
     """
-    try:
-        plan = SweepPlan.model_validate(dict(values))
-    except ValidationError as error:
-        raise ConfigError(first_complaint(error, SweepPlan)) from None
+    plan = validated(SweepPlan, values)
     _check(plan, Supplied(scene).scene_of(plan.run_config()))
     return plan
 
