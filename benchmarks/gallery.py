@@ -80,11 +80,11 @@ def draw(name: str, file: Path) -> None:
         [*command, "run", name, *shlex.split(how), "--out", str(file), "--quiet"], check=True
     )
     drawing.DOTS_PER_INCH = DOTS
-    from swe_sphere.cli.main import app
+    from swe_sphere.cli.main import program
 
     (DOCS / "gallery").mkdir(exist_ok=True)
     out = DOCS / "gallery" / f"{name}.png"
-    app(["plot", str(file), *shlex.split(look), "--no-panel", "--out", str(out)],
+    program(["plot"])(["plot", str(file), *shlex.split(look), "--no-panel", "--out", str(out)],
         standalone_mode=False)  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def test_nothing_is_said_without_compiling(told):
 
 def test_every_command_tells_of_it(told, monkeypatch, capsys):
     """In one line on stderr."""
-    monkeypatch.setattr("swe_sphere.cli.main.app", lambda *_, **__: wait(0.2))
+    monkeypatch.setattr("swe_sphere.cli.main.program", lambda _: lambda *_, **__: wait(0.2))
     with pytest.raises(SystemExit):
         main(["verify"])
     assert capsys.readouterr().err == f"swe-sphere: {COMPILING}\n"

@@ -3,9 +3,9 @@
 import pytest
 import typer
 
-from swe_sphere.cli.main import app, main
+from swe_sphere.cli.main import main, program
 
-COMMANDS = typer.main.get_command(app).commands
+COMMANDS = typer.main.get_command(program()).commands
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -26,14 +26,14 @@ FAULTS = faulty_scenes()
 @pytest.fixture(scope="module")
 def commands():
     """The command line, built once and not for each of hundreds of calls."""
-    return typer.main.get_command(program.app)
+    return typer.main.get_command(program.program())
 
 
 @pytest.fixture
 def run_scene(commands, tmp_path, monkeypatch, capfd):
     """Runs the text of a scene file with a file of frames: status, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(program, "app", commands)
+    monkeypatch.setattr(program, "program", lambda _: commands)
 
     def call(text, *flags):
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")

@@ -1,42 +1,40 @@
 """The program `swe-sphere`: its commands and its exit status."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from swe_sphere import __version__
-from swe_sphere.cli.advise import advise
 from swe_sphere.cli.explain import explain, show_traceback
-from swe_sphere.cli.look import compare, list_all
-from swe_sphere.cli.pictures import animate, plot
 from swe_sphere.cli.ranks import fail, refuse_ranks
-from swe_sphere.cli.regrid import regrid, scrip
-from swe_sphere.cli.run import run
 from swe_sphere.cli.show import tell_of_compiling
-from swe_sphere.cli.stress import stress
-from swe_sphere.cli.sweep import sweep
-from swe_sphere.cli.verify import verify
 from swe_sphere.compiling import on_compile
 
-app = typer.Typer(
-    help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command("list")(list_all)
-app.command("run")(run)
-app.command("sweep")(sweep)
-app.command("advise")(advise)
-app.command("plot")(plot)
-app.command("animate")(animate)
-app.command("compare")(compare)
-app.command("regrid")(regrid)
-app.command("scrip")(scrip)
-app.command("verify")(verify)
-app.command("stress")(stress)
+COMMANDS = {
+    "list": "look:list_all", "run": "run:run", "sweep": "sweep:sweep", "advise": "advise:advise",
+    "plot": "pictures:plot", "animate": "pictures:animate", "compare": "look:compare",
+    "regrid": "regrid:regrid", "scrip": "regrid:scrip", "verify": "verify:verify",
+    "stress": "stress:stress",
+}  # fmt: skip
+"""Where each command is: a module of this package, and a function in it."""
+
+
+def program(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The program with those commands: each of them takes its time to load."""
+    app = typer.Typer(
+        help="Shallow water on the cubed sphere: run test cases and compare time integrators.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_program)
+    for name in names:
+        module, _, function = COMMANDS[name].partition(":")
+        app.command(name)(getattr(import_module(f"swe_sphere.cli.{module}"), function))
+    return app
 
 
 def _tell_version(asked: bool) -> None:
@@ -45,7 +43,6 @@ def _tell_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _program(
     context: typer.Context,
     version: Annotated[
@@ -68,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _status(arguments: Sequence[str]) -> int:
     try:
         with on_compile(tell_of_compiling):
+            asked = [name for name in arguments[:1] if name in COMMANDS]
+            app = program(asked or COMMANDS)
             return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
     except Exception as error:
         show_traceback()

@@ -121,7 +121,9 @@ def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool =
     if values.dtype.kind not in NUMBERS:
         kind = type(original).__name__ if values.ndim == 0 else f"an array of {values.dtype}"
         raise ConfigError(f"{label} must be real numbers, not {kind}")
-    values = np.ma.filled(values.astype(np.float64, copy=False), np.nan)
+    values = values.astype(np.float64, copy=False)
+    if hasattr(values, "filled"):  # a masked array; numpy has them in a module that loads late
+        values = values.filled(np.nan)
     try:
         field = np.broadcast_to(np.asarray(values), lon.shape)
     except ValueError:

@@ -1,9 +1,11 @@
 """The matrix of an operator that couples nodes of one element alone, from products with it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np
-import scipy.sparse as sp
+import scipy
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
@@ -18,7 +20,9 @@ class Probing:
     def __init__(self, mesh: Mesh) -> None:
         ones = np.ones(mesh.nodes.size, dtype=np.int8)
         rows = np.repeat(np.arange(mesh.elements), mesh.np**2)
-        elements = sp.csr_array((ones, (rows, mesh.nodes.ravel())), (mesh.elements, mesh.size))
+        elements = scipy.sparse.csr_array(
+            (ones, (rows, mesh.nodes.ravel())), (mesh.elements, mesh.size)
+        )
         near = (elements.T.astype(bool) @ elements.astype(bool)).tocsc()
         self.colours = _coloured((near @ near).tocsr())
         """(N,) colour of each node's columns."""
@@ -28,7 +32,7 @@ class Probing:
         counts = np.bincount(self.colours[columns])
         self._ends = np.concatenate([[0], np.cumsum(counts)])
 
-    def matrix(self, product: Callable[[Array], Array], fields: int) -> sp.csr_array:
+    def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
         """(fields N, fields N) matrix of `product`, which takes and returns (fields N,)."""
         n = self.colours.size
         found: list[tuple[Array, Int, Int]] = []
@@ -44,10 +48,10 @@ class Probing:
                 there = values != 0.0
                 found.append((values[there], rows[there], columns[there]))
         values, rows, columns = (np.concatenate(each) for each in zip(*found, strict=True))
-        return sp.coo_array((values, (rows, columns)), (fields * n, fields * n)).tocsr()
+        return scipy.sparse.coo_array((values, (rows, columns)), (fields * n, fields * n)).tocsr()
 
 
-def _coloured(conflicts: sp.csr_array) -> Int:
+def _coloured(conflicts: scipy.sparse.csr_array) -> Int:
     """(N,) the least colour that no neighbour before has."""
     colours = np.full(conflicts.shape[0], -1, dtype=np.int32)
     for node, (begin, end) in enumerate(zip(conflicts.indptr, conflicts.indptr[1:], strict=False)):

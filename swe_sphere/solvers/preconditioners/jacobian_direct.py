@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.sparse as sp
+import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
@@ -67,7 +67,9 @@ class JacobianDirect(KeptSetup):
         self._place(flow, self._direction)
         self._jacobian.update(self._direction, 0.0)
         jacobian = self._probing.matrix(self._product, FIELDS)
-        matrix = (sp.eye_array(flow.size) - tau * jacobian).tocsr()[self._order][:, self._order]
+        matrix = (scipy.sparse.eye_array(flow.size) - tau * jacobian).tocsr()[self._order][
+            :, self._order
+        ]
         self._factors = splu(
             matrix.tocsc().astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
