@@ -19,7 +19,7 @@ from rich.table import Table
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -69,7 +69,7 @@ class Pair:
         within = self.automatic(name, self.thick, at_stages=True)
         pair = [started(name, model, free) for model in (self.plain, self.thick)]
         ratios = [seconds(pair[1]) / seconds(pair[0]) for _ in range(rounds)]
-        error = errors(self.mesh, self._after_a_day(name, now), self._exact)
+        error = by_name(field_errors(self.mesh.area, self._after_a_day(name, now), self._exact))
         split = pair[1].diffusion
         return [
             self.name, name, f"{free:.0f}", f"{within:.0f}", f"{now:.0f}",
@@ -86,7 +86,8 @@ class Pair:
             stepper = a_day(kind(model, dt, diffusion=how))
             times.append(time.process_time() - began)
             counts.append(stepper.counters["krylov_iterations"] / stepper.steps)
-            found.append(errors(self.mesh, model.fields(stepper.state), self._exact))
+            end = model.fields(stepper.state)
+            found.append(by_name(field_errors(self.mesh.area, end, self._exact)))
         return [
             f"{dt:.0f}", *(f"{count:.1f}" for count in counts),
             *(f"× {seconds / times[0]:.2f}" for seconds in times[1:]),

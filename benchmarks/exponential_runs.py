@@ -6,7 +6,7 @@ from implicit_runs import SHIPPED
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import norms
-from swe_sphere.io.reference_solution import reference_errors
+from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.simulation import Simulation
@@ -46,7 +46,7 @@ def _outcome(name: str, dt: float, runs: list[Run], rk4: np.ndarray) -> list[str
     sim = runs[0].sim
     fields, file = sim.snapshot.with_constants, SHIPPED / "williamson5_day15.nc"
     depth, vorticity = (
-        reference_errors(file, sim.mesh, fields, field=field)["l2"]
+        OnGrid(Reference(file), sim.mesh).norms(fields, field)["l2"]
         for field in ("surface", "vorticity")
     )
     seconds = np.array([one.sim.cpu_seconds for one in runs])

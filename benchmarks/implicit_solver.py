@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations import Model
 from swe_sphere.equations.effect_settings import apply_settings
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.gmres import FlexibleGMRES
@@ -31,7 +31,7 @@ def steady() -> Section:
         result = run("williamson2", mesh, name, dt, 5.0, **options)
         sim = result.sim
         exact = dict(zip("uvh", scene.exact(mesh.lon, mesh.lat, 5.0 * DAY), strict=True))
-        error = errors(mesh, sim.snapshot.fields, exact)
+        error = by_name(field_errors(mesh.area, sim.snapshot.fields, exact))
         rejected = str(sim.stepper.counters.get("rejected_steps", 0))
         rows.append(
             [name, kind, f"{dt:.0f}", f"{error['l2_h']:.2e}", f"{error['l2_v']:.2e}", result.counts,

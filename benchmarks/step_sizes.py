@@ -17,7 +17,7 @@ import typer
 import warp as wp
 from rich.console import Console
 
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
@@ -84,8 +84,8 @@ def compare(
     usual, krylov = run(scene, stepper, dt)
     exact, _ = run(scene, stepper, dt, tolerance=EXACT)
     return {
-        "error": errors(mesh, usual, reference)[measure],
-        "exact": errors(mesh, exact, reference)[measure],
+        "error": by_name(field_errors(mesh.area, usual, reference))[measure],
+        "exact": by_name(field_errors(mesh.area, exact, reference))[measure],
         "krylov": krylov,
     }
 

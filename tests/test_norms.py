@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swe_sphere.io.integrals import courant_numbers, drifts, integrals
-from swe_sphere.io.norms import area_mean, errors, norms
+from swe_sphere.io.norms import area_mean, by_name, field_errors, norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
 
@@ -60,11 +60,11 @@ def test_errors_name_depth_and_wind(mesh):
     flat = np.full(mesh.size, 100.0)
     exact = {"h": flat, "u": flat, "v": 0.0 * flat}
     numeric = {"h": flat + 1.0, "u": 1.02 * flat, "v": 0.0 * flat}
-    found = errors(mesh, numeric, exact)
+    found = by_name(field_errors(mesh.area, numeric, exact))
     assert set(found) == {"l1_h", "l2_h", "linf_h", "l1_v", "l2_v", "linf_v"}
     assert found["l2_h"] == pytest.approx(0.01)
     assert found["linf_v"] == pytest.approx(0.02)
-    surface = errors(mesh, {"h": flat + 1.0}, {"h": flat}, bottom=3.0 * flat)
+    surface = by_name(field_errors(mesh.area, {"h": flat + 1.0}, {"h": flat}, bottom=3.0 * flat))
     assert set(surface) == {"l1_h", "l2_h", "linf_h"}
     assert surface["l1_h"] == pytest.approx(1.0 / 400.0)
 

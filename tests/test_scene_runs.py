@@ -9,7 +9,7 @@ from support import advance
 
 from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.scene import Array
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Snapshot
@@ -38,7 +38,7 @@ def test_error_of_a_coarse_run(
     scene, mesh = get_scene(name, **given), Mesh.build(4, 8)
     _, fields = run(scene, mesh, 432.0 if scene.forcing else 900.0, days)
     exact = dict(zip("uvh", scene.exact(mesh.lon, mesh.lat, days * DAY), strict=True))
-    error = errors(mesh, fields, exact)
+    error = by_name(field_errors(mesh.area, fields, exact))
     assert error["l2_h"] < height and error["l2_v"] < wind
 
 

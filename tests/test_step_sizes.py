@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from swe_sphere.equations import Model
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -49,7 +49,7 @@ def converged(scene: str) -> dict[str, np.ndarray]:
 def error(stepper: Stepper, scene: str = "lauter") -> float:
     """Relative error in time of the wind."""
     fields = stepper.model.fields(stepper.state)
-    return errors(stepper.model.mesh, fields, converged(scene))["l2_v"]
+    return field_errors(stepper.model.mesh.area, fields, converged(scene))["v"]["l2"]
 
 
 @pytest.mark.parametrize("name", SOLVING)
@@ -72,7 +72,7 @@ def test_float32_takes_corrections_too(name: str) -> None:
         advance(stepper, 240.0, "matsuno", "float32", hours=6.0) for stepper in (name, "rk4")
     )
     ours, theirs = (s.model.fields(s.state) for s in (implicit, explicit))
-    assert errors(implicit.model.mesh, ours, theirs)["l2_v"] < 0.05
+    assert field_errors(implicit.model.mesh.area, ours, theirs)["v"]["l2"] < 0.05
 
 
 @pytest.mark.parametrize("name", ["bdf2", "esdirk4"])

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
-from swe_sphere.mesh import Mesh
 
 
 def area_mean(area: Array, values: Array) -> float:
@@ -37,28 +36,34 @@ def norms(area: Array, numeric: ArrayLike, exact: ArrayLike) -> dict[str, float]
     }
 
 
-def errors(
-    mesh: Mesh,
-    numeric: Mapping[str, ArrayLike],
-    exact: Mapping[str, ArrayLike],
-    bottom: Array | None = None,
-) -> dict[str, float]:
-    """Errors of depth and wind on the nodes of a mesh.
+Norms = dict[str, dict[str, float]]
+"""l1, l2 and linf by field."""
 
-    numeric, exact: "h" [m] and, for errors of the wind, "u" and "v" [m s-1], each (N,).
-    With bottom (N,) [m] the heights compared are those of the free surface, h + bottom.
-    Returns l1_h, l2_h, linf_h and, where both have a wind, l1_v, l2_v, linf_v.
+
+def field_errors(
+    area: Array,
+    numeric: Mapping[str, Array],
+    exact: Mapping[str, Array],
+    bottom: Array | float = 0.0,
+) -> Norms:
+    """Errors of depth "h" and, where both have them, of wind "v" and vorticity at the same points.
+
+    numeric, exact: h [m] and perhaps u, v [m s-1] and vorticity [s-1], each (N,).  With bottom (N,)
+    [m] the heights compared are those of the free surface, h + bottom.
     """
-    offset = 0.0 if bottom is None else bottom
-    pairs = {"h": (np.asarray(numeric["h"]) + offset, np.asarray(exact["h"]) + offset)}
-    if all(name in side for name in "uv" for side in (numeric, exact)):
+    pairs = {"h": (numeric["h"] + bottom, exact["h"] + bottom)}
+    both = numeric.keys() & exact.keys()
+    if {"u", "v"} <= both:
         pairs["v"] = (_wind(numeric), _wind(exact))
-    return {
-        f"{norm}_{name}": value
-        for name, (ours, theirs) in pairs.items()
-        for norm, value in norms(mesh.area, ours, theirs).items()
-    }
+    if "vorticity" in both:
+        pairs["vorticity"] = (numeric["vorticity"], exact["vorticity"])
+    return {name: norms(area, *pair) for name, pair in pairs.items()}
 
 
-def _wind(fields: Mapping[str, ArrayLike]) -> Array:
-    return np.stack([np.asarray(fields["u"]), np.asarray(fields["v"])])
+def by_name(errors: Norms) -> dict[str, float]:
+    """As l1_h, l2_h, linf_h, l1_v and so on."""
+    return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
+
+
+def _wind(fields: Mapping[str, Array]) -> Array:
+    return np.stack([fields["u"], fields["v"]])

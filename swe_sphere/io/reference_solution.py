@@ -11,7 +11,7 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
-from swe_sphere.io.norms import norms
+from swe_sphere.io.norms import Norms, norms
 from swe_sphere.io.runfile import attributes, nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.lat_lon import global_spline
@@ -149,21 +149,45 @@ def _fields(dataset: netCDF4.Dataset, index: int) -> dict[str, Array]:
     }
 
 
-def reference_errors(
-    path: str | os.PathLike[str], mesh: Mesh, fields: Mapping[str, Array], field: str = "h"
-) -> dict[str, float]:
-    """l1, l2, linf of a spectral-element solution against a reference, on the reference's grid.
+class OnGrid:
+    """A reference, and the matrix that takes a mesh to its grid, which takes time to make."""
 
-    fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
-    field needs them.  field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...  Where
-    the reference has only the free surface, "h" can be asked for if there is no orography.
-    The solution is evaluated as the polynomials it is; norms as in `norms`.
-    Raises ConfigError for an unknown field, or one that the reference does not have.
-    """
-    reference = Reference(path)
-    field = reference_field(reference, check_field(field, vector=True), fields.get("b"))
-    interpolator = Interpolator(mesh, *reference.points)
-    return norms(reference.area, evaluate(interpolator, fields, field), reference.values(field))
+    def __init__(self, reference: Reference, mesh: Mesh) -> None:
+        self._reference = reference
+        self._interpolator = Interpolator(mesh, *reference.points)
+
+    def norms(self, fields: Mapping[str, Array], field: str = "h") -> dict[str, float]:
+        """l1, l2, linf of a spectral-element solution, the polynomials it is, at the grid's points.
+
+        fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
+        field needs them.  field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...
+        Where the reference has only the free surface, "h" can be asked for if there is no
+        orography.
+        Raises ConfigError for an unknown field, or one that the reference does not have.
+        """
+        name = reference_field(self._reference, check_field(field, vector=True), fields.get("b"))
+        return norms(self._reference.area, *self._pair(fields, name))
+
+    def errors(self, fields: Mapping[str, Array], height: str) -> Norms:
+        """Errors of height and, as far as the reference has them, of vorticity and wind "v".
+
+        height: "h" or "surface", which is taken where the reference has no depth.
+        """
+        has = self._reference.fields.keys()
+        names = {"h": height if height in has or "surface" not in has else "surface"}
+        names |= {"vorticity": "vorticity"} if "vorticity" in has else {}
+        names |= {"v": "wind"} if {"u", "v"} <= has else {}
+        area = self._reference.area
+        return {field: norms(area, *self._pair(fields, name)) for field, name in names.items()}
+
+    def decorrelation(self, fields: Mapping[str, Array]) -> float:
+        """1 less the correlation of vorticity with that of the reference."""
+        pair = self._pair(fields, "vorticity")
+        covariance = np.cov(*pair, aweights=self._reference.area)
+        return 1.0 - float(covariance[0, 1]) / float(np.sqrt(covariance[0, 0] * covariance[1, 1]))
+
+    def _pair(self, fields: Mapping[str, Array], name: str) -> tuple[Array, Array]:
+        return evaluate(self._interpolator, fields, name), self._reference.values(name)
 
 
 def reference_field(reference: Reference, field: str, bottom: Array | None) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import courant_numbers, drifts, integrals
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import Norms, by_name, field_errors
 from swe_sphere.io.tracer_diagnostics import tracer_errors, tracer_masses, tracer_numbers
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields, Snapshot
@@ -25,26 +24,32 @@ def state_integrals(model: Model, fields: Fields) -> dict[str, float]:
     return integrals(model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values)
 
 
-def flow_errors(model: Model, fields: Fields, right: Mapping[str, Array]) -> dict[str, float]:
-    """l1, l2 and linf of height and wind against the right u, v, h (N,).
+def exact_fields(model: Model, time: float) -> Fields:
+    """u, v, h (N,) of a scene that has an exact solution, at a time [s]."""
+    assert model.scene.exact is not None
+    exact = model.scene.exact(model.mesh.lon, model.mesh.lat, time)
+    return dict(zip("uvh", exact, strict=True))
 
-    A prescribed wind has no error; heights are those of the scene's `error_field`.
+
+def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
+    """Errors at the nodes of height, wind and, where both have it, vorticity; fields (N,).
+
+    A prescribed wind has no error, nor has its vorticity; heights are those of the scene's
+    `error_field`.
     """
-    scene = model.scene
-    names = "h" if scene.wind is not None else "uvh"
-    bottom = model.bottom if scene.error_field == "surface" else None
-    return errors(model.mesh, fields, {name: right[name] for name in names}, bottom)
+    bottom = model.bottom if model.scene.error_field == "surface" else 0.0
+    right = theirs if model.scene.wind is None else {"h": theirs["h"]}
+    return field_errors(model.mesh.area, ours, right, bottom)
 
 
 def exact_errors(model: Model, fields: Fields, time: float) -> dict[str, float]:
     """Errors at time [s] against what is known exactly of the scene; NaN where it is not known."""
-    scene, lon, lat = model.scene, model.mesh.lon, model.mesh.lat
+    scene, mesh = model.scene, model.mesh
     found: dict[str, float] = {}
     if scene.exact is not None:
-        exact = dict(zip("uvh", scene.exact(lon, lat, time), strict=True))
-        found = flow_errors(model, fields, exact)
+        found = by_name(flow_errors(model, fields, exact_fields(model, time)))
     if scene.exact_tracers is not None:
-        found |= tracer_errors(model.mesh, fields, scene.exact_tracers(lon, lat, time))
+        found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
     return found
 
 
@@ -88,25 +93,17 @@ class ReferenceErrors:
     def __init__(self, path: Path, field: str, days: float) -> None:
         from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
 
-        reference = Reference(path)
-        if reference.time is not None and abs(reference.time - days * DAY) > 1.0:
+        self._reference, self._height = Reference(path), field
+        time = self._reference.time
+        if time is not None and abs(time - days * DAY) > 1.0:
             raise ConfigError(
-                f"{path} is of day {reference.time / DAY:g}, the run ends at day {days:g}:"
-                f" take days={reference.time / DAY:g} or another reference"
+                f"{path} is of day {time / DAY:g}, the run ends at day {days:g}:"
+                f" take days={time / DAY:g} or another reference"
             )
-        self._path = path
-        height = field if field in reference.fields else "h"
-        self._fields = {"h": height}
-        if {"u", "v"} <= reference.fields.keys():
-            self._fields["v"] = "wind"
 
     def __call__(self, model: Model, snapshot: Snapshot) -> dict[str, float]:
         """l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
-        from swe_sphere.io.reference_solution import reference_errors
+        from swe_sphere.io.reference_solution import OnGrid
 
-        fields = snapshot.with_constants
-        return {
-            f"{norm}_{name}": value
-            for name, field in self._fields.items()
-            for norm, value in reference_errors(self._path, model.mesh, fields, field).items()
-        }
+        found = OnGrid(self._reference, model.mesh).errors(snapshot.with_constants, self._height)
+        return by_name({name: norms for name, norms in found.items() if name != "vorticity"})

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swe_sphere.io.norms import errors
+from swe_sphere.io.norms import field_errors
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.progress import Watcher
@@ -133,9 +133,9 @@ def _two_precisions(trial: Trial, tick: Tick | None) -> Ended:
         return exact
     rough = _run(trial.changed(run={"precision": "float32"}), tick)
     if rough.sim is not None and rough.completed:
-        ends = [sim.snapshot.fields for sim in (rough.sim, exact.sim)]
-        apart = errors(rough.sim.mesh, ends[0], ends[1])
-        rough.numbers |= {"apart_h": apart["l2_h"], "apart_v": apart["l2_v"]}
+        ours, theirs = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
+        apart = field_errors(rough.sim.mesh.area, ours, theirs)
+        rough.numbers |= {"apart_h": apart["h"]["l2"], "apart_v": apart["v"]["l2"]}
     rough.numbers["seconds"] += exact.numbers["seconds"]
     return rough
 

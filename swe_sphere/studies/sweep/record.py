@@ -14,9 +14,9 @@ from pydantic import Field
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.norms import Norms
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.studies.comparison import Norms
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.store import Record, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role

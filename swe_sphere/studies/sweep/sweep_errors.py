@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.durable import write_whole
+from swe_sphere.io.norms import Norms
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.evaluator import exact_fields, flow_errors
 from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.studies.comparison import (
-    Norms,
-    OnGrid,
-    at_nodes,
-    exact_fields,
-    field_errors,
-    slow_errors,
-)
+from swe_sphere.studies.comparison import at_nodes, slow_errors
 from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors
@@ -27,7 +23,8 @@ from swe_sphere.studies.sweep.runner import KEPT, Result, Runner
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
-__all__ = ["Evaluator"]
+if TYPE_CHECKING:
+    from swe_sphere.io.reference_solution import OnGrid
 
 
 SHEDDING = ("williamson5", "williamson6")
@@ -72,10 +69,10 @@ class Evaluator:
         """Errors of all kinds of the fields at report days."""
         converged = self.converged(space)
         days = [day for day in history if day in converged]
-        kinds = {"time": field_errors} | ({"slow": slow_errors} if self._slow else {})
+        kinds = {"time": flow_errors} | ({"slow": slow_errors} if self._slow else {})
         found = self._total_errors(space, history)
         for kind, errors in kinds.items():
-            of_days = {day: errors(space, history[day], converged[day]) for day in days}
+            of_days = {day: errors(space.model, history[day], converged[day]) for day in days}
             found += Errors.of(kind, of_days)
         return found
 
@@ -105,7 +102,7 @@ class Evaluator:
         results = {spec: self._runner.result(spec) for spec in (coarse, fine)}
         ours, right = results[coarse].snapshots, results[fine].snapshots
         apart = {
-            day: field_errors(fine.space, ours[day], right[day])
+            day: flow_errors(fine.space.model, ours[day], right[day])
             for day in self._schedule.report_days
             if day in ours and day in right
         }
@@ -128,12 +125,16 @@ class Evaluator:
             if day not in self._total.files:
                 return {}
             if key not in self._on_grid:
-                self._on_grid[key] = OnGrid(self._total.files[day], space.mesh)
-            return self._on_grid[key].errors(fields | {"b": space.start["b"]})
+                from swe_sphere.io.reference_solution import OnGrid, Reference
+
+                reference = Reference(self._total.files[day])
+                self._on_grid[key] = OnGrid(reference, space.mesh)
+            with_bottom = fields | {"b": space.start["b"]}
+            return self._on_grid[key].errors(with_bottom, space.scene.error_field)
         if key not in self._at_nodes:
             self._at_nodes[key] = self._reference(space, day)
         theirs = self._at_nodes[key]
-        return {} if theirs is None else field_errors(space, fields, theirs)
+        return {} if theirs is None else flow_errors(space.model, fields, theirs)
 
     def _reference(self, space: Discretisation, day: float) -> Fields | None:
         """The exact solution, or that of the finer run, at the nodes."""
@@ -204,5 +205,5 @@ def _load(path: Path) -> History | None:
 
 def _exact(space: Discretisation, day: float) -> Fields:
     """The exact solution; its vorticity is that of the exact wind, differentiated on the mesh."""
-    fields = exact_fields(space, day * DAY)
+    fields = exact_fields(space.model, day * DAY)
     return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.norms import area_mean
-from swe_sphere.simulation.evaluator import state_integrals
+from swe_sphere.io.norms import area_mean, by_name
+from swe_sphere.simulation.evaluator import exact_fields, flow_errors, state_integrals
 from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.studies.comparison import Norms, OnGrid, at_nodes, exact_fields, field_errors
+from swe_sphere.studies.comparison import at_nodes
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.store import Result
@@ -146,11 +146,11 @@ def _errors(
     elif against is not None:
         return _reference_errors(sim, against)
     elif sim.scene.exact is not None:
-        other = exact_fields(sim, sim.time)
+        other = exact_fields(sim.model, sim.time)
     else:
         return {}
     off = sim.snapshot.fields["h"] - other["h"]
-    return _named(field_errors(sim, sim.snapshot.fields, other)) | {
+    return by_name(flow_errors(sim.model, sim.snapshot.fields, other)) | {
         "rms_h": math.sqrt(area_mean(sim.mesh.area, off**2)),
         "max_h": float(np.abs(off).max()),
     }
@@ -158,12 +158,9 @@ def _errors(
 
 def _reference_errors(sim: Simulation, name: str) -> dict[str, float]:
     """Errors of the free surface, and of wind and vorticity where the reference has them."""
-    from swe_sphere.io.reference_solution import SHIPPED
+    from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 
-    grid, fields = OnGrid(SHIPPED / f"{name}.nc", sim.mesh), sim.snapshot.with_constants
-    return _named(grid.errors(fields)) | {"decorrelation": grid.decorrelation(fields)}
-
-
-def _named(errors: Norms) -> dict[str, float]:
-    """As l2_h and so on."""
-    return {f"{norm}_{name}": x for name, of in errors.items() for norm, x in of.items()}
+    grid = OnGrid(Reference(SHIPPED / f"{name}.nc"), sim.mesh)
+    fields = sim.snapshot.with_constants
+    found = by_name(grid.errors(fields, sim.scene.error_field))
+    return found | {"decorrelation": grid.decorrelation(fields)}
