@@ -131,52 +131,6 @@ def products_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def chunk_products_kernel(real: type) -> wp.Kernel:
-    """Kernel (stack (m, n), weights (n,) float64, v (n,), starts, rows, size, partial) over chunks.
-
-    partial[c, s] = the part of sum_i w_i stack[s, i] v_i, for s < rows, of the nodes from
-    starts[k, c] to starts[k, c + 1], all k, in each of the n / size fields; float64.  Four rows at
-    a time, as a sum waits for the one before it.
-    """
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def products(
-        stack: wp.array2d(dtype=real),
-        weights: wp.array(dtype=wp.float64),
-        v: wp.array(dtype=real),
-        starts: wp.array2d(dtype=wp.int32),
-        rows: int,
-        size: int,
-        partial: wp.array2d(dtype=wp.float64),
-    ) -> None:
-        c = wp.tid()
-        fields = v.shape[0] // size
-        for s in range(0, rows, 4):
-            s1 = wp.min(s + 1, rows - 1)
-            s2 = wp.min(s + 2, rows - 1)
-            s3 = wp.min(s + 3, rows - 1)
-            p0 = wp.float64(0.0)
-            p1 = wp.float64(0.0)
-            p2 = wp.float64(0.0)
-            p3 = wp.float64(0.0)
-            for f in range(fields):
-                for k in range(starts.shape[0]):
-                    for i in range(f * size + starts[k, c], f * size + starts[k, c + 1]):
-                        value = weights[i] * wp.float64(v[i])
-                        p0 += value * wp.float64(stack[s, i])
-                        p1 += value * wp.float64(stack[s1, i])
-                        p2 += value * wp.float64(stack[s2, i])
-                        p3 += value * wp.float64(stack[s3, i])
-            partial[c, s3] = p3
-            partial[c, s2] = p2
-            partial[c, s1] = p1
-            partial[c, s] = p0
-
-    return products
-
-
-@functools.cache
 def least_kernel(real: type) -> wp.Kernel:
     """Kernel (x (n,), begin, end, span, partial (1, blocks) float64), launched as `products`.
 

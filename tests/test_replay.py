@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from swe_sphere import Simulation
 from swe_sphere.equations import Model
@@ -14,7 +13,6 @@ from swe_sphere.errors import Unstable
 from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.device_space import DeviceVectors
-from swe_sphere.solvers.host_space import HostVectors
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -78,10 +76,14 @@ def test_diffusion_and_limiter_are_recorded_too(diffusive, name, monkeypatch):
     assert counts == others
 
 
+def on_device(weights, real, mesh):
+    return DeviceVectors(weights, real, "cpu")
+
+
 @pytest.mark.parametrize("name", [*REPEATED, "epi3", "bdf2", "rosenbrock-w"])
 def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
     """With the vectors of GPUs; but for preconditioners, whose coarse solves are the host's."""
-    monkeypatch.setattr(vector_space, "HostVectors", DeviceVectors)
+    monkeypatch.setattr(vector_space, "HostVectors", on_device)
     bare = {"preconditioner": "none"} if get_stepper(name).family == "implicit" else {}
     stepper = get_stepper(name)(plain, 200.0, **bare)
     stepper.start(plain.initial_state())
@@ -96,7 +98,7 @@ def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
 
 
 def test_looking_at_the_health_reads_no_state(monkeypatch):
-    monkeypatch.setattr(vector_space, "HostVectors", DeviceVectors)
+    monkeypatch.setattr(vector_space, "HostVectors", on_device)
     sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
     sim.begin()
     check, numpy = HealthCheck(sim), wp.array.numpy
@@ -108,23 +110,6 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
         sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
         with pytest.raises(Unstable, match=complaint):
             check.observe(sim)
-
-
-def test_looking_at_the_health_wakes_no_threads(monkeypatch):
-    """Those of BLAS spin for a while after a product: a second core at work for nothing."""
-    threads, dot = [], HostVectors.dot
-
-    def counted(*arguments):
-        pools = threadpool_info()
-        threads.extend(pool["num_threads"] for pool in pools if pool["user_api"] == "blas")
-        return dot(*arguments)
-
-    monkeypatch.setattr(HostVectors, "dot", counted)
-    sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
-    sim.begin()
-    with threadpool_limits(2, user_api="blas"):
-        HealthCheck(sim).observe(sim)
-    assert set(threads) == {1}
 
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):

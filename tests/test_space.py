@@ -8,14 +8,15 @@ import pytest
 import warp as wp
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.sums import weighted_products_kernel
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 
-N = 9001  # neither a multiple of the strips of the host nor of the blocks of the kernels
+N = 9001  # neither a multiple of the spans of the host nor of the blocks of GPUs
 WAYS = list(product((False, True), (wp.float64, wp.float32)))
 
 
-@pytest.fixture(params=WAYS, ids=lambda way: f"{'warp' if way[0] else 'numpy'}-{way[1].__name__}")
+@pytest.fixture(params=WAYS, ids=lambda way: f"{'gpu' if way[0] else 'cpu'}-{way[1].__name__}")
 def space(request: pytest.FixtureRequest) -> VectorSpace:
     kernels, real = request.param
     weights = np.random.default_rng(1).uniform(0.5, 2.0, N)
@@ -206,6 +207,37 @@ def test_a_row_and_a_stack_of_just_that_row_are_told_apart() -> None:
     assert space.project(alone, 1, row).tolist() == [20.0]
     space.combine(row, alone, [1.0], row)
     assert row.numpy().tolist() == [4.0] * 5
+
+
+@pytest.mark.parametrize("real", [wp.float64, wp.float32])
+def test_sums_of_chunks_have_the_same_bits_wherever_their_nodes_stand(real: type) -> None:
+    """Shifted by one place or three; a chunk at the end of the memory is among them."""
+    found = [chunk_sums(real, shift) for shift in (0, 1, 3)]
+    expected = [values[:6] @ values[6] for values in np.split(chunk_values(), [100, 104, 113], 1)]
+    assert found[0] == pytest.approx(np.array(expected), rel=1e-6, abs=1e-5)
+    assert found[0].tobytes() == found[1].tobytes() == found[2].tobytes()
+
+
+def chunk_values() -> np.ndarray:
+    return np.random.default_rng(5).standard_normal((7, 150))
+
+
+def chunk_sums(real: type, shift: int) -> np.ndarray:
+    """Products of six rows with a seventh by chunks that begin so far from the front; (4, 6)."""
+    values = np.pad(chunk_values(), ((0, 0), (shift, 0)), constant_values=np.nan)
+    rows, weights, starts, found = (
+        wp.array(array, dtype=kind, device="cpu")
+        for array, kind in (
+            (values, real),
+            (np.ones(values.shape[1]), wp.float64),
+            (shift + np.array([[0, 100, 104, 113, 150]]), wp.int32),
+            (np.zeros(24), wp.float64),
+        )
+    )
+    call = wp.array([rows.ptr, rows[6].ptr, 6, 6], dtype=wp.uint64, device="cpu")
+    inputs = [call, weights, starts, values.shape[1], found]
+    wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
+    return found.numpy().reshape(4, 6)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])

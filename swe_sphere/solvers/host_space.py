@@ -1,42 +1,71 @@
-"""Vector arithmetic on the CPU: numpy on the memory of the Warp arrays, without copies.
+"""Vector arithmetic on the CPU, on the memory of the Warp arrays, without copies.
 
-Only numpy's BLAS is called, never scipy's: each brings its own pool of spinning threads, and calls
-that alternate between the two were seen to take 100 times as long.
+Sums by kernels in C++, each in an order that does not depend on how many ranks share the vectors;
+the rest by numpy.  No BLAS is called: it has threads that spin, and an order of its own.
 """
 
 import ctypes
 import functools
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.kernels.sums import SPAN, combinations_kernel, weighted_products_kernel
+from swe_sphere.operators import DeviceMesh
+from swe_sphere.operators.launch import Launcher
+from swe_sphere.parallel import Alone
 
 Floats = NDArray[np.floating]
 
-# Columns converted to float64 at a time when the vectors are float32: a strip of a stack stays in
-# cache.
-STRIP = 4096
 MOST_VIEWS = 512
 # What is not finite shows in the sums; the solvers report it.
 QUIETLY = functools.partial(np.errstate, invalid="ignore", over="ignore")
 
 
 class HostVectors:
-    """The operations of `VectorSpace` on device "cpu"; see there for their meaning."""
+    """The operations of `VectorSpace` on device "cpu"; see there for their meaning.
 
-    def __init__(self, weights: Array, real: type, device: str = "cpu") -> None:
+    Ranks that share them take their sums chunk by chunk of the mesh.
+    """
+
+    def __init__(self, weights: Array, real: type, mesh: DeviceMesh | None = None) -> None:
         self.real, self.n = real, weights.size
         self.dtype = np.dtype(wp.dtype_to_numpy(real))
-        self._weights = weights
-        self._weighted = np.empty(self.n)
-        self._strip = np.empty((0, 0))
-        self._products = np.empty(64)
         self._views: dict[tuple[int, int, int], Floats] = {}
-        self._double = self.dtype == np.float64
         self._sum = np.empty(self.n, self.dtype)
+        self._weights = wp.array(weights, dtype=wp.float64, device="cpu")
+        starts = np.minimum(SPAN * np.arange(-(-self.n // SPAN) + 1), self.n)
+        self._starts = wp.array(starts[None], dtype=wp.int32, device="cpu")
+        self._comm, self._shared, self._parts, self._size = Alone(), None, 1, self.n
+        if mesh is not None and mesh.comm.shared:
+            chunks = self._shared = mesh.chunks
+            self._starts, self._parts = chunks.starts, chunks.count
+            self._comm, self._size = mesh.comm, mesh.size
+        self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
+        self._arguments = self._call.numpy()
+        self._products, self._coefficients = np.empty(0), np.empty(0)
+
+    def _prepare_products(self, rows: int) -> None:
+        """Load the kernel, with room for the parts of so many rows."""
+        products = wp.zeros(rows * self._parts, dtype=wp.float64, device="cpu")
+        self._products = products.numpy()
+        inputs = [self._call, self._weights, self._starts, self._size, products]
+        self._multiply = self._record(weighted_products_kernel(self.real), 1, inputs)
+
+    def _prepare_combinations(self, rows: int) -> None:
+        """Load the kernel, with room for the coefficients of so many rows."""
+        coefficients = wp.zeros(1 + rows, dtype=wp.float64, device="cpu")
+        self._coefficients = coefficients.numpy()
+        inputs = [self._call, coefficients, self.n]
+        self._add_up = self._record(combinations_kernel(self.real), -(-self.n // SPAN), inputs)
+
+    def _record(self, kernel: wp.Kernel, threads: int, inputs: list[Any]) -> Any:
+        Launcher("cpu", self._comm).load(kernel)
+        return wp.launch(kernel, threads, inputs, device="cpu", record_cmd=True)
 
     def view(self, x: wp.array) -> Floats:
         """The memory of a Warp array as numpy array of the same shape.
@@ -77,49 +106,35 @@ class HostVectors:
         np.multiply(target, self.dtype.type(a), out=target)
 
     def dot(self, a: wp.array, b: wp.array) -> float:
-        with QUIETLY():
-            weighted = np.multiply(self._weights, self.view(a), out=self._weighted)
-            if self._double:
-                return float(np.dot(weighted, self.view(b)))
-            return float(self._strips(self.view(b)[None, :], weighted, self._room(1))[0])
+        return float(self.project(a, 1, b)[0])
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         lowest = float(self.view(x)[begin:end].min())
-        return -math.inf if math.isnan(lowest) else lowest
+        return min(self._comm.tell_all(-math.inf if math.isnan(lowest) else lowest))
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        with QUIETLY():
-            weighted = np.multiply(self._weights, self.view(v), out=self._weighted)
-            rows, out = self.view(stack)[:count], self._room(count)
-            if self._double:
-                return np.dot(rows, weighted, out=out)
-            return self._strips(rows, weighted, out)
+        if count * self._parts > self._products.size:
+            self._prepare_products(max(2 * count, 16))
+        apart = 0 if self._shared is None else count
+        self._arguments[:] = self._address(stack), self._address(v), count, apart
+        self._multiply.launch()
+        products = self._products[: count * self._parts]
+        if self._shared is not None:
+            with QUIETLY():
+                products = np.sum(self._shared.of_all(products.reshape(-1, count)), axis=0)
+        return products
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array
     ) -> None:
-        rows = self.view(stack)[: len(coefficients)]
-        target = self.view(out)
-        np.dot(coefficients.astype(self.dtype, copy=False), rows, out=self._sum)
-        np.add(self.view(x), self._sum, out=target)
-        if scale != 1.0:
-            np.multiply(target, self.dtype.type(scale), out=target)
+        count = len(coefficients)
+        if count >= self._coefficients.size:
+            self._prepare_combinations(max(2 * count, 16))
+        self._coefficients[0], self._coefficients[1 : 1 + count] = scale, coefficients
+        self._arguments[:] = *map(self._address, (x, stack, out)), count
+        self._add_up.launch()
 
-    def _room(self, count: int) -> Array:
-        """Where `count` products go: valid until the next call."""
-        if count > self._products.size:
-            self._products = np.empty(2 * count)
-        return self._products[:count]
-
-    def _strips(self, rows: Floats, weighted: Array, out: Array) -> Array:
-        """rows @ weighted for float32 rows, summed in float64."""
-        out.fill(0.0)
-        count = len(rows)
-        if count > len(self._strip):
-            self._strip = np.empty((count, STRIP))
-        for start in range(0, self.n, STRIP):
-            piece = rows[:, start : start + STRIP]
-            strip = self._strip[:count, : piece.shape[1]]
-            np.copyto(strip, piece)
-            out += strip @ weighted[start : start + STRIP]
-        return out
+    def _address(self, x: wp.array) -> int:
+        self.view(x)  # which refuses what it is not made for
+        address: int = x.ptr
+        return address

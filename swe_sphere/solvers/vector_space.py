@@ -19,7 +19,6 @@ from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.work import Work
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
-from swe_sphere.solvers.shared_space import SharedVectors
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None, "lowest": None,
@@ -63,7 +62,7 @@ class VectorSpace:
 
         mesh: whose nodal fields (k N,) the weights are; several ranks may share them.
 
-        kernels: use Warp kernels rather than BLAS; the default is to do so except on "cpu".
+        kernels: those of GPUs; the default is to use them except on "cpu".
         work: counts the operations.
         Raises ConfigError unless all weights are positive and finite.
         """
@@ -76,11 +75,10 @@ class VectorSpace:
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels
         do: HostVectors | DeviceVectors
-        if mesh is not None and mesh.comm.shared:
-            do = SharedVectors(values, real, mesh)
+        if by_kernels and not (mesh is not None and mesh.comm.shared):
+            do = DeviceVectors(values, real, self.device)
         else:
-            kind = DeviceVectors if by_kernels else HostVectors
-            do = kind(values, real, self.device)
+            do = HostVectors(values, real, mesh)
         name = f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}"
         for operation, rows in OPERATIONS.items():
             function = getattr(do, operation)

@@ -1,0 +1,145 @@
+"""Products and combinations of long vectors on a CPU: as fast as memory, in an order of their own.
+
+In C++, for sums in whole registers.  A number is added to the sum of its place after the beginning
+of its chunk, so that the bits do not depend on where in memory a chunk stands, as those of BLAS do.
+Vectors come by their addresses: one recorded command serves all of them.
+"""
+
+import functools
+from typing import no_type_check
+
+import warp as wp
+
+from swe_sphere.kernels.assembly import OPTIONS
+
+SPAN = 256
+"""Numbers that are combined at a time: they stay in the nearest cache."""
+
+
+@functools.cache
+def weighted_products_kernel(real: type) -> wp.Kernel:
+    """Kernel (call, weights (n,), starts (kinds, chunks + 1), size, partial), of one thread.
+
+    call: addresses of a stack (m, n) and of v (n,), how many rows, and d.  partial[c d + s] = the
+    part of sum_i w_i stack[s, i] v_i of chunk c, which is the numbers from starts[k, c] to
+    starts[k, c + 1], all k, of each of the n / size fields; in float64.  With d = 0 the parts are
+    added up, one after the other.
+    """
+    kind = f"wp::{real.__name__}"
+
+    @wp.func_native(f"""
+        typedef double lanes __attribute__((ext_vector_type(8)));
+        typedef long long places __attribute__((ext_vector_type(8)));
+        struct one {{ enum {{ value = 1 }}; }};
+        struct two {{ enum {{ value = 2 }}; }};
+        struct four {{ enum {{ value = 4 }}; }};
+        const auto stack = reinterpret_cast<const {kind}*>(call.data[0]);
+        const auto v = reinterpret_cast<const {kind}*>(call.data[1]);
+        const long rows = call.data[2], apart = call.data[3];
+        const long n = weights.shape[0], chunks = starts.shape[1] - 1;
+        const auto all = [](const auto* x) {{
+            typedef __typeof__(*x + 0) number;
+            typedef number run __attribute__((ext_vector_type(8), aligned(sizeof(number))));
+            return __builtin_convertvector(*reinterpret_cast<const run*>(x), lanes);
+        }};
+        const auto front = [&](const auto* x, long i, long end) {{
+            lanes r = 0;
+            if (i + 8 <= n)
+                r = places{{0, 1, 2, 3, 4, 5, 6, 7}} < places(end - i) ? all(x + i) : r;
+            else
+                for (long j = i; j < end; ++j) r[j - i] = x[j];
+            return r;
+        }};
+        const auto add = [&](auto count, long s, long i, long end, double* to) {{
+            const auto row = stack + s * n;
+            lanes p[count.value] = {{}};
+            for (; i + 8 <= end; i += 8) {{
+                const lanes x = all(weights.data + i) * all(v + i);
+                for (long r = 0; r < count.value; ++r) p[r] += x * all(row + r * n + i);
+            }}
+            if (i < end) {{
+                const lanes x = front(weights.data, i, end) * front(v, i, end);
+                for (long r = 0; r < count.value; ++r) p[r] += x * front(row + r * n, i, end);
+            }}
+            for (long r = 0; r < count.value; ++r) {{
+                const auto q = p[r].lo + p[r].hi;
+                to[s + r] += (q[0] + q[2]) + (q[1] + q[3]);
+            }}
+        }};
+        for (long i = 0; i < rows + (chunks - 1) * apart; ++i) partial.data[i] = 0.0;
+        for (long field = 0; field < n; field += size)
+            for (long k = 0; k < starts.shape[0]; ++k) {{
+                const int* at = starts.data + k * (chunks + 1);
+                for (long c = 0; c < chunks; ++c) {{
+                    const long begin = field + at[c], end = field + at[c + 1];
+                    double* to = partial.data + c * apart;
+                    long s = 0;
+                    for (; s + 4 <= rows; s += 4) add(four(), s, begin, end, to);
+                    if (s + 2 <= rows) {{ add(two(), s, begin, end, to); s += 2; }}
+                    if (s < rows) add(one(), s, begin, end, to);
+                }}
+            }}
+    """)
+    def sum_up(
+        call: wp.array(dtype=wp.uint64),
+        weights: wp.array(dtype=wp.float64),
+        starts: wp.array2d(dtype=wp.int32),
+        size: int,
+        partial: wp.array(dtype=wp.float64),
+    ): ...
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def products(
+        call: wp.array(dtype=wp.uint64),
+        weights: wp.array(dtype=wp.float64),
+        starts: wp.array2d(dtype=wp.int32),
+        size: int,
+        partial: wp.array(dtype=wp.float64),
+    ):
+        sum_up(call, weights, starts, size, partial)
+
+    return products
+
+
+@functools.cache
+def combinations_kernel(real: type) -> wp.Kernel:
+    """Kernel (call, coefficients (1 + m,) float64, n), a thread for each SPAN numbers.
+
+    call: addresses of x (n,), a stack (m, n) and out (n,), and how many rows.  out = c_0 (x + sum_s
+    c_(1 + s) stack[s]); `out` may be `x`.
+    """
+    kind = f"wp::{real.__name__}"
+
+    @wp.func_native(f"""
+        const long first = span * {SPAN}l, m = n - first < {SPAN} ? n - first : {SPAN};
+        const auto x = reinterpret_cast<const {kind}*>(call.data[0]) + first;
+        const auto out = reinterpret_cast<{kind}*>(call.data[2]) + first;
+        const double* c = coefficients.data;
+        const {kind} scale = *c++;
+        {kind} sum[{SPAN}] = {{}};
+        auto row = reinterpret_cast<const {kind}*>(call.data[1]) + first;
+        long left = call.data[3];
+        for (; left >= 4; left -= 4, row += 4 * n, c += 4) {{
+            const {kind} a = c[0], b = c[1], d = c[2], e = c[3];
+            const auto r = row + n, s = r + n, t = s + n;
+            for (long i = 0; i < m; ++i) sum[i] += (a * row[i] + b * r[i]) + (d * s[i] + e * t[i]);
+        }}
+        for (; left > 0; --left, row += n, ++c) {{
+            const {kind} a = *c;
+            for (long i = 0; i < m; ++i) sum[i] += a * row[i];
+        }}
+        for (long i = 0; i < m; ++i) out[i] = scale * (x[i] + sum[i]);
+    """)
+    def combine(
+        span: int, call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
+    ): ...
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def combinations(
+        call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
+    ):
+        combine(wp.tid(), call, coefficients, n)
+
+    return combinations
