@@ -5,7 +5,6 @@ place by being renamed, which happens at once or not at all.
 """
 
 import errno
-import io
 import os
 import shutil
 from collections.abc import Iterator
@@ -82,36 +81,40 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
-def claim(path: Path) -> io.FileIO:
+def claim(path: Path, folder: bool = False) -> int:
     """The file at `part_of(path)`, new or left behind, locked for as long as it is open.
 
-    The lock is that of the file and stays with it when it is renamed.
+    The lock is that of the file and stays with it when it is renamed.  folder: the same for a
+    folder, which is emptied.  Returns its descriptor.
 
     Raises:
-        ConfigError: another program writes the file, or what is there is no file.
+        ConfigError: another program writes the file, or what is there is of another kind.
         OSError: it cannot be made.
     """
     if path.exists():
-        if not path.is_file():
-            raise ConfigError(f"cannot write {path}: what is there is no file")
-        with io.FileIO(path) as file:
-            _lock(file, path)
+        if not (path.is_dir() if folder else path.is_file()):
+            what = "folder" if folder else "file"
+            raise ConfigError(f"cannot write {path}: what is there is no {what}")
+        os.close(_locked(path, os.O_RDONLY, path))
     part = part_of(path)
-    file = io.FileIO(os.open(part, os.O_RDWR | os.O_CREAT, 0o666), "r+")
-    try:
-        _lock(file, path)
-        if not os.path.samestat(part.stat(), os.fstat(file.fileno())):
-            raise ConfigError(_taken(path))
-    except BaseException:
-        file.close()
-        raise
+    if folder:
+        part.mkdir(exist_ok=True)
+    file = _locked(part, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT, path)
+    if not os.path.samestat(part.stat(), os.fstat(file)):
+        os.close(file)
+        raise ConfigError(_taken(path))
+    for left in part.iterdir() if folder else ():
+        remove(left)
     return file
 
 
-def _lock(file: io.FileIO, path: Path) -> None:
-    """ConfigError if another program holds the lock; nothing where there are no locks."""
-    if not take_lock(file.fileno()):
+def _locked(place: Path, flags: int, path: Path) -> int:
+    """What is at the place, open; ConfigError if another program holds the lock."""
+    file = os.open(place, flags, 0o666)
+    if not take_lock(file):
+        os.close(file)
         raise ConfigError(_taken(path))
+    return file
 
 
 def _taken(path: Path) -> str:
@@ -119,10 +122,26 @@ def _taken(path: Path) -> str:
 
 
 def put_in_place(file: int, path: Path) -> None:
-    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
+    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path.
+
+    A folder cannot take the place of another one at once: the old one is `path`.old in between.
+    """
     os.fsync(file)
+    old = path.with_name(path.name + ".old")
+    if path.is_dir():
+        path.replace(old)
     part_of(path).replace(path)
     _sync_folder(path.parent)
+    if path.is_dir():
+        remove(old)
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder with all that is in it, as far as it is there and can be."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def allocate(file: int, path: Path, size: int) -> None:

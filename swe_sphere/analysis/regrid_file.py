@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 import netCDF4
@@ -13,11 +11,12 @@ import xarray as xr
 from swe_sphere.analysis.grids import parse_grid
 from swe_sphere.analysis.on_grid import fields_of, on_grid
 from swe_sphere.analysis.regrid import Regridder, regridder
-from swe_sphere.durable import clear_errors, part_of, refuse_to_replace
+from swe_sphere.durable import clear_errors, part_of, refuse_to_replace, remove
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.history import history
 from swe_sphere.io.layout import SERIES
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.store import check_zarr
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
@@ -59,10 +58,10 @@ def regrid_file(
         try:
             write = _write_zarr if out.suffix == ".zarr" else _write_netcdf
             write(part, _frames(chosen, bring))
-            _remove(out)
+            remove(out)
             part.replace(out)
         finally:
-            _remove(part)
+            remove(part)
     return out
 
 
@@ -70,8 +69,8 @@ def _check_place(out: Path, overwrite: bool) -> None:
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     refuse_to_replace(out, overwrite)
-    if out.suffix == ".zarr" and find_spec("zarr") is None:
-        raise ConfigError(f"{out} needs the package zarr: pip install zarr")
+    if out.suffix == ".zarr":
+        check_zarr(out)
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
@@ -109,14 +108,7 @@ def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:
 
 
 def _write_zarr(path: Path, frames: Iterator[xr.Dataset]) -> None:
-    next(frames).to_zarr(path, mode="w", consolidated=False)
+    next(frames).to_zarr(path, mode="w", zarr_format=2, consolidated=True)
     for frame in frames:
         changing = frame.drop_vars([n for n in frame.variables if "time" not in frame[n].dims])
-        changing.to_zarr(path, append_dim="time", consolidated=False)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
+        changing.to_zarr(path, append_dim="time", consolidated=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.growing import GrowingFile
+from swe_sphere.io.growing import Growing
 from swe_sphere.io.layout import SERIES
 from swe_sphere.io.runfile import RunFile, reading
 
@@ -34,7 +34,7 @@ class EarlierFrames:
         self.all_bytes = path.stat().st_size
         self.attributes = {k: run.attributes[k] for k in KEPT if k in run.attributes}
 
-    def copy(self, target: GrowingFile, series: Sequence[str]) -> None:
+    def copy(self, target: Growing, series: Sequence[str]) -> None:
         """Write all into a file that has none yet; NaN for samples of a series that is new.
 
         Raises ConfigError if that file has other fields, and OSError as the system does.

@@ -10,41 +10,120 @@ grows in the same way into the room that its variables had when the file was mad
 import io
 import os
 import struct
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swe_sphere.durable import allocate, claim, part_of, put_in_place, remove
 from swe_sphere.errors import RunFailed
-from swe_sphere.io.classic import RECORDS_AT, read_header
+from swe_sphere.io.classic import FORMAT, RECORDS_AT, read_header
 
 _COUNT = struct.Struct(">I")
 
 
-class GrowingFile:
-    """A file that the netCDF library has made, without a record, with room in its series.
+class Growing(ABC):
+    """What frames and samples are added to, made at `part_of(place)` until it is put in place.
 
-    file: open for reading and writing.  series: the dimension of the series; as long as it is
-    when the file is made, as many samples there is room for.  All variables that grow are of
-    float64.  The methods raise OSError as the system does.
+    series: the dimension of the series.  folder: whether it is a folder.  Raises ConfigError if
+    another program writes it.  The methods raise OSError as the system does.
     """
 
-    def __init__(self, file: io.FileIO, series: str) -> None:
-        self._file, self._header = file, read_header(file)
-        self._length_at = self._header.lengths.get(series)
-        self._room = 0 if self._length_at is None else self._number(self._length_at)
-        self.recorded = self._header.recorded
-        """Names of the variables that have records."""
+    def __init__(self, place: Path, series: str, folder: bool = False) -> None:
+        self._place, self._series = place, series
+        self._descriptor = claim(place, folder)
+        self._open, self._in_place = True, False
         self.records = self.samples = 0
         """How many there are."""
 
+    @property
+    @abstractmethod
+    def recorded(self) -> frozenset[str]:
+        """Names of the variables that have records."""
+
+    @abstractmethod
+    def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
+        """Make all that does not grow: what `define` makes in a dataset, without a record.
+
+        As long as the dimension of the series is, as many samples there is room for.
+        """
+
+    @abstractmethod
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
         """Add a record, given every variable that has records, and put it on the disk.
 
         sync: wait until it is there, which a file that nobody looks at yet need not.
         """
+
+    @abstractmethod
+    def add_sample(self, values: Mapping[str, float]) -> None:
+        """Add a number to each series; ValueError if their room is used up."""
+
+    @abstractmethod
+    def set_text(self, name: str, text: str) -> None:
+        """Put a text in the place of a global attribute that is at least as long, and sync."""
+
+    def put_in_place(self) -> None:
+        """It takes its name, unless it has it already."""
+        if not self._in_place:
+            put_in_place(self._descriptor, self._place)
+            self._in_place = True
+
+    def check(self, path: Path) -> None:
+        """RunFailed if another program has removed, replaced or cut short what is in place."""
+        if not self._in_place:
+            return
+        try:
+            found = path.stat()
+        except FileNotFoundError:
+            raise RunFailed(f"{path} was deleted while the run was writing it") from None
+        if not os.path.samestat(found, os.fstat(self._descriptor)):
+            raise RunFailed(f"{path} was replaced while the run was writing it")
+
+    def close(self) -> None:
+        """May be called again; what is not in place is removed."""
+        if self._open:
+            if not self._in_place:
+                remove(part_of(self._place))
+            os.close(self._descriptor)
+        self._open = False
+
+
+class GrowingFile(Growing):
+    """A netCDF classic file; size: bytes that it must be able to have.
+
+    All variables that grow are of float64.
+    """
+
+    def __init__(self, place: Path, series: str, size: int) -> None:
+        super().__init__(place, series)
+        self._file = io.FileIO(self._descriptor, "r+", closefd=False)
+        try:
+            allocate(self._descriptor, place, size)
+        except OSError:
+            self.close()
+            raise
+
+    @property
+    def recorded(self) -> frozenset[str]:
+        """As `Growing`."""
+        return self._header.recorded
+
+    def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
+        """As `Growing`, by the netCDF library, in the file claimed."""
+        with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
+            dataset.set_fill_off()
+            define(dataset)
+        self._header = read_header(self._file)
+        self._length_at = self._header.lengths.get(self._series)
+        self._room = 0 if self._length_at is None else self._number(self._length_at)
+
+    def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
+        """As `Growing`."""
         done = self.records * self._header.record_bytes
         try:
             for name, value in values.items():
@@ -59,7 +138,7 @@ class GrowingFile:
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
-        """Add a number to each series; ValueError if their room is used up."""
+        """As `Growing`."""
         if self._length_at is None or self.samples == self._room:
             raise ValueError(f"there is room for {self._room} samples only")
         for name, value in values.items():
@@ -68,7 +147,7 @@ class GrowingFile:
         self.samples += 1
 
     def set_text(self, name: str, text: str) -> None:
-        """Put a text in the place of a global attribute that is at least as long, and sync."""
+        """As `Growing`."""
         place, size = self._header.texts[name]
         data = text.encode("ascii")
         if len(data) > size:
@@ -81,15 +160,10 @@ class GrowingFile:
         os.fsync(self._file.fileno())
 
     def check(self, path: Path) -> None:
-        """RunFailed if another program has removed, replaced or cut short the file there."""
-        try:
-            found = path.stat()
-        except FileNotFoundError:
-            raise RunFailed(f"{path} was deleted while the run was writing it") from None
-        ours = os.fstat(self._file.fileno())
-        if not os.path.samestat(found, ours):
-            raise RunFailed(f"{path} was replaced while the run was writing it")
-        if ours.st_size < self._end or self._number(RECORDS_AT) != self.records:
+        """As `Growing`."""
+        super().check(path)
+        size = os.fstat(self._descriptor).st_size
+        if self._in_place and (size < self._end or self._number(RECORDS_AT) != self.records):
             raise RunFailed(f"{path} was cut short or changed while the run was writing it")
 
     @property

@@ -1,4 +1,4 @@
-"""Streaming a run to netCDF: CF-1.11, and the nodes and sub-quads of the mesh as UGRID."""
+"""Streaming a run to netCDF or Zarr: CF-1.11, nodes and sub-quads of the mesh as UGRID."""
 
 import json
 import math
@@ -14,12 +14,11 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.durable import allocate, claim, clear_errors, part_of, put_in_place
+from swe_sphere.durable import clear_errors
 from swe_sphere.errors import RunFailed, unknown_name
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
-from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.earlier_frames import EarlierFrames
-from swe_sphere.io.growing import GrowingFile
+from swe_sphere.io.growing import Growing, GrowingFile
 from swe_sphere.io.history import history
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
@@ -30,6 +29,7 @@ from swe_sphere.io.layout import (
     attribute,
     frame_fields,
 )
+from swe_sphere.io.store import SUFFIX, GrowingStore
 from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000
@@ -40,15 +40,16 @@ class FrameWriter:
     """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
     path: the file, which takes the place of one that is there with its first frame, and is whole
-    from then on at every moment.  attributes: the resolved configuration, written as global
-    attributes (nested tables as JSON); the parameters of the mesh and a run_id are added.  bottom
-    (N,) [m]: height of the orography, zero where None.  tracers: their names.  samples: how many
-    times diagnostics are given, at the most.  append_from: a time [s] from which the run in the
-    file that is there goes on, under its run_id; its frames and samples before that time are
-    copied first, and it stays in its place until the new file has as many frames.  own: attributes
-    (long_name, units) of diagnostics of the user's own, of which `own_fields` are in every frame
-    and the others in the series.  coriolis (N,) [s-1]: the Coriolis parameter, zero where None.
-    only: names of the fields that frames hold, all where empty.
+    from then on at every moment; a Zarr store where it ends in .zarr.  attributes: the resolved
+    configuration, written as global attributes (nested tables as JSON); the parameters of the mesh
+    and a run_id are added.  bottom (N,) [m]: height of the orography, zero where None.  tracers:
+    their names.  samples: how many times diagnostics are given, at the most.  append_from: a time
+    [s] from which the run in the file that is there goes on, under its run_id; its frames and
+    samples before that time are copied first, and it stays in its place until the new file has as
+    many frames.  own: attributes (long_name, units) of diagnostics of the user's own, of which
+    `own_fields` are in every frame and the others in the series.  coriolis (N,) [s-1]: the
+    Coriolis parameter, zero where None.  only: names of the fields that frames hold, all where
+    empty.
 
     Raises ConfigError for a field that there is not, if the file cannot be made, if another run
     writes it, if there is no room for a first frame, or if the run in it cannot be gone on with.
@@ -85,23 +86,18 @@ class FrameWriter:
             values |= self._earlier.attributes
         values["history"] = history(f"run {attributes.get('scene', '')}", done)
         self._attributes = {name: attribute(value) for name, value in values.items()}
-        self._growing: GrowingFile | None = None
-        self._in_place = False
         self._series: tuple[str, ...] = ()
+        size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
+        size += 0 if self._earlier is None else self._earlier.all_bytes
+        kind = GrowingStore if self.path.suffix == SUFFIX else GrowingFile
         with clear_errors(f"cannot write {self.path}"):
-            self._file = claim(self._place)
-            try:
-                size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
-                size += 0 if self._earlier is None else self._earlier.all_bytes
-                allocate(self._file.fileno(), self._place, size)
-            except OSError:
-                self.close()
-                raise
+            self._growing: Growing = kind(self._place, SERIES, size)
+        self._begun = False
 
     @property
     def frames(self) -> int:
         """Frames written so far."""
-        return 0 if self._growing is None else self._growing.records
+        return self._growing.records
 
     def write(
         self,
@@ -117,13 +113,14 @@ class FrameWriter:
         """
         values = {"time": [time]} | {name: fields[name] for name in self._fields}
         with self._writing():
-            growing = self._growing or self._make(diagnostics or {})
-            growing.add_record(values)
+            if not self._begun:
+                self._make(diagnostics or {})
+            self._growing.add_record(values)
             if diagnostics:
-                growing.add_sample(self._sample(time, diagnostics))
-            self._growing = growing
-            if self._earlier is None or growing.records >= self._earlier.all_frames:
-                self._put_in_place()
+                self._growing.add_sample(self._sample(time, diagnostics))
+            self._begun = True
+            if self._earlier is None or self.frames >= self._earlier.all_frames:
+                self._growing.put_in_place()
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
         """Add numbers at time [s] to the series along `diagnostic_time`, after a first frame.
@@ -132,7 +129,8 @@ class FrameWriter:
         not have, and if there is no room for more.
         """
         with self._writing():
-            self._begun.add_sample(self._sample(time, diagnostics))
+            self._check_begun()
+            self._growing.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(
         self, state_dict: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
@@ -155,14 +153,13 @@ class FrameWriter:
         while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
             kept.popitem()
         with self._writing():
-            self._begun.set_text(SUMMARY, text)
-            self._put_in_place()
+            self._check_begun()
+            self._growing.set_text(SUMMARY, text)
+            self._growing.put_in_place()
 
     def close(self) -> None:
         """Close the file; may be called again, and after a failure."""
-        if not (self._in_place or self._file.closed):
-            part_of(self._place).unlink(missing_ok=True)
-        self._file.close()
+        self._growing.close()
 
     def __enter__(self) -> Self:
         return self
@@ -172,33 +169,24 @@ class FrameWriter:
     ) -> None:
         self.close()
 
-    @property
-    def _begun(self) -> GrowingFile:
-        if self._growing is None:
+    def _check_begun(self) -> None:
+        if not self._begun:
             raise ValueError("a file begins with a frame")
-        return self._growing
 
-    def _put_in_place(self) -> None:
-        """The file takes its name, unless it has it already."""
-        if not self._in_place:
-            put_in_place(self._file.fileno(), self._place)
-            self._in_place = True
-
-    def _make(self, diagnostics: Iterable[str]) -> GrowingFile:
-        """Everything but new frames and samples, by the netCDF library, in the file claimed."""
+    def _make(self, diagnostics: Iterable[str]) -> None:
+        """Everything but new frames and samples."""
         self._series = tuple(diagnostics)
-        if self._earlier is not None:
-            self._samples += self._earlier.samples
-        with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
-            dataset.set_fill_off()
+        series = {name: self._own.get(name, {}) for name in self._series}
+        room = self._samples + (0 if self._earlier is None else self._earlier.samples)
+
+        def define(dataset: netCDF4.Dataset) -> None:
             dataset.setncatts(self._attributes)
-            series = {name: self._own.get(name, {}) for name in self._series}
-            add_layout(dataset, self._mesh, self._constants, self._fields, series, self._samples)
-        growing = GrowingFile(self._file, SERIES)
-        growing.set_text(SUMMARY, json.dumps({"completed": False}))
+            add_layout(dataset, self._mesh, self._constants, self._fields, series, room)
+
+        self._growing.define(define)
+        self._growing.set_text(SUMMARY, json.dumps({"completed": False}))
         if self._earlier is not None:
-            self._earlier.copy(growing, self._series)
-        return growing
+            self._earlier.copy(self._growing, self._series)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
         """A number for every series; ValueError if there is one without a series."""
@@ -212,8 +200,7 @@ class FrameWriter:
     def _writing(self) -> Iterator[None]:
         """RunFailed for what the disk says in the block, or others did to the file before."""
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
-            if self._growing is not None and self._in_place:
-                self._growing.check(self.path)
+            self._growing.check(self.path)
             yield
 
 

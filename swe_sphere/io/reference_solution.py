@@ -5,14 +5,13 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import netCDF4
 import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
 from swe_sphere.io.norms import Norms, norms
-from swe_sphere.io.runfile import attributes, nearest_time, reading
+from swe_sphere.io.runfile import Dataset, attributes, nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.lat_lon import global_spline
 from swe_sphere.mesh import Interpolator, Mesh
@@ -134,7 +133,7 @@ class Reference:
         return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
 
 
-def _fields(dataset: netCDF4.Dataset, index: int) -> dict[str, Array]:
+def _fields(dataset: Dataset, index: int) -> dict[str, Array]:
     """Those of the time of that index, where there are times."""
     found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
     found |= {name: dataset[name] for name in dataset.variables if name.startswith(TRACER)}

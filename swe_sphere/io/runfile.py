@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from abc import ABC, abstractmethod
@@ -19,19 +20,27 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.store import StoredDataset, is_store
 from swe_sphere.mesh import Mesh, interpolators
 from swe_sphere.planet import DAY
+
+Dataset = netCDF4.Dataset | StoredDataset
 
 TOLERANCE = 1e-6 * DAY
 """How far [s] a frame may be from the time asked for."""
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
-    """An open netCDF file; ConfigError, in one line, for what is wrong with it in the block."""
-    if not Path(path).is_file():
+def reading(path: str | os.PathLike[str]) -> Iterator[Dataset]:
+    """An open netCDF file or Zarr store; ConfigError, in one line, for what is wrong with it in
+    the block."""
+    store = is_store(Path(path))
+    if not (store or Path(path).is_file()):
         raise ConfigError(f"there is no file {path}")
     try:
+        if store:
+            yield StoredDataset(Path(path))
+            return
         with netCDF4.Dataset(path) as dataset:
             dataset.set_auto_maskandscale(False)
             yield dataset
@@ -40,15 +49,13 @@ def reading(path: str | os.PathLike[str]) -> Iterator[netCDF4.Dataset]:
 
 
 def _cause(path: str | os.PathLike[str], error: Exception) -> str:
-    try:
-        Path(path).open("rb").close()
-    except OSError as refusal:
-        return str(refusal.strerror)
+    if not os.access(path, os.R_OK):
+        return os.strerror(errno.EACCES)
     why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
     return f"it is damaged, cut short, or not a file of this kind ({why})"
 
 
-def attributes(dataset: netCDF4.Dataset) -> dict[str, Any]:
+def attributes(dataset: Dataset) -> dict[str, Any]:
     """The global attributes as plain numbers, texts and lists of numbers."""
     values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
@@ -62,7 +69,7 @@ def _summary(text: str) -> dict[str, Any]:
         return {}
 
 
-def _frame_fields(dataset: netCDF4.Dataset) -> list[str]:
+def _frame_fields(dataset: Dataset) -> list[str]:
     """Names of the variables that every frame has."""
     variables = dataset.variables.items()
     return [name for name, variable in variables if variable.dimensions == ("time", "node")]
@@ -135,7 +142,8 @@ class RunFile(Nodal):
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         with reading(path) as dataset:
-            check_length(self.path)
+            if self.path.is_file():
+                check_length(self.path)
             found = attributes(dataset)
             self.attributes = found | _summary(found[SUMMARY])
             """The global attributes, and by its names what the summary says."""

@@ -137,7 +137,7 @@ class RunConfig(SharedConfig):
     diagnostics: tuple[FileName, ...] = ()
     """Python files with diagnostics of your own; repeatable."""
     out: FileName | None = None
-    """Write frames here."""
+    """Write frames here: netCDF, or a Zarr store where it ends in .zarr."""
     fields: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
     """Write these fields only: h, u, v, vorticity, divergence, q_TRACER, your own (all)."""
     overwrite: bool = False

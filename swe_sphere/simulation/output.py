@@ -13,7 +13,7 @@ PICTURES = (".png", ".pdf", ".svg")
 def appends(config: RunConfig) -> bool:
     """Whether the run goes on in the file of frames that it restarts from."""
     out, restart = config.out, config.restart
-    if out is None or restart is None or config.overwrite or not out.is_file():
+    if out is None or restart is None or config.overwrite or not out.exists():
         return False
     from swe_sphere.io.checkpoint import checkpoint_path
 
@@ -37,7 +37,7 @@ def check_paths(config: RunConfig) -> None:
 
 
 def _check_path(name: str, path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not _may_be_store(path):
         raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
     if not path.parent.is_dir():
         raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
@@ -46,12 +46,19 @@ def _check_path(name: str, path: Path) -> None:
         raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
 
 
+def _may_be_store(path: Path) -> bool:
+    """Whether a folder is one that a run may replace or go on in."""
+    from swe_sphere.io.store import SUFFIX, is_store
+
+    return path.suffix == SUFFIX and is_store(path)
+
+
 def _check_contents(config: RunConfig) -> None:
     """ConfigError if the run would replace a file that has something in it, unasked."""
     out = config.out
     if out is None or config.overwrite or appends(config):
         return
-    if out.is_file() and out.stat().st_size:
+    if out.exists() and (out.is_dir() or out.stat().st_size):
         raise ConfigError(f"out: {out} {_contents(config)}, or replace it with --overwrite")
 
 

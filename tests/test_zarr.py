@@ -1,0 +1,145 @@
+"""Runs in Zarr stores: the same as in netCDF files, whole whatever happens, and gone on with."""
+
+import shutil
+from contextlib import suppress
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr.storage
+
+from swe_sphere import open_run
+from swe_sphere.analysis.regrid_file import regrid_file
+from swe_sphere.cli.main import main
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.compare import compare
+from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.run import run
+
+SMALL = {"scene": "williamson6", "ne": 2, "np": 4, "dt": 1800.0, "every": 3.0}
+
+
+def small(**values):
+    return run(make_config(SMALL | values))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The same run as netCDF file and as store."""
+    folder = tmp_path_factory.mktemp("whole")
+    for out in (folder / "jet.nc", folder / "jet.zarr"):
+        assert small(days=0.5, out=out).completed
+    return folder / "jet.nc", folder / "jet.zarr"
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return Mesh.build(2, 4)
+
+
+def frame(mesh, k):
+    names = ("h", "u", "v", "vorticity", "divergence")
+    return {name: np.full(mesh.size, 10.0 * n + k) for n, name in enumerate(names)}
+
+
+def test_a_store_holds_what_a_file_holds(whole):
+    """With the same attributes, types and dimensions; also for who knows nothing of this model."""
+    one, other = map(open_run, whole)
+    for name in one.variables:
+        assert one[name].dtype == other[name].dtype, name
+        for key, value in one[name].attrs.items():
+            np.testing.assert_array_equal(other[name].attrs[key], value)
+    xr.testing.assert_equal(one, other)
+    differ = {name for name in one.attrs if one.attrs[name] != other.attrs[name]}
+    assert differ <= {"run_id", "history", "out", "configuration", "summary", "wall_seconds",
+                      "setup_seconds", "compile_seconds"}  # fmt: skip
+    plain = xr.open_zarr(whole[1], chunks=None, decode_times=False)
+    xr.testing.assert_equal(plain.h, one.h)
+
+
+def test_comparisons_and_grids_take_stores(whole, tmp_path):
+    assert compare(*whole)["linf"] == compare(*reversed(whole))["linf"] == 0.0
+    grid = regrid_file(whole[1], "gaussian:6", tmp_path / "grid.zarr")
+    assert compare(grid, whole[0])["linf"] < 0.1
+    expected = open_run(whole[0]).swe.to_gaussian(6).h
+    np.testing.assert_array_equal(xr.open_dataset(grid).h, expected)
+
+
+@pytest.mark.parametrize("behind", [False, True], ids=["", "checkpoint-behind"])
+def test_a_run_goes_on_in_its_own_store(whole, tmp_path, behind):
+    """Frame by frame as if it had never stopped; also where the checkpoint is an older one."""
+    store = tmp_path / "jet.zarr"
+    assert small(days=0.25, out=store).completed
+    if behind:
+        checkpoint = (tmp_path / "jet.zarr.restart").read_bytes()
+        run(make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.375}))
+        (tmp_path / "jet.zarr.restart").write_bytes(checkpoint)
+    run(make_config({"scene": "williamson6", "restart": store, "out": store, "days": 0.5}))
+    found, expected = open_run(store), open_run(whole[1])
+    for name in ("time", "h", "u", "v"):
+        assert found[name].values.tobytes() == expected[name].values.tobytes(), name
+    assert np.all(np.diff(found.diagnostic_time) > 0.0) and found.attrs["completed"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["jet.zarr", "jet.zarr.restart"]
+
+
+def test_a_disk_that_is_full_at_any_write_loses_no_frame(mesh, tmp_path, monkeypatch):
+    """The first frame takes 109 writes of the library, the second 16 with its sample."""
+    put, room = zarr.storage._local._put, 0
+
+    def full(path, *arguments, **options):
+        nonlocal room
+        room -= 1
+        if room < 0:
+            if path.parent.exists():  # as a kill would leave it
+                path.with_suffix(".partial").write_bytes(b"torn")
+            raise OSError(28, "No space left on device")
+        return put(path, *arguments, **options)
+
+    monkeypatch.setattr(zarr.storage._local, "_put", full)
+    counts = []
+    for given in (3, 60, *range(105, 126, 3), 1000):
+        room, store = given, tmp_path / f"{given}.zarr"
+        frames = 0
+        with FrameWriter(store, mesh, {"scene": "none"}) as writer, suppress(RunFailed):
+            for k in range(2):
+                writer.write(60.0 * k, frame(mesh, k), {"mass": 1.0 + k})
+                frames += 1
+        counts.append(frames)
+        if frames == 0:
+            assert not store.exists()
+            continue
+        found = RunFile(store)
+        assert found.times.tolist() == [0.0, 60.0][:frames]
+        for name, values in frame(mesh, frames - 1).items():
+            np.testing.assert_array_equal(found.frame()[name], values)
+        times, series = found.series()
+        assert times.size == series["mass"].size and np.isfinite(series["mass"]).all()
+    assert counts == sorted(counts) and min(map(counts.count, range(3))) > 0
+
+
+def test_a_store_is_whole_while_it_is_written(mesh, tmp_path):
+    store = tmp_path / "run.zarr"
+    with FrameWriter(store, mesh, {}) as writer:
+        for k in range(2):
+            writer.write(60.0 * k, frame(mesh, k))
+            assert xr.open_zarr(store, chunks=None).sizes["time"] == k + 1
+        with pytest.raises(ConfigError, match="another program writes it"):
+            FrameWriter(store, mesh, {})
+        shutil.rmtree(store)
+        with pytest.raises(RunFailed, match="deleted while the run"):
+            writer.write(120.0, frame(mesh, 2))
+
+
+def test_what_is_no_store_is_left_alone(whole, tmp_path, capsys):
+    folder = tmp_path / "thesis.zarr"
+    folder.mkdir()
+    (folder / "chapter").write_text("one")
+    for arguments in ([folder], [folder, "--overwrite"], [whole[1]]):
+        with pytest.raises(SystemExit, match="2"):
+            main(["run", "williamson2", "--out", *map(str, arguments)])
+    said = capsys.readouterr().err
+    assert said.count("is a folder") == 2 and said.count("holds a finished run") == 1
+    assert (folder / "chapter").read_text() == "one"
