@@ -5,10 +5,12 @@ The file has
 * one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees]: latitudes in
   order, up to the poles but for a grid spacing; longitudes equally spaced eastward, an even number
   of them, once around without repeating the first;
-* `u` and `v`, eastward and northward wind, with units of m s-1;
-* `z`, geopotential height with units of m, or geopotential with units of m2 s-2;
+* eastward wind `u`, northward wind `v`, with units of m s-1, and `z`, geopotential height with
+  units of m or geopotential with units of m2 s-2, by the names of ERA5 or those of NCEP (`uwnd`,
+  `vwnd`, `hgt`) or CMIP (`ua`, `va`, `zg`);
 
-each of the three on (lat, lon), other dimensions of length 1 being ignored, and nothing missing.
+each of the three on (lat, lon), nothing missing.  Of a dimension of pressures the level of 500 hPa
+is taken; other dimensions must have length 1.
 """
 
 from collections.abc import Callable
@@ -19,12 +21,18 @@ from typing import Any
 
 import numpy as np
 
-from swe_sphere.equations.scene import Array
+from swe_sphere.equations.scene import Array, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.lat_lon import global_spline
 from swe_sphere.planet import EARTH
+from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+from swe_sphere.testcases.random_flow import BalancedFlow, inverse_laplacian
 
 AXES = {"lat": ("lat", "latitude"), "lon": ("lon", "longitude")}
+FIELDS = {"u": ("u", "uwnd", "ua"), "v": ("v", "vwnd", "va"), "z": ("z", "hgt", "zg")}
+PASCALS = {"Pa": 1.0, "hPa": 100.0, "millibar": 100.0, "millibars": 100.0, "mb": 100.0}
+LEVEL = 5e4
+"""Pressure [Pa] of the level that is taken."""
 WIND = ("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1")
 METRES = ("m", "metre", "metres", "meter", "meters", "gpm")
 GEOPOTENTIAL = ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2")
@@ -52,6 +60,32 @@ class Analysis:
         """Eastward wind, northward wind [m s-1] and height [m], by bicubic splines."""
         u, v, z = (spline(lon, lat) for spline in self._splines)
         return u, v, z
+
+    def filtered(self, degree: int, balanced: bool = False) -> State:
+        """The state without spherical harmonics above the degree; mean height as it is.
+
+        balanced: without the divergent wind, and with the height that keeps it from growing at
+        once (`BalancedFlow`), so that next to no gravity waves are left.
+        """
+        grid = GaussGrid(max(degree, self.lat.size))
+        u, v, z = self.state(*grid.points)
+        wanted = slice(degree + 1), slice(degree + 1)
+
+        def potential(east: Array, north: Array) -> Complex:
+            """Of which the field is the gradient, as far as it is one."""
+            return -EARTH.radius * inverse_laplacian(grid.against_gradients(east, north)[wanted])
+
+        streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]
+        if balanced:
+            return BalancedFlow(streamfunction, EARTH, height[0, 0].real).state
+        parts = np.stack([height, streamfunction, potential(u, v)])
+
+        def state(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+            value, east, north = synthesis(parts, lon, lat)
+            slopes = (east[2] - north[1]) / EARTH.radius, (north[2] + east[1]) / EARTH.radius
+            return *slopes, value[0]
+
+        return state
 
     @cached_property
     def _splines(self) -> list[Callable[[Array, Array], Array]]:
@@ -81,24 +115,25 @@ def read_analysis(path: Path) -> Analysis:
 
 def _read(dataset: Any) -> Analysis:
     lat, lon = (_axis(dataset, name) for name in AXES)
-    dims = [dataset[_name_of(dataset, name)].dimensions[0] for name in AXES]
-    fields = {name: _field(dataset, name, dims) for name in "uvz"}
+    dims = [dataset[_name_of(dataset, AXES[name])].dimensions[0] for name in AXES]
+    fields = {name: _field(dataset, name, dims) for name in FIELDS}
     lat, lon = np.radians(lat), np.radians(lon)
     order = np.argsort(lat)
     u, v, z = (field[order] for field in fields.values())
     return Analysis(lat[order], lon, u, v, z)
 
 
-def _name_of(dataset: Any, axis: str) -> str:
-    for name in AXES[axis]:
+def _name_of(dataset: Any, names: tuple[str, ...]) -> str:
+    for name in names:
         if name in dataset.variables:
             return name
-    raise ConfigError(f"there is no variable {' or '.join(AXES[axis])}")
+    wanted = "; u, v and z are needed" if names in FIELDS.values() else ""
+    raise ConfigError(f"there is no variable {' or '.join(names)}{wanted}")
 
 
 def _axis(dataset: Any, axis: str) -> Array:
     """Latitudes or longitudes [degrees]."""
-    name = _name_of(dataset, axis)
+    name = _name_of(dataset, AXES[axis])
     variable = dataset[name]
     if variable.ndim != 1 or variable.size < LEAST:
         raise ConfigError(f"{name} must have one dimension and at least {LEAST} values")
@@ -131,13 +166,15 @@ def _check_longitudes(name: str, lon: Array) -> None:
         raise ConfigError(f"{name} must be {len(lon)} equal steps of {step:.4g} degrees eastward")
 
 
-def _field(dataset: Any, name: str, dims: list[str]) -> Array:
+def _field(dataset: Any, field: str, dims: list[str]) -> Array:
     """A field (latitudes, longitudes) in m s-1 or m."""
-    if name not in dataset.variables:
-        raise ConfigError(f"there is no variable {name}; u, v and z are needed")
+    name = _name_of(dataset, FIELDS[field])
     variable = dataset[name]
-    factor = _factor(name, str(getattr(variable, "units", "")).strip())
-    kept = [d for d, n in zip(variable.dimensions, variable.shape, strict=True) if n > 1]
+    factor = _factor(field, name, str(getattr(variable, "units", "")).strip())
+    levels = {d: _level(dataset, d) for d in variable.dimensions if d not in dims}
+    key = tuple(levels.get(d, slice(None)) for d in variable.dimensions)
+    sizes = zip(variable.dimensions, variable.shape, key, strict=True)
+    kept = [d for d, n, taken in sizes if n > 1 and isinstance(taken, slice)]
     if sorted(kept) != sorted(dims):
         shape = ", ".join(
             f"{d}={n}" for d, n in zip(variable.dimensions, variable.shape, strict=True)
@@ -145,13 +182,25 @@ def _field(dataset: Any, name: str, dims: list[str]) -> Array:
         raise ConfigError(
             f"{name} must be on ({', '.join(dims)}), not on ({shape}): take one level and time"
         )
-    values = _numbers(variable, name).squeeze() * factor
+    values = _numbers(variable, name, key).squeeze() * factor
     return values if kept == dims else values.T
 
 
-def _factor(name: str, units: str) -> float:
+def _level(dataset: Any, axis: str) -> int | slice:
+    """The index of 500 hPa on an axis of pressures, all of any other."""
+    variable = dataset.variables.get(axis)
+    factor = PASCALS.get(getattr(variable, "units", ""))
+    if factor is None or variable.shape == (1,):
+        return slice(None)
+    found = np.flatnonzero(np.isclose(variable[:] * factor, LEVEL))
+    if found.size != 1:
+        raise ConfigError(f"{axis} does not hold the level of 500 hPa")
+    return int(found[0])
+
+
+def _factor(field: str, name: str, units: str) -> float:
     """What the numbers are to be multiplied by."""
-    if name != "z":
+    if field != "z":
         if units in WIND:
             return 1.0
         raise ConfigError(f"{name} must have units 'm s-1', not {units!r}")
@@ -159,11 +208,13 @@ def _factor(name: str, units: str) -> float:
         return 1.0
     if units in GEOPOTENTIAL:
         return 1.0 / EARTH.gravity
-    raise ConfigError(f"z must have units 'm' (height) or 'm2 s-2' (geopotential), not {units!r}")
+    raise ConfigError(
+        f"{name} must have units 'm' (height) or 'm2 s-2' (geopotential), not {units!r}"
+    )
 
 
-def _numbers(variable: Any, name: str) -> Array:
-    values = np.ma.filled(np.ma.asarray(variable[:], dtype=np.float64), np.nan)
+def _numbers(variable: Any, name: str, key: Any = slice(None)) -> Array:
+    values = np.ma.filled(np.ma.asarray(variable[key], dtype=np.float64), np.nan)
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if missing:
         raise ConfigError(f"{name} has {missing} missing or infinite values; there must be none")

@@ -60,7 +60,7 @@ class BalancedFlow:
             spin = spin + synthesis(vorticity, lon, lat)[0]
         # ∇ψ is (v, -u)
         flux = grid.against_gradients(spin * v, -spin * u)
-        geopotential = _inverse_laplacian(-flux) * self.planet.radius
+        geopotential = inverse_laplacian(-flux) * self.planet.radius
         if not self.linear:
             geopotential -= grid.coefficients(0.5 * (u**2 + v**2))
         found = geopotential / self.planet.gravity
@@ -106,7 +106,7 @@ def _laplacian(coefficients: Complex) -> Complex:
     return -n * (n + 1) * coefficients
 
 
-def _inverse_laplacian(coefficients: Complex) -> Complex:
+def inverse_laplacian(coefficients: Complex) -> Complex:
     """∇⁻² on the unit sphere; zero for the mean."""
     n = np.arange(len(coefficients))[:, None]
     return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)

@@ -21,11 +21,15 @@ DEPTH = 1e4
 """Mean depth [m], put in the place of that of the analysis as in the paper."""
 DEGREE = 42
 """Highest degree of the synthetic state, that of the paper's analyses."""
+HIGHEST = 1000
+"""Highest degree that may be asked for."""
 JET, EDDIES = 20.0, 12.0
 """Largest zonal-mean wind and root mean square of the rest, of the synthetic state [m s-1]."""
 
 
-def williamson7(file: Path | None = None, seed: int = 1) -> Scene:
+def williamson7(
+    file: Path | None = None, degree: int = 0, balanced: bool = False, seed: int = 1
+) -> Scene:
     """Flow at 500 hPa, from a file of analysed winds; without one, SYNTHETIC.
 
     Case 7, five days from an analysis. The mean of the height is replaced by 10 km.
@@ -38,6 +42,10 @@ def williamson7(file: Path | None = None, seed: int = 1) -> Scene:
     Args:
         file: netCDF file with u, v [m s-1] and z [m, or m2 s-2] on a latitude-longitude grid; see
             `swe_sphere.testcases.analysis` for what it must hold.
+        degree: leave out of the file's fields what is above this degree of the spherical
+            harmonics; 0: nothing.
+        balanced: the file's wind without its divergent part, up to degree (42), and the height of
+            the nonlinear balance equation in the place of the file's.
         seed: of the random phases of the synthetic state.
 
     Raises:
@@ -53,7 +61,7 @@ def williamson7(file: Path | None = None, seed: int = 1) -> Scene:
             f"500 hPa flow from {file.name}",
             f"initial state from {file.name}; the case: ",
         )
-        initial = _analysed(file)
+        initial = _analysed(file, degree, balanced)
 
     return Scene(
         name="williamson7",
@@ -87,8 +95,10 @@ def _streamfunction(seed: int) -> Complex:
     return found
 
 
-def _analysed(file: Path) -> State:
+def _analysed(file: Path, degree: int, balanced: bool) -> State:
     """The state of a file, with a mean depth of 10 km."""
+    if not 0 <= degree <= HIGHEST:
+        raise ConfigError(f"williamson7: degree must be from 0 to {HIGHEST}, but is {degree}")
     from swe_sphere.testcases.analysis import read_analysis
 
     analysis = read_analysis(file)
@@ -96,8 +106,11 @@ def _analysed(file: Path) -> State:
     if analysis.z.min() - mean + DEPTH <= 0.0:
         raise ConfigError(f"{file}: z varies by more than 10 km: is it in m, or m2 s-2 as it says?")
 
+    filtered = degree or balanced
+    state: State = analysis.filtered(degree or DEGREE, balanced) if filtered else analysis.state
+
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, z = analysis.state(lon, lat)
+        u, v, z = state(lon, lat)
         return u, v, z - mean + DEPTH
 
     return initial

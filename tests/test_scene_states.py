@@ -252,6 +252,75 @@ def test_geopotential_and_transposed_fields_are_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(plain, other, atol=1e-8)
 
 
+SAMPLE = Path(__file__).with_name("data") / "analysis.nc"
+"""A state of this model, in a file like those of ERA5: see benchmarks/analysis_sample.py."""
+
+
+def test_the_sample_is_read_as_era5_writes_it() -> None:
+    u, v, h = get_scene("williamson7", file=SAMPLE).initial(*points(3000))
+    assert 30.0 < np.hypot(u, v).max() < 80.0 and 8000.0 < h.min() < h.max() < 11000.0
+
+
+def test_names_of_ncep_and_one_of_several_levels(tmp_path: Path) -> None:
+    """Two levels, of which that of 500 hPa is the second."""
+
+    def change(file: netCDF4.Dataset) -> None:
+        file.createDimension("level", 2)
+        file.createVariable("level", "f4", ("level",))[:] = (850.0, 500.0)
+        file["level"].units = "millibar"
+        for ours, name in {"u": "uwnd", "v": "vwnd", "z": "hgt"}.items():
+            values, units = file[ours][:], file[ours].units
+            file.renameVariable(ours, f"old_{ours}")
+            stacked = file.createVariable(name, "f8", ("time", "level", "lat", "lon"))
+            stacked[:] = np.stack([0.0 * values, values], axis=1)
+            stacked.units = units
+
+    def other_levels(file: netCDF4.Dataset) -> None:
+        change(file)
+        file["level"][:] = (850.0, 700.0)
+
+    lon, lat = points()
+    plain = get_scene("williamson7", file=analysis(tmp_path / "a.nc")).initial(lon, lat)
+    other = get_scene("williamson7", file=analysis(tmp_path / "b.nc", change)).initial(lon, lat)
+    np.testing.assert_array_equal(plain, other)
+    with pytest.raises(ConfigError, match="level does not hold the level of 500 hPa"):
+        get_scene("williamson7", file=analysis(tmp_path / "c.nc", other_levels))
+
+
+def test_a_filtered_analysis_has_nothing_above_its_degree() -> None:
+    grid = GaussGrid(20)
+    u, v, h = get_scene("williamson7", file=SAMPLE, degree=12).initial(*grid.points)
+    for found in (grid.coefficients(h), grid.against_gradients(u, v)):
+        assert np.abs(found[13:]).max() < 1e-10 * np.abs(found[1:13]).max()
+
+
+@pytest.mark.parametrize("balanced", [False, True])
+def test_what_is_smooth_and_balanced_stays_as_it_is(tmp_path: Path, balanced: bool) -> None:
+    """The Rossby-Haurwitz wave, which is of degree 10 at the most; to the errors of the splines."""
+    path = analysis(tmp_path / "a.nc")
+    lon, lat = points()
+    expected = get_scene("williamson6").initial(lon, lat)
+    given = {"file": path, "degree": 12, "balanced": balanced}
+    found = get_scene("williamson7", **given).initial(lon, lat)
+    for ours, theirs, error in zip(found, expected, (0.02, 0.02, 0.3), strict=True):
+        assert np.ptp(ours - theirs) < error
+    for degree in (-1, 1001):
+        with pytest.raises(ConfigError, match="degree must be from 0 to 1000"):
+            get_scene("williamson7", file=path, degree=degree)
+
+
+def test_a_balanced_analysis_has_no_divergence(tmp_path: Path) -> None:
+    grid = GaussGrid(20)
+    plain, balanced = (
+        grid.against_gradients(*state.initial(*grid.points)[:2])
+        for state in (
+            get_scene("williamson7", file=SAMPLE, degree=12),
+            get_scene("williamson7", file=SAMPLE, degree=12, balanced=True),
+        )
+    )
+    assert np.abs(balanced).max() < 1e-10 * np.abs(plain).max()
+
+
 def spoil(name: str, **attributes: str) -> Callable[[netCDF4.Dataset], None]:
     return lambda file: file[name].setncatts(attributes)
 
@@ -266,7 +335,7 @@ def tall(file: netCDF4.Dataset) -> None:
 
 
 BAD = {
-    "there is no variable v; u, v and z are needed": {"without": "v"},
+    "there is no variable v or vwnd or va; u, v and z are needed": {"without": "v"},
     "z must have units 'm' (height) or 'm2 s-2' (geopotential), not 'K'": {
         "change": spoil("z", units="K")
     },
