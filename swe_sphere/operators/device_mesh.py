@@ -250,20 +250,28 @@ class DeviceMesh:
         return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
 
     def collect_elements(self, values: wp.array) -> NDArray[Any]:
-        """Numbers (groups, k) of the elements of all ranks, in the order of the whole mesh.
+        """Numbers (groups, k) of the elements of all ranks: flat, (groups of all, k, lanes).
 
-        (groups, k, lanes), of lanes that are no element too.
+        As they stand in memory, of lanes that are no element too.
         """
-        mine: NDArray[Any] = values.numpy().reshape(self.groups, -1, self.lanes)
-        if not self.comm.shared:
-            return mine
-        count = mine.shape[1]
-        elements = self.comm.tell_all(self.part.elements)
-        rows = mine.swapaxes(1, 2).reshape(-1, count)[: self.elements]
-        joined = np.zeros((-(-self.mesh.elements // self.lanes) * self.lanes, count), mine.dtype)
-        everyone = self.comm.gather(rows, [count * each.size for each in elements])
-        joined[np.concatenate(elements)] = everyone.reshape(-1, count)
-        return joined.reshape(-1, self.lanes, count).swapaxes(1, 2)
+        mine: NDArray[Any] = values.numpy()
+        width = mine.size // self.groups
+        return self.comm.gather(mine, [width * groups for groups in self._all_groups])
+
+    @functools.cached_property
+    def element_places(self) -> NDArray[np.int64]:
+        """(E,) of each element of the whole mesh: its group among those of all ranks, times the
+        lanes, plus its lane.  They grow along one curve, however many ranks there are."""
+        begins = self.lanes * np.cumsum([0, *self._all_groups])
+        places = np.empty(self.mesh.elements, dtype=np.int64)
+        for elements, begin in zip(self.comm.tell_all(self.part.elements), begins, strict=False):
+            places[elements] = begin + np.arange(elements.size)
+        return places
+
+    @functools.cached_property
+    def _all_groups(self) -> list[int]:
+        """How many groups each rank has."""
+        return self.comm.tell_all(self.groups)
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""

@@ -45,10 +45,10 @@ class BlockElimination(KeptSetup):
         return elimination_memory(ne, np) + cls.inner_solver.memory_estimate(ne, np)
 
     def _needed(self, fluid: Array) -> Array:
-        return fluid[2 * self._model.mesh.size :]
+        return fluid[2 * fluid.size // 3 :]
 
-    def _is_near(self, flow: Array) -> bool:
-        return self._is_near_in_depth(flow, self._flow)
+    def _is_near(self, now: Array) -> bool:
+        return self._is_near_in_depth(now, self._here)
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self.inner.prepare(tau, flow)

@@ -108,14 +108,14 @@ class Transfer:
         self._coefficients = mesh.upload(np.zeros(starts[-1]))
         few, many = self._kernels.shares
         self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
-        self.assembly = _assembly(numbers, mesh.lanes)
+        self.assembly = _assembly(numbers, mesh.element_places, mesh.lanes)
         """Sparse matrix from what `restrict` returns to integrals over all elements."""
 
     def restrict(self, b: Field) -> Float32:
         """Integrals of b times each function over each element of all ranks [m2]."""
         operator, kernel = self._operator, self._kernels.restrict
         operator.launch(kernel, self._dims[0], self._values, self._mass, b.values, self._local)
-        integrals: Float32 = operator.mesh.collect_elements(self._local).ravel()
+        integrals: Float32 = operator.mesh.collect_elements(self._local)
         return integrals
 
     def prolong(self, coefficients: Float32, x: Field) -> None:
@@ -126,15 +126,21 @@ class Transfer:
         operator.launch(kernel, self._dims[1], self._values, self._numbers, target, x.values)
 
 
-def _assembly(numbers: NDArray[np.int32], lanes: int) -> scipy.sparse.csr_array:
-    """Sums over the elements (E, k), which stand as (groups, k, lanes)."""
+def _assembly(
+    numbers: NDArray[np.int32], places: NDArray[np.int64], lanes: int
+) -> scipy.sparse.csr_array:
+    """Sums over the elements (E, k), which stand as (groups, k, lanes) at those places.
+
+    Each in the order of the elements' places, which is the same for any number of ranks.
+    """
     count = numbers.shape[1]
     element, function = np.indices(numbers.shape).reshape(2, -1)
-    group, lane = np.divmod(element, lanes)
-    places = (group * count + function) * lanes + lane
-    shape = (int(numbers.max()) + 1, -(-len(numbers) // lanes) * count * lanes)
-    ones = np.ones(numbers.size, dtype=np.float32)
-    return scipy.sparse.csr_array((ones, (numbers.ravel(), places)), shape=shape)
+    row, place = numbers.ravel(), places[element]
+    columns = (place // lanes * count + function) * lanes + place % lanes
+    order, starts = np.lexsort((place, row)), np.cumsum([0, *np.bincount(row)])
+    width = (int(places.max()) // lanes + 1) * count * lanes
+    entries = np.ones(row.size, dtype=np.float32), columns[order], starts
+    return scipy.sparse.csr_array(entries, shape=(starts.size - 1, width))
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:

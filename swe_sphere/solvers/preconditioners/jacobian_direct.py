@@ -39,7 +39,8 @@ class JacobianDirect(KeptSetup):
                 f"the factors of the Jacobian would take about {memory / 1e9:.0f} GB; choose the "
                 "preconditioner helmholtz instead of jacobian-direct"
             )
-        self._probing, self._spacing = Probing(mesh), np.sqrt(mesh.area)
+        self._probing = Probing(mesh)
+        self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
         self._jacobian = model.inviscid.jacobian()
         self._direction, self._image = model.zeros(), model.zeros()
@@ -53,13 +54,11 @@ class JacobianDirect(KeptSetup):
     def _needed(self, fluid: Array) -> Array:
         return fluid
 
-    def _is_near(self, flow: Array) -> bool:
-        n = self._model.mesh.size
-        u, v, _ = (flow - self._flow).reshape(FIELDS, n)
-        courant = self._tau * float((np.hypot(u, v) / self._spacing).max())
-        return courant <= COURANT_CHANGE and self._is_near_in_depth(
-            flow[2 * n :], self._flow[2 * n :]
-        )
+    def _is_near(self, now: Array) -> bool:
+        then = self._here.reshape(FIELDS, -1)
+        u, v, h = now.reshape(FIELDS, -1)
+        courant = self._tau * float((np.hypot(u - then[0], v - then[1]) / self._spacing).max())
+        return courant <= COURANT_CHANGE and self._is_near_in_depth(h, then[2])
 
     def _prepare(self, tau: float, flow: Array) -> None:
         from scipy.sparse.linalg import splu
