@@ -19,8 +19,9 @@ METAVARS = {
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
-    "repeats": "R", "target_error": "E", "error": "E", "finer": "NE", "projection": "NAME",
-    "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH", "colours": "NAME",
+    "repeats": "R", "jobs": "N", "target_error": "E", "error": "E", "finer": "NE",
+    "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
+    "colours": "NAME",
 }  # fmt: skip
 """What a flag takes, where its type does not say it."""
 

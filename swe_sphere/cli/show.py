@@ -49,6 +49,13 @@ def tell_of_compiling() -> None:
     sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
+def show_line(text: str) -> None:
+    """Put the text into the last line of a terminal, in the place of what stood there."""
+    if sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
+
+
 def show_summary(summary: Summary, config: RunConfig) -> None:
     """The result as a table or a line of JSON; why it stopped early in one line on stderr."""
     if summary.reason is not None:

@@ -30,7 +30,7 @@ class SweepTerminal(SweepWatcher):
         self._scene, self._quiet = plan.scene, quiet
         self._bar: Progress | None = None
         self._task: Any = None
-        self._expected = self._done = 0
+        self._expected = self._done = self._made = 0
 
     def __enter__(self) -> Self:
         if not self._quiet and sys.stderr.isatty():
@@ -64,6 +64,11 @@ class SweepTerminal(SweepWatcher):
         """Move the bar."""
         self._done += 1
         self._show(completed=self._done)
+
+    def beside(self, record: RunRecord) -> None:
+        """Say what was made."""
+        self._made += 1
+        self._show(what=f"{self._made} made, the last by {record.config.stepper}")
 
     def note(self, text: str) -> None:
         """Print it."""

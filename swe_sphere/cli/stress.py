@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
+from functools import partial
+from itertools import compress
+from operator import not_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swe_sphere.cli.explain import Stopped
+from swe_sphere.cli.show import show_line
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
@@ -35,11 +39,16 @@ def stress(
         bool,
         typer.Option("--resume", help="Leave out trials whose result FILE.json has, of this code."),
     ] = False,
+    jobs: Annotated[
+        int, typer.Option(metavar="N", help="Processes that make trials beside each other.")
+    ] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
+    from swe_sphere.studies.jobs import checked_jobs
     from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
+    checked_jobs(jobs)
     trials = [
         trial for group in choose(_names(groups), _names(steppers), quick) for trial in group.trials
     ]
@@ -48,7 +57,7 @@ def stress(
         trials = [trial for trial in trials if not store.has(trial.name, trial.fingerprint)]
     try:
         with nullcontext() if store is None else store.unfinished():
-            results = _run(trials, store, quiet=as_json)
+            results = _run(trials, store, jobs, quiet=as_json)
     except Interrupted as error:
         raise Stopped(f"{error}; --resume goes on after the last trial") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
@@ -65,19 +74,35 @@ def _names(text: str | None) -> list[str]:
     return [name.strip() for name in text.split(",")] if text else []
 
 
-def _run(trials: list[Trial], store: Store | None, quiet: bool) -> list[Result]:
-    from swe_sphere.studies.stress import try_out
+def _run(trials: list[Trial], store: Store | None, jobs: int, quiet: bool) -> list[Result]:
+    """Make them, those that are timed alone and last."""
+    results: list[Result] = []
 
-    results = []
-    for count, trial in enumerate(trials, 1):
-        label = f"[{count}/{len(trials)}] {trial.name}"
-        result = try_out(trial, _ticker(label, quiet))
+    def tick(text: str) -> None:
+        if not quiet:
+            show_line(f"[{len(results) + 1}/{len(trials)}] {text}")
+
+    for result in _results(trials, jobs, tick):
+        results.append(result)
         if store is not None:
             store.add(result)
         if not quiet:
-            typer.echo(f"{_clear()}{label}: {_told(result)}")
-        results.append(result)
+            show_line("")
+            typer.echo(f"[{len(results)}/{len(trials)}] {result.name}: {_told(result)}")
     return results
+
+
+def _results(trials: list[Trial], jobs: int, tick: Callable[[str], None]) -> Iterator[Result]:
+    from swe_sphere.studies.stress import tried_beside, try_out
+
+    alone = [jobs == 1 or trial.timed for trial in trials]
+    yield from tried_beside(jobs, [*compress(trials, map(not_, alone))])
+    for trial in compress(trials, alone):
+        yield try_out(trial, partial(_tick, tick, trial.name))
+
+
+def _tick(tick: Callable[[str], None], name: str, text: str) -> None:
+    tick(f"{name}: {text}")
 
 
 def _told(result: Result) -> str:
@@ -85,20 +110,3 @@ def _told(result: Result) -> str:
     seconds = result.numbers.get("seconds") or 0.0
     reason = f": {result.reason}" if result.reason else ""
     return f"{result.outcome} ({seconds:.1f} s){reason}"
-
-
-def _ticker(label: str, quiet: bool) -> Any:
-    """Tells on a terminal how far the trial is."""
-    if quiet or not sys.stderr.isatty():
-        return None
-
-    def tick(text: str) -> None:
-        sys.stderr.write(f"{_clear()}{label}: {text}")
-        sys.stderr.flush()
-
-    return tick
-
-
-def _clear() -> str:
-    """Wipes the line of a terminal."""
-    return "\r\x1b[K" if sys.stderr.isatty() else ""

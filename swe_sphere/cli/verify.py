@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swe_sphere.cli.explain import Stopped
+from swe_sphere.cli.show import show_line
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
@@ -41,22 +42,27 @@ def verify(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on after an interrupted run of this code.")
     ] = False,
+    jobs: Annotated[
+        int, typer.Option(metavar="N", help="Processes that measure beside each other.")
+    ] = 1,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
+    from swe_sphere.studies.jobs import checked_jobs
     from swe_sphere.studies.verify import choose
 
+    checked_jobs(jobs)
     names = [name.strip() for name in scenes.split(",")] if scenes else []
     changes = {"launch": launch} if launch else {}
     chosen = {case.name: case.changed(changes) for case in choose(names)}
     files = _files(out)
     try:
         with _kept(files, resume) as runs:
-            rows = _run(chosen, quick, as_json, runs)
+            rows = _run(chosen, quick, as_json, runs, jobs)
             if not rows:
                 raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
-            result = _result(rows, quick)
-            _write(files, rows, result, _command(quick, scenes, launch, out))
+            result = _result(rows, quick) | ({"jobs": jobs} if jobs > 1 else {})
+            _write(files, rows, result, _command(quick, scenes, launch, out, jobs))
     except Interrupted as error:
         hint = "; --resume goes on after the last run" if files else ""
         raise Stopped(f"{error}{hint}") from None
@@ -99,15 +105,22 @@ def _write(files: Sequence[Path], rows: Sequence[Row], result: object, command: 
 
 
 def _run(
-    chosen: Mapping[str, Case], quick: bool, quiet: bool, runs: Store[Measure] | None
+    chosen: Mapping[str, Case], quick: bool, quiet: bool, runs: Store[Measure] | None, jobs: int
 ) -> list[Row]:
     """All rows, family by family; each family's table as soon as it is there."""
-    from swe_sphere.studies.verify import families, run_cases
+    from swe_sphere.studies.verify import families, measured_beside, run_cases
 
     found: list[Row] = []
+    known = []
+    if jobs > 1:
+        for measure in measured_beside(jobs, [*chosen.values()], quick, runs):
+            known.append(measure)
+            if not quiet:
+                show_line(f"{len(known)} levels measured")
+        show_line("")
     for title, cases in families().items():
         mine = [chosen[case.name] for case in cases if case.name in chosen]
-        rows = list(run_cases(mine, quick, runs))
+        rows = list(run_cases(mine, quick, runs, known))
         found += rows
         if rows and not quiet:
             _print(title, rows)
@@ -163,7 +176,9 @@ def _files(out: Path | None) -> list[Path]:
     return [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
 
 
-def _command(quick: bool, scenes: str | None, launch: str | None, out: Path | None) -> str:
+def _command(
+    quick: bool, scenes: str | None, launch: str | None, out: Path | None, jobs: int
+) -> str:
     words = ["swe-sphere verify", "--quick" * quick, f"--scenes {scenes}" if scenes else ""]
-    words.append(f"--launch {launch}" if launch else "")
+    words += [f"--launch {launch}" if launch else "", f"--jobs {jobs}" if jobs > 1 else ""]
     return " ".join([*filter(None, words), f"--out {out}"])

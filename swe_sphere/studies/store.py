@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -80,6 +80,20 @@ class Store(Generic[R]):
             finally:
                 with suppress(OSError):  # it holds runs
                     self.folder.rmdir()
+
+
+class Relay(Store[R]):
+    """Records of another process's store: those there are, and those that it is told of to keep."""
+
+    def __init__(self, folder: Path, form: type[R], tell: Callable[[R], object]) -> None:
+        super().__init__(folder, form)
+        self._tell = tell
+
+    def add(self, record: R) -> R:
+        """Pass it on."""
+        self._tell(record)
+        self.records.append(record)
+        return record
 
 
 def read_record(path: Path, form: type[R]) -> R:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.studies.ended import Ended, attempt, stepped
+from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.stress.random_state import random_setting
 from swe_sphere.studies.stress.series import SYMMETRIES, Series
 from swe_sphere.studies.stress.trial import Result, Trial, judge
@@ -29,6 +30,18 @@ COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 def try_out(trial: Trial, tick: Tick | None = None) -> Result:
     """Run the trial and judge it."""
     return judge(trial, measure(trial, tick))
+
+
+def tried_beside(jobs: int, trials: Sequence[Trial]) -> Iterator[Result]:
+    """What the trials come to, in processes beside each other, as it comes.
+
+    Raises as `in_processes`.
+    """
+    yield from in_processes(jobs, _trying, (), trials)
+
+
+def _trying(tell: Tell) -> Callable[[Trial], None]:
+    return lambda trial: tell(try_out(trial))
 
 
 def measure(trial: Trial, tick: Tick | None = None) -> Ended:

@@ -81,6 +81,11 @@ class Trial(_Asked):
         return (*read_bounds(self.always, always=True), *read_bounds(self.bounds))
 
     @property
+    def timed(self) -> bool:
+        """Whether something is asked of its times."""
+        return any("seconds" in bound.quantity for bound in self.all_bounds)
+
+    @property
     def configuration(self) -> Configuration:
         """The run."""
         return Configuration({"time-limit": self.seconds} | self.run)

@@ -43,7 +43,7 @@ WORDS = (
 )  # fmt: skip
 """Words of a row."""
 UNITS = {
-    **dict.fromkeys(("ne", "np", "stretch", "steps", *COUNTS), "1"),
+    **dict.fromkeys(("ne", "np", "stretch", "steps", "jobs", *COUNTS), "1"),
     **dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift"), "1"),
     **dict.fromkeys(("dt", "gravity_limit", "advective_limit"), "s"),
     **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
@@ -118,7 +118,7 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
         "preconditioner": config.preconditioner or "",
         "settings": " ".join(config.settings),
         "days_planned": config.days,
-        **{name: getattr(run, name) for name in ("role", "status", "reason")},
+        **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
         "rhs_seconds": math.nan if run.rhs_seconds is None else run.rhs_seconds,
         "key": run.key, "repeat": run.repeat, "record": run,
     }  # fmt: skip

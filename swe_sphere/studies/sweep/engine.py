@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
 from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.peak_memory import settled_objects
 from swe_sphere.studies.sweep.discretisation import Discretisations
+from swe_sphere.studies.sweep.parts import Part, parts_of
 from swe_sphere.studies.sweep.record import (
     HEADER,
     Header,
@@ -64,8 +67,10 @@ class Sweep:
         folder: Path,
         watcher: SweepWatcher,
         own: Scene | None = None,
+        tell: Tell | None = None,
     ) -> None:
-        self._plan, self._watcher = plan, watcher
+        """tell: passes records on to the process that keeps them, beside which this one runs."""
+        self._plan, self._folder, self._watcher = plan, folder, watcher
         self._spaces = Discretisations(plan, own)
         scene = self._spaces.all()[0].scene
         self._schedule = Schedule.of(scene.days if plan.days is None else plan.days,
@@ -75,11 +80,15 @@ class Sweep:
         )
         common = sweep_sources(plan, scene, own, total)
         self._sources = common | users_methods(plan.steppers, plan.preconditioner)
-        self._store = runs_of(folder)
-        self._note_plan(folder, header_of(plan, scene, self._sources))
+        self._store = runs_of(folder, tell)
+        if tell is None:
+            self._note_plan(folder, header_of(plan, scene, self._sources))
         self._least: dict[object, float] = {}
         self._interruption = Interruption()
-        self._runner = Runner(self._store, common, self._interruption, watcher, plan.time_limit)
+        self._runner = Runner(
+            self._store, common, self._interruption, watcher, plan.time_limit,
+            plan.jobs if tell else 1,
+        )  # fmt: skip
         self._evaluator = Evaluator(
             plan, self._spaces, total, self._runner, self._schedule, folder / CONVERGED
         )
@@ -106,23 +115,46 @@ class Sweep:
             Interrupted: the user asked to stop; all finished runs are kept.
             RunFailed: the disk does not take the results.
         """
-        spaces = self._spaces.all()
-        everyone = integrators(self._plan, spaces, self._schedule, self._evaluator.names)
+        everyone = self._everyone
         with settled_objects(), self._interruption:
-            for space in spaces:
+            for space in self._spaces.all():
                 self._evaluator.converged(space)
+            if self._plan.jobs > 1:
+                self._beside(everyone)
             if self._plan.target_error is None:
-                self._grid(everyone)
+                self._grid([run for each in everyone for run in each.grid(self._plan)])
             else:
                 self._search(everyone, self._plan.target_error)
             if self._plan.find_limit:
                 for integrator in everyone:
                     self._find_limit(integrator)
 
+    @cached_property
+    def _everyone(self) -> list[Integrator]:
+        spaces = self._spaces.all()
+        return integrators(self._plan, spaces, self._schedule, self._evaluator.names)
+
+    # --- in processes beside each other
+
+    def _beside(self, everyone: list[Integrator]) -> None:
+        """Have the first repeat of all runs made by others: from here on it is known."""
+        plan, parts = self._plan, parts_of(self._plan, everyone)
+        for record in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
+            self._watcher.beside(self._runner.take(record))
+
+    def make(self, part: Part) -> None:
+        """Make a part of all runs."""
+        integrator = self._everyone[part.integrator]
+        if part.what == "limit":
+            self._find_limit(integrator)
+        elif part.what == "search":
+            self._search([integrator], self._plan.target_error or 0.0)
+        else:
+            self._grid(integrator.grid(self._plan)[part.first : part.last])
+
     # --- grid
 
-    def _grid(self, everyone: list[Integrator]) -> None:
-        runs = [run for integrator in everyone for run in integrator.grid(self._plan)]
+    def _grid(self, runs: list[RunSpec]) -> None:
         self._watcher.expect(len(runs) * self._plan.repeats)
         self._repeat(runs)
 
@@ -145,7 +177,7 @@ class Sweep:
             return first
         record = self._runner.run(run, None if repeat else self._evaluator, repeat)
         if self._good_enough(record):
-            mesh, seconds = record.mesh, record.numbers["cpu_seconds"] or math.inf
+            mesh, seconds = record.mesh, record.seconds or math.inf
             self._least[mesh] = min(self._least.get(mesh, math.inf), seconds)
         return record
 
@@ -156,11 +188,11 @@ class Sweep:
     def _is_last(self, record: RunRecord, costs: list[float]) -> bool:
         """Whether shorter steps of its stepper can be no better buy.
 
-        costs: CPU seconds with longer steps; that of the run is added.
+        costs: seconds with longer steps; those of the run are added.
         """
         if record.status != "completed" or self._plan.enough is None:
             return False
-        costs.append(record.numbers["cpu_seconds"] or 0.0)
+        costs.append(record.seconds)
         dear = costs[-1] > DEAR * self._least.get(record.mesh, math.inf)
         rising = costs[-1] >= min(costs[:-1], default=math.inf)
         return (dear and rising) or self._good_enough(record)
@@ -221,13 +253,13 @@ class Sweep:
     def _worth_timing(self, tried: Iterable[RunSpec], target: float) -> list[RunSpec]:
         """The good runs that may turn out to be the cheapest."""
         records = {run: self._runner.known(run) for run in tried}
-        walls = {
-            run: record.numbers["wall_seconds"] or 0.0
+        costs = {
+            run: record.seconds
             for run, record in records.items()
             if record is not None and self._error(record) <= target
         }
-        best = min(walls.values(), default=math.inf)
-        return [run for run, wall in walls.items() if wall <= NEAR_BEST * best]
+        best = min(costs.values(), default=math.inf)
+        return [run for run, cost in costs.items() if cost <= NEAR_BEST * best]
 
     def _error(self, record: RunRecord) -> float:
         """The error at the end of a run that the plan's target speaks of; infinite if it failed."""
@@ -241,6 +273,11 @@ class Sweep:
         auto = "total" if "total" in found else "time"
         value = found.get(auto if plan.target_kind == "auto" else plan.target_kind)
         return math.inf if value is None else value
+
+
+def making_parts(tell: Tell, plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
+    """Gets a process beside others ready to make parts of a sweep."""
+    return Sweep(plan.model_copy(update={"repeats": 1}), folder, SweepWatcher(), tell=tell).make
 
 
 def _ordered(runs: Iterable[RunSpec]) -> list[RunSpec]:

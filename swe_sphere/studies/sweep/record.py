@@ -18,7 +18,9 @@ from swe_sphere.io.norms import Norms
 from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.ended import ENDS
-from swe_sphere.studies.store import Record, Store, read_record
+from swe_sphere.studies.jobs import Tell
+from swe_sphere.studies.modelled_time import modelled_seconds
+from swe_sphere.studies.store import Record, Relay, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
@@ -78,11 +80,19 @@ class RunRecord(Record):
     time_limit: float | None
     sources: dict[str, str]
     """Fingerprints of all that the run was made of but its settings, by what it is."""
+    jobs: int = 1
+    """Processes that may have been at work; where it was not alone its times are left out."""
 
     @property
     def mesh(self) -> tuple[object, ...]:
         """What the time of a right-hand side goes with."""
         return tuple(getattr(self.config, name) for name in MESH)
+
+    @property
+    def seconds(self) -> float:
+        """What its steps took of a CPU [s]; of a run that was not alone the modelled time."""
+        seconds = self.numbers["cpu_seconds"]
+        return modelled_seconds(self.work, self.prices) if seconds is None else seconds
 
     @property
     def integrator(self) -> tuple[object, ...]:
@@ -121,9 +131,11 @@ def read_header(folder: Path) -> Header | None:
     return read_record(path, Header) if path.exists() else None
 
 
-def runs_of(folder: Path) -> Store[RunRecord]:
-    """The runs in a folder of a sweep."""
-    return Store(folder / RUNS, RunRecord)
+def runs_of(folder: Path, tell: Tell | None = None) -> Store[RunRecord]:
+    """The runs in a folder of a sweep; tell: passes new ones on to the process that keeps them."""
+    if tell is None:
+        return Store(folder / RUNS, RunRecord)
+    return Relay(folder / RUNS, RunRecord, tell)
 
 
 def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRecord]:

@@ -35,6 +35,9 @@ COUNTS = (
 KEPT = ("u", "v", "h", "vorticity")
 """What is kept of a state to take errors of it."""
 
+TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")
+"""What is not told of runs that were not alone."""
+
 WARM_STEPS = 2
 """Steps before the clock runs: the second of a two-step method is its first real one."""
 
@@ -157,7 +160,8 @@ EVERY = 2.0
 class Runner:
     """Makes runs; every one ends as a record in the store before the next begins.
 
-    sources: of what all runs are made; records of others are not known here.
+    sources: of what all runs are made; records of others are not known here.  jobs: how many
+    processes are at work beside each other.
     """
 
     def __init__(
@@ -167,7 +171,9 @@ class Runner:
         interruption: Interruption,
         watcher: SweepWatcher,
         time_limit: float | None,
+        jobs: int = 1,
     ) -> None:
+        self._jobs = jobs
         self._store, self._sources = store, dict(sources)
         self._interruption, self._watcher = interruption, watcher
         self._time_limit = time_limit
@@ -222,13 +228,19 @@ class Runner:
         self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
     ) -> RunRecord:
         """Write the record of a run."""
-        record = RunRecord(
+        untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
+        return self.take(RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
-            status=result.status, reason=result.reason, numbers=result.numbers | spec.space.limits,
+            status=result.status, reason=result.reason,
+            numbers=result.numbers | spec.space.limits | untold,
             errors=errors, rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
             time_limit=self._time_limit, sources=self._sources | spec.integrator.sources,
-        )  # fmt: skip
-        kept = self._known[spec.key, repeat] = self._store.add(record)
+            jobs=self._jobs,
+        ))  # fmt: skip
+
+    def take(self, record: RunRecord) -> RunRecord:
+        """Write a record that was made here or by another process."""
+        kept = self._known[record.key, record.repeat] = self._store.add(record)
         return kept
 
     def _warmed(self, spec: RunSpec) -> float:
@@ -241,7 +253,11 @@ class Runner:
     def _timed_rhs(self, spec: RunSpec) -> float | None:
         """Time of a right-hand side, taken now and then on every mesh."""
         now, mesh = time.perf_counter(), spec.space.identity
-        if spec.refusal is not None or now - self._timed.get(mesh, -EVERY) < EVERY:
+        if (
+            self._jobs > 1
+            or spec.refusal is not None
+            or now - self._timed.get(mesh, -EVERY) < EVERY
+        ):
             return None
         seconds = spec.space.time_rhs()
         self._timed[mesh] = now

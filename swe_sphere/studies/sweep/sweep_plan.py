@@ -26,9 +26,12 @@ from swe_sphere.simulation.config import (
     Whole,
     make_config,
 )
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.setup import make_mesh
 from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.studies.jobs import MOST_JOBS
 from swe_sphere.toml_file import read_toml
+from swe_sphere.user_file import is_user_file
 
 __all__ = ["Recipe", "SweepPlan", "load_recipe", "make_plan", "recipe_names"]
 
@@ -127,6 +130,8 @@ class SweepPlan(SharedConfig):
     """Times at which errors are taken [days]; the end always is one."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
     """Runs of each setting that are timed."""
+    jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
+    """Processes that make the first of the repeats beside each other; its times are left out."""
     time_limit: Positive | None = None
     """Wall time of the steps of one run [s]."""
     find_limit: bool = False
@@ -179,7 +184,25 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     """
     plan = validated(SweepPlan, values)
     _check(plan, Supplied(scene).scene_of(plan.run_config()))
+    if plan.jobs > 1:
+        _check_jobs(plan, scene)
     return plan
+
+
+def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
+    """ConfigError for what other processes do not have."""
+    from swe_sphere.steppers import get_stepper
+
+    if plan.device != "cpu":
+        raise ConfigError("jobs: runs on a GPU are made one after the other: leave jobs out")
+    kinds = [get_stepper(name) for name in plan.steppers if not is_user_file(name)]
+    theirs = [kind.name for kind in kinds if not kind.__module__.startswith("swe_sphere.")]
+    made_here = [own.name] if own else [*theirs, *DIAGNOSTICS]
+    if made_here:
+        raise ConfigError(
+            f"jobs: other processes know nothing of {made_here[0]}, which is defined in this one:"
+            " leave jobs out, or put scenes and steppers into files and give their names"
+        )
 
 
 def _check(plan: SweepPlan, scene: Scene) -> None:

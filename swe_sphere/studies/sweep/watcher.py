@@ -26,5 +26,8 @@ class SweepWatcher:
     def done(self, spec: RunSpec, record: RunRecord) -> None:
         """There is a record of a run, a new one or one from before."""
 
+    def beside(self, record: RunRecord) -> None:
+        """Another process has made a run."""
+
     def note(self, text: str) -> None:
         """Something the user should know, in one line."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.store import Store
 from swe_sphere.studies.verify.case import ORDERS, Case, Level
 from swe_sphere.studies.verify.measure import Finer, Measure, measure
@@ -104,26 +105,61 @@ class Row:
 
 
 def run_cases(
-    cases: Iterable[Case], quick: bool = False, runs: Store[Measure] | None = None
+    cases: Iterable[Case],
+    quick: bool = False,
+    runs: Store[Measure] | None = None,
+    known: Iterable[Measure] = (),
 ) -> Iterator[Row]:
     """Run the levels of the cases one by one; quick: only those marked so.
 
-    runs: keeps what is measured; what it has already is not measured again.
+    runs: keeps what is measured; what it has already, and what is known, is not measured again.
     """
-    known = {run.fingerprint: run for run in runs.records} if runs else {}
+    by_key = {run.fingerprint: run for run in (*(runs.records if runs else ()), *known)}
     for case in cases:
-        against = case.against
-        finer = Finer(case.base.changed(against)) if isinstance(against, dict) else against
-        before: Row | None = None
-        for level in case.levels:
-            if quick and not level.quick:
-                continue
+        finer, before = _finer(case), None
+        for level in _levels(case, quick):
             key = case.fingerprint(level)
-            found = known.get(key) or measure(case.at(level), finer, case.start, key)
-            if runs is not None and key not in known:
+            found = by_key.get(key) or measure(case.at(level), finer, case.start, key)
+            if runs is not None and key not in by_key:
                 found = runs.add(found)
             before = Row(case, level, found, before)
             yield before
+
+
+def measured_beside(
+    jobs: int, cases: Sequence[Case], quick: bool = False, runs: Store[Measure] | None = None
+) -> Iterator[Measure]:
+    """What levels come to that `runs` does not have, measured in processes beside each other.
+
+    Raises as `in_processes`.
+    """
+    known = {run.fingerprint for run in runs.records} if runs else set()
+    tasks: list[tuple[int, list[Level]]] = []
+    for n, case in enumerate(cases):
+        left = [level for level in _levels(case, quick) if case.fingerprint(level) not in known]
+        shared = isinstance(case.against, dict) and left  # one finer run for all of them
+        tasks += [(n, left)] if shared else [(n, [level]) for level in left]
+    for found in in_processes(jobs, _measuring, (cases,), tasks):
+        yield found if runs is None else runs.add(found)
+
+
+def _measuring(tell: Tell, cases: Sequence[Case]) -> Callable[[tuple[int, list[Level]]], None]:
+    def work(task: tuple[int, list[Level]]) -> None:
+        case, finer = cases[task[0]], _finer(cases[task[0]])
+        for level in task[1]:
+            tell(measure(case.at(level), finer, case.start, case.fingerprint(level)))
+
+    return work
+
+
+def _levels(case: Case, quick: bool) -> list[Level]:
+    return [level for level in case.levels if level.quick or not quick]
+
+
+def _finer(case: Case) -> str | Finer | None:
+    """What a case is compared with."""
+    against = case.against
+    return Finer(case.base.changed(against)) if isinstance(against, dict) else against
 
 
 def _orders(coarse: Row, fine: Row) -> dict[str, float]:

@@ -1,0 +1,33 @@
+"""What the processes of test_jobs.py do; run as a program: waits with two of them for its end."""
+
+import os
+import signal
+import sys
+import time
+
+from swe_sphere.errors import ConfigError
+from swe_sphere.studies.jobs import in_processes
+
+
+def squaring(tell, power):
+    def work(number):
+        if number == "raise":
+            raise ConfigError("no number")
+        if number == "break":
+            raise ValueError("what\na pity")
+        if number == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if number == "wait":
+            tell(os.getpid())
+            time.sleep(60.0)
+        tell((number, number**power))
+
+    return work
+
+
+if __name__ == "__main__":
+    from jobs import squaring as known_by_name
+
+    for pid in in_processes(2, known_by_name, (2,), ["wait", "wait"]):
+        sys.stdout.write(f"{pid}\n")
+        sys.stdout.flush()

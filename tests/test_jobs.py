@@ -1,0 +1,199 @@
+"""Studies on several processes: what one alone finds, and nothing left over whatever happens."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jobs
+import numpy as np
+import pytest
+from sweeps import assert_same_rows
+
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.simulation.diagnostics import diagnostic, forget
+from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.studies import stress, verify
+from swe_sphere.studies.jobs import in_processes
+from swe_sphere.studies.store import Store
+from swe_sphere.studies.sweep import sweep
+from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.testcases import get_scene
+
+TINY = {"ne": 2, "np": 4, "days": 0.25, "dt": [3600, 1800]}
+
+
+def squares(count, tasks):
+    return [*in_processes(count, jobs.squaring, (2,), tasks)]
+
+
+def test_every_task_is_done_once():
+    assert sorted(squares(2, range(5))) == [(n, n * n) for n in range(5)]
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize(
+    ("deed", "kind", "said"),
+    [
+        ("raise", ConfigError, "no number"),
+        ("break", RunFailed, "unexpected ValueError: what"),
+        ("die", RunFailed, "killed by SIGKILL"),
+    ],
+)
+def test_what_fails_in_one_process_ends_all(deed, kind, said):
+    began = time.monotonic()
+    with pytest.raises(kind, match=said):
+        squares(2, ["wait", deed])
+    assert time.monotonic() - began < 30.0 and multiprocessing.active_children() == []
+
+
+def test_ctrl_c_ends_all():
+    waiting = in_processes(2, jobs.squaring, (2,), ["wait", "wait"])
+    next(waiting)
+    began = time.monotonic()
+    os.kill(os.getpid(), signal.SIGINT)
+    with pytest.raises(Interrupted):
+        next(waiting)
+    assert time.monotonic() - began < 30.0
+    assert multiprocessing.active_children() == []
+
+
+def test_a_parent_that_is_killed_leaves_nobody():
+    with subprocess.Popen([sys.executable, jobs.__file__], stdout=subprocess.PIPE) as parent:
+        pids = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.kill()
+    for _ in range(100):
+        left = [pid for pid in pids if _lives(pid)]
+        if not left:
+            break
+        time.sleep(0.1)
+    assert left == []
+
+
+def _lives(pid):
+    try:
+        os.kill(pid, 0)
+        return " Z " not in Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Tasks are done by this process, which is quicker."""
+
+    def done(count, begin, arguments, tasks):
+        found = []
+        work = begin(found.append, *pickle.loads(pickle.dumps(arguments)))
+        for task in pickle.loads(pickle.dumps(tasks)):
+            work(task)
+            yield from pickle.loads(pickle.dumps(found))
+            found.clear()
+
+    for place in ("sweep.engine", "verify.verdict", "stress.methods"):
+        monkeypatch.setattr(f"swe_sphere.studies.{place}.in_processes", done)
+
+
+def in_order(dataset):
+    """Rows come as they are finished."""
+    return dataset.isel(run=np.lexsort([dataset[n].values for n in ("dt", "stepper", "role")]))
+
+
+def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
+    """Only its first repeats are made there, and have no times."""
+    alone = sweep("lauter", ["rk4", "leapfrog"], repeats=1, **TINY)
+    beside = sweep("lauter", ["rk4", "leapfrog"], repeats=2, jobs=2, out=tmp_path, **TINY)
+    grid = beside.isel(run=beside["role"].values == "grid")
+    assert np.isnan(grid["wall"].isel(repeat=0)).all() and (grid["wall"].isel(repeat=1) > 0).all()
+    assert (grid["modelled_seconds"] > 0).all() and (grid["jobs"] == 2).all()
+    once = [name for name in beside.data_vars if "repeat" not in beside[name].dims]
+    assert_same_rows(
+        in_order(beside[once]).drop_vars("jobs"), in_order(alone[once]).drop_vars("jobs")
+    )
+    made = runs_of(tmp_path).records
+    sweep("lauter", ["rk4", "leapfrog"], repeats=2, jobs=2, out=tmp_path, **TINY)
+    assert runs_of(tmp_path).records == made
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"target_error": 1e-3, "dt": "auto"},
+        {"enough": 1e-2},
+        {"find_limit": True, "days": 0.05, "dt": [2160]},
+    ],
+)
+def test_parts_of_a_sweep_are_all_of_it(asked, at_once, tmp_path):
+    """Nothing is left to be made alone but what was run for the others."""
+    found = sweep("lauter", ["rk4", "leapfrog"], out=tmp_path, repeats=1, jobs=2, **TINY | asked)
+    assert ((found["jobs"] == 1) == (found["role"] == "converged")).all()
+    alone = sweep("lauter", ["rk4", "leapfrog"], repeats=1, **TINY | asked)
+    assert_same_rows(in_order(found).drop_vars("jobs"), in_order(alone).drop_vars("jobs"))
+
+
+def test_what_other_processes_do_not_have_is_refused():
+    class Twin(RK4):
+        """As rk4."""
+
+        name = "rk4-of-this-process"
+
+    for scene, stepper in ((get_scene("lauter"), "rk4"), ("lauter", Twin)):
+        with pytest.raises(ConfigError, match="jobs: other processes know nothing"):
+            sweep(scene, stepper, jobs=2, **TINY)
+    diagnostic(name="of_here")(lambda sim: 1.0)
+    try:
+        with pytest.raises(ConfigError, match="nothing of of_here"):
+            sweep("lauter", "rk4", jobs=2, **TINY)
+    finally:
+        forget("of_here")
+
+
+def test_verification_is_the_same_beside_others(at_once, tmp_path):
+    runs = Store(tmp_path, verify.Measure)
+    cases = verify.choose(["lake-at-rest", "start-lauter"])
+    known = [*verify.measured_beside(2, cases, True, runs)]
+    assert len(runs.records) == len(known) > 1
+    assert [*verify.measured_beside(2, cases, True, runs)] == []
+    alone, beside = verify.run_cases(cases, True), verify.run_cases(cases, True, runs)
+    for one, other in zip(alone, beside, strict=True):
+        assert one.quantities == other.quantities and other.measure in known
+
+
+def test_levels_that_share_a_finer_run_share_a_process():
+    """And all cases can be sent to it."""
+    asked = {}
+    cases = verify.all_cases()
+
+    def note(count, begin, arguments, tasks):
+        asked.update({n: len(levels) for n, levels in tasks if isinstance(cases[n].against, dict)})
+        assert pickle.loads(pickle.dumps(arguments)) == (cases,)
+        return []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("swe_sphere.studies.verify.verdict.in_processes", note)
+        assert [*verify.measured_beside(2, cases)] == []
+    assert asked == {n: len(c.levels) for n, c in enumerate(cases) if isinstance(c.against, dict)}
+
+
+def test_stress_trials_are_the_same_beside_others(at_once):
+    (group,) = stress.choose(["rest"], ["rk4"], quick=True)
+    for trial, result in zip(group.trials, stress.tried_beside(2, group.trials), strict=True):
+        assert (result.name, result.outcome) == (trial.name, "passed")
+    timed = [t for of in stress.choose() for t in of.trials if t.timed]
+    assert timed and all("step_seconds" in trial.bounds for trial in timed)
+
+
+@pytest.mark.parametrize("command", [["verify"], ["stress"], ["sweep", "lauter", "--steppers=rk4"]])
+@pytest.mark.parametrize("count", ["0", "-1", "2000", "x"])
+def test_nonsense_is_told_in_one_line(command, count, tmp_path, capsys):
+    from swe_sphere.cli.main import main
+
+    with pytest.raises(SystemExit) as ended:
+        main([*command, f"--jobs={count}", f"--out={tmp_path / 'a.md'}"])
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and told.count("\n") == 1 and "jobs" in told
