@@ -250,28 +250,38 @@ class DeviceMesh:
         return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
 
     def collect_elements(self, values: wp.array) -> NDArray[Any]:
-        """Numbers (groups, k) of the elements of all ranks: flat, (groups of all, k, lanes).
+        """Numbers (groups, k) of the elements of all ranks, in one order: flat, (groups, k, lanes).
 
-        As they stand in memory, of lanes that are no element too.
+        Of lanes that are no element too.
         """
         mine: NDArray[Any] = values.numpy()
-        width = mine.size // self.groups
-        return self.comm.gather(mine, [width * groups for groups in self._all_groups])
+        count = mine.size // (self.groups * self.lanes)
+        joined = self.comm.gather(mine, [n * count * self.lanes for n in self._all_groups])
+        if self._filled_lanes[-1] == self.mesh.elements - 1:
+            return joined
+        rows = joined.reshape(-1, count, self.lanes).swapaxes(1, 2).reshape(-1, count)
+        moved = np.zeros((-(-self.mesh.elements // self.lanes) * self.lanes, count), rows.dtype)
+        moved[: self.mesh.elements] = rows[self._filled_lanes]
+        return moved.reshape(-1, self.lanes, count).swapaxes(1, 2).ravel()
 
     @functools.cached_property
-    def element_places(self) -> NDArray[np.int64]:
-        """(E,) of each element of the whole mesh: its group among those of all ranks, times the
-        lanes, plus its lane.  They grow along one curve, however many ranks there are."""
-        begins = self.lanes * np.cumsum([0, *self._all_groups])
+    def collected_order(self) -> NDArray[np.int64]:
+        """(E,) places of the elements of the whole mesh there: those of ranks, along the curve."""
         places = np.empty(self.mesh.elements, dtype=np.int64)
-        for elements, begin in zip(self.comm.tell_all(self.part.elements), begins, strict=False):
-            places[elements] = begin + np.arange(elements.size)
+        places[np.concatenate(self.comm.tell_all(self.part.elements))] = np.arange(places.size)
         return places
 
     @functools.cached_property
     def _all_groups(self) -> list[int]:
         """How many groups each rank has."""
         return self.comm.tell_all(self.groups)
+
+    @functools.cached_property
+    def _filled_lanes(self) -> NDArray[np.int64]:
+        """(E,) places in the lanes of all groups that are an element."""
+        counts = self.comm.tell_all(self.elements)
+        begins = self.lanes * np.cumsum([0, *self._all_groups])
+        return np.concatenate([b + np.arange(n) for b, n in zip(begins, counts, strict=False)])
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""

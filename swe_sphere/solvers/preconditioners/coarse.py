@@ -108,7 +108,7 @@ class Transfer:
         self._coefficients = mesh.upload(np.zeros(starts[-1]))
         few, many = self._kernels.shares
         self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
-        self.assembly = _assembly(numbers, mesh.element_places, mesh.lanes)
+        self.assembly = _assembly(numbers, mesh.collected_order, mesh.lanes)
         """Sparse matrix from what `restrict` returns to integrals over all elements."""
 
     def restrict(self, b: Field) -> Float32:
@@ -129,18 +129,14 @@ class Transfer:
 def _assembly(
     numbers: NDArray[np.int32], places: NDArray[np.int64], lanes: int
 ) -> scipy.sparse.csr_array:
-    """Sums over the elements (E, k), which stand as (groups, k, lanes) at those places.
-
-    Each in the order of the elements' places, which is the same for any number of ranks.
-    """
+    """Sums over the elements (E, k), which stand as (groups, k, lanes) at those places."""
     count = numbers.shape[1]
     element, function = np.indices(numbers.shape).reshape(2, -1)
-    row, place = numbers.ravel(), places[element]
-    columns = (place // lanes * count + function) * lanes + place % lanes
-    order, starts = np.lexsort((place, row)), np.cumsum([0, *np.bincount(row)])
-    width = (int(places.max()) // lanes + 1) * count * lanes
-    entries = np.ones(row.size, dtype=np.float32), columns[order], starts
-    return scipy.sparse.csr_array(entries, shape=(starts.size - 1, width))
+    group, lane = np.divmod(places[element], lanes)
+    columns = (group * count + function) * lanes + lane
+    shape = (int(numbers.max()) + 1, -(-len(numbers) // lanes) * count * lanes)
+    ones = np.ones(numbers.size, dtype=np.float32)
+    return scipy.sparse.csr_array((ones, (numbers.ravel(), columns)), shape=shape)
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:
