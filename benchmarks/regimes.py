@@ -19,10 +19,8 @@ from rich.console import Console
 
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.advice.advise import safe_steps
-from swe_sphere.studies.advice.choice import DATA, as_text
-from swe_sphere.studies.advice.method import Method, Observation, fitted
-from swe_sphere.studies.advice.setting import setting_of
+from swe_sphere.studies.advice.advise import DATA, as_text, safe_steps
+from swe_sphere.studies.advice.method import Method, Observation, fitted, setting_of
 from swe_sphere.studies.regimes import Point, read_points, write_map
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import load_recipe

@@ -3,7 +3,9 @@
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
 
+import tomllib
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -119,3 +121,19 @@ def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
     """Values by the names of fields, from those by the names of flags."""
     fields = {flag: field for field, flag in _FLAGS.items()}
     return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table in the file.
+
+    Raises:
+        ConfigError: the file is not there, cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:  # also of text that is not UTF-8, and of endless numbers
+        raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    except RecursionError:
+        raise ConfigError(f"{path} is nested too deeply") from None

@@ -1,15 +1,16 @@
-"""Python files of the user: a scene, a stepper or a preconditioner of their own."""
+"""Code of the user: files with scenes, steppers, ... of their own, and calls whose errors tell."""
 
+import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import ParamSpec, TypeVar
 
 from swe_sphere.errors import ConfigError, SweError
 from swe_sphere.fingerprints import fingerprint
-from swe_sphere.guarded import cause, guarded
 
 _LOADED: set[str] = set()
 
@@ -62,3 +63,39 @@ def users_code() -> Iterator[None]:
         file = Path(theirs[-1].filename).name
         message = f"{file} fails: {cause(error)} ({file}, line {theirs[-1].lineno})"
         raise ConfigError(message) from error
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+OURS = f"{Path(__file__).parent}{os.sep}"
+
+
+def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    """What the function returns.
+
+    Raises:
+        ConfigError: the function raised something, or called `sys.exit`; the line begins with
+            `what` and ends with the place in the user's file, where that is known.
+    """
+    try:
+        return function(*args, **kwargs)
+    except (SweError, MemoryError, KeyboardInterrupt):  # have lines of their own
+        raise
+    except BaseException as error:
+        raise ConfigError(f"{what} fails: {cause(error)}{_place(error)}") from error
+
+
+def cause(error: BaseException) -> str:
+    """The error in words."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
+
+
+def _place(error: BaseException) -> str:
+    """The last line of the user's own file that was at work, in brackets."""
+    frames = traceback.extract_tb(error.__traceback__)
+    theirs = [f for f in frames if not f.filename.startswith((OURS, "<frozen "))]
+    if not theirs:
+        return ""
+    last = [frame for frame in theirs if frame.filename == theirs[0].filename][-1]
+    return f" ({Path(last.filename).name}, line {last.lineno})"

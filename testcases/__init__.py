@@ -14,13 +14,12 @@ from swe_sphere.testcases.lauter import lauter
 from swe_sphere.testcases.matsuno import matsuno
 from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
 from swe_sphere.testcases.modons import modons
-from swe_sphere.testcases.parameters import SceneFactory, made
+from swe_sphere.testcases.random_flow import turbulence
 from swe_sphere.testcases.relaxed_jet import relaxed_jet
-from swe_sphere.testcases.slow_ocean import slow_ocean
 from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
-from swe_sphere.testcases.tide import tide
+from swe_sphere.testcases.tide import slow_ocean, tide
 from swe_sphere.testcases.transport import deformational, moving_vortices
-from swe_sphere.testcases.turbulence import turbulence
+from swe_sphere.testcases.user_scenes import SceneFactory, made
 from swe_sphere.testcases.williamson import (
     williamson1,
     williamson2,

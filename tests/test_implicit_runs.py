@@ -12,7 +12,7 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
-from swe_sphere.simulation.stepping import accurate_step
+from swe_sphere.simulation.time_plan import accurate_step
 from swe_sphere.steppers import RECOMMENDED, STEPPERS
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0, "stepper": "tr-bdf2", "dt": 7200.0}

@@ -17,7 +17,7 @@ from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.scene_files import scene_sources
+from swe_sphere.simulation.setup import scene_sources
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)

@@ -10,8 +10,7 @@ from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.regimes import Point, read_points, write_map
-from swe_sphere.studies.regimes.points import Run, cheapest_step
-from swe_sphere.studies.regimes.ratios import break_even, ratio, series
+from swe_sphere.studies.regimes.points import Run, break_even, cheapest_step, ratio, series
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.studies.sweep.sweep_plan import load_recipe
 

@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.parameters import checked
+from swe_sphere.testcases.user_scenes import checked
 
 
 def fails(message: str) -> pytest.RaisesExc[ConfigError]:

@@ -20,8 +20,7 @@ from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.stepping import StepChoice, choose_step
-from swe_sphere.simulation.time_plan import continued_plan, time_plan
+from swe_sphere.simulation.time_plan import StepChoice, choose_step, continued_plan, time_plan
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 

@@ -10,7 +10,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run
-from swe_sphere.simulation.scene_files import scene_sources
+from swe_sphere.simulation.setup import scene_sources
 from swe_sphere.testcases import get_scene
 
 # --- fingerprints of sources

@@ -15,7 +15,7 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies.comparison import slow_errors
+from swe_sphere.simulation.snapshot import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.discretisation import Discretisations

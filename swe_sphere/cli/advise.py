@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from swe_sphere.studies.advice import Advice
-    from swe_sphere.studies.advice.choice import Candidate
+    from swe_sphere.studies.advice.advise import Candidate
 
 SHOWN = 8
 """Methods in the table."""

@@ -13,9 +13,9 @@ from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_functions import fitted
 from swe_sphere.errors import ConfigError
-from swe_sphere.guarded import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
+from swe_sphere.user_file import guarded
 
 
 @dataclass(frozen=True)

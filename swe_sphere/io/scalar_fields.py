@@ -9,7 +9,7 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
-from swe_sphere.mesh import Interpolator
+from swe_sphere.mesh import Interpolator, Mesh
 
 
 @dataclass(frozen=True)
@@ -88,3 +88,11 @@ def evaluate(interpolator: Interpolator, fields: Mapping[str, Array], name: str)
         u, v = interpolator.wind(fields["u"], fields["v"])
         return derive({"u": u, "v": v}, name)
     return interpolator(derive(fields, name))
+
+
+def at_nodes(fine: Mesh, fields: Mapping[str, Array], mesh: Mesh) -> dict[str, Array]:
+    """u, v, h and, where it is there, vorticity of a finer mesh at the nodes of another."""
+    interpolator = Interpolator(fine, mesh.lon, mesh.lat)
+    u, v = evaluate(interpolator, fields, "wind")
+    scalars = fields.keys() & {"h", "vorticity"}
+    return {"u": u, "v": v} | {name: interpolator(fields[name]) for name in scalars}

@@ -15,8 +15,7 @@ from pydantic import (
 )
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.settings import by_field, validated
-from swe_sphere.toml_file import read_toml
+from swe_sphere.settings import by_field, read_toml, validated
 
 
 def _time_step(value: object) -> object:

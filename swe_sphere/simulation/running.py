@@ -13,10 +13,9 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
-from swe_sphere.simulation.evaluator import Evaluator
 from swe_sphere.simulation.prepared import Prepared
 from swe_sphere.simulation.restart import carried_counts, check_step, steps_at_once
-from swe_sphere.simulation.snapshot import Fields, Snapshot
+from swe_sphere.simulation.snapshot import Evaluator, Fields, Snapshot
 from swe_sphere.simulation.summary import Outcome
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.simulation.time_plan import TimePlan, continued_plan, time_plan

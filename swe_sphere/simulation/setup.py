@@ -1,21 +1,28 @@
-"""From a configuration to the things that are stepped: scene, mesh and model."""
+"""From a configuration to what is stepped, scene, mesh and model; and what tells runs apart."""
 
 from __future__ import annotations
 
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.parallel import world
 from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
-from swe_sphere.simulation.scene_files import method_sources, scene_sources
-from swe_sphere.simulation.warp_start import start_warp
 from swe_sphere.testcases import get_scene
+from swe_sphere.testcases.user_scenes import scene_files
+from swe_sphere.user_file import is_user_file
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
@@ -88,3 +95,75 @@ def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
         parameters["alpha"] = config.alpha
     return parameters
+
+
+SCENE_FILE = "the scene's file"
+
+
+def scene_sources(name: str, scene: Scene) -> dict[str, str]:
+    """Fingerprints of the scene's file, of the files it builds on and of those it takes data from.
+
+    The names of bases are relative to the scene's file, so that the folder may be moved.  Files of
+    data are those whose names are parameters of the scene; what a Python scene reads besides is not
+    known.  Empty for a scene of the package without data.
+
+    Raises:
+        ConfigError: a file is gone since the scene was made.
+    """
+    with _readable():
+        files = scene_files(name)
+        found = {_label(path, files[0]): file_fingerprint(path) for path in files}
+    for value in scene.parameters.values():
+        if isinstance(value, str):
+            with suppress(OSError, ValueError):  # a word, not the name of a file
+                found[value] = file_fingerprint(Path(value))
+    return found
+
+
+def method_sources(config: RunConfig) -> dict[str, str]:
+    """Fingerprints of the user's own files of stepper and preconditioner.
+
+    Raises:
+        ConfigError: a file is gone since it was loaded.
+    """
+    asked = {"stepper": config.stepper, "preconditioner": config.preconditioner}
+    files = {what: Path(file) for what, file in asked.items() if file and is_user_file(file)}
+    with _readable():
+        return {f"the {what}'s file": file_fingerprint(file) for what, file in files.items()}
+
+
+@contextmanager
+def _readable() -> Iterator[None]:
+    """ConfigError for a file that cannot be read any more."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None
+
+
+def _label(path: Path, scene: Path) -> str:
+    return SCENE_FILE if path == scene else os.path.relpath(path, scene.parent)
+
+
+EXPECTED = b"Could not find or load the NVIDIA CUDA driver"
+"""What Warp's native library writes to stderr on every machine without a GPU."""
+
+
+def start_warp() -> None:
+    """Import and initialise Warp; warnings and errors still come through, but for that one."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_WARNING
+    with tempfile.TemporaryFile() as caught:
+        sys.stderr.flush()
+        stderr = os.dup(2)
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            caught.seek(0)
+            for line in caught:
+                if EXPECTED not in line:
+                    os.write(2, line)

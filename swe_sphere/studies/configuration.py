@@ -14,12 +14,11 @@ from pydantic import BaseModel, ValidationError
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import SCENE, by_field, by_owner
+from swe_sphere.settings import SCENE, by_field, by_owner, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.supplied import Supplied
-from swe_sphere.testcases.parameters import checked
-from swe_sphere.toml_file import read_toml
+from swe_sphere.testcases.user_scenes import checked
 
 if TYPE_CHECKING:
     from swe_sphere.simulation.simulation import Simulation

@@ -1,16 +1,24 @@
-"""What a step of a method costs and errs by: power laws whose constants are fitted to sweeps."""
+"""What a step of a method costs and errs by on a scene and mesh: power laws fitted to sweeps."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.studies.advice.setting import Setting
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.norms import area_mean
+from swe_sphere.operators.diagnose import divergence
+
+if TYPE_CHECKING:
+    from swe_sphere.mesh import Mesh
+    from swe_sphere.simulation.snapshot import Fields
+    from swe_sphere.studies.sweep.discretisation import Discretisation
+
 
 SANE = 0.3
 """A run with a larger error has blown up or is about to."""
@@ -127,3 +135,76 @@ def _least_squares(
     matrix = np.vstack([terms, np.diag(np.sqrt(held))])
     right = np.concatenate([values, np.sqrt(held) * expected])
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=None)[0])
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The numbers that price and error of a step hang on."""
+
+    gravity_limit: float
+    """Longest step of leapfrog [s], the inverse of the spectral radius."""
+    advective_limit: float
+    """The same, were there no gravity waves [s]."""
+    dissipation: float
+    """Spectral radius of viscosity and hyperviscosity [s-1], 0 without."""
+    change: float
+    """How fast the slow flow changes in place, relative to its size [s-1]."""
+    turning: float
+    """How fast that change itself does [s-1]."""
+    seconds: float
+    """Length of the run [s]."""
+
+    @property
+    def froude(self) -> float:
+        """U/c: largest wind over the speed of the fastest gravity waves."""
+        return 1.0 / (self.advective_limit / self.gravity_limit - 1.0)
+
+
+def setting_of(space: Discretisation, seconds: float) -> Setting:
+    """That of a run of so many seconds.
+
+    Raises:
+        ConfigError: the scene has no gravity waves, or begins at rest.
+    """
+    scene, model = space.scene, space.model
+    if scene.wind is not None or scene.effect("pressure-gradient") is None:
+        raise ConfigError(
+            f"{scene.name}: it has no gravity waves, which advice is about: the wind alone limits"
+            f" its steps (swe-sphere run {scene.name} takes a safe one)"
+        )
+    fields = space.start
+    if not np.isfinite(space.limits["advective_limit"]):
+        raise ConfigError(
+            f"{scene.name}: it begins at rest, so that nothing but gravity waves will move: advice"
+            f" is about a slower flow (swe-sphere run {scene.name} takes a safe explicit step)"
+        )
+    change, turning = slow_frequencies(space.mesh, fields)
+    damping = model.spectrum(model.initial_state()).dissipation if model.diffusive else 0.0
+    limits = space.limits
+    return Setting(
+        limits["gravity_limit"], limits["advective_limit"], damping, change, turning, seconds
+    )
+
+
+def slow_frequencies(mesh: Mesh, fields: Fields) -> tuple[float, float]:
+    """|V·∇Q|/|Q| and |V·∇(V·∇Q)|/|V·∇Q| [s-1], Q = H (ζ + f)/h - f with H the mean depth.
+
+    Potential vorticity q = (ζ + f)/h only moves with the wind, gravity waves or not; Q is what the
+    slow-flow error of a sweep is taken of.  fields: u, v, h, vorticity and f, each (N,).
+    """
+    mean = area_mean(mesh.area, fields["h"])
+    q = mean * (fields["vorticity"] + fields["f"]) / fields["h"]
+    first = _advected(mesh, fields, q)
+    second = _advected(mesh, fields, first)
+    size, change, turn = (_norm(mesh, values) for values in (q - fields["f"], first, second))
+    return change / size if size else 0.0, turn / change if change else 0.0
+
+
+def _advected(mesh: Mesh, fields: Fields, scalar: Array) -> Array:
+    """V·∇s = ∇·(s V) - s ∇·V (N,)."""
+    u, v = fields["u"], fields["v"]
+    return divergence(mesh, scalar * u, scalar * v) - scalar * divergence(mesh, u, v)
+
+
+def _norm(mesh: Mesh, values: Array) -> float:
+    return float(np.sqrt(area_mean(mesh.area, values**2)))

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swe_sphere.studies.regimes.points import Point
-from swe_sphere.studies.regimes.ratios import BASE, OTHERS, Series, ratio
+from swe_sphere.studies.regimes.points import BASE, OTHERS, Point, Series, ratio
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.drawing import INK, PAPER, STYLE, finish
 from swe_sphere.studies.report.palette import LINES, look

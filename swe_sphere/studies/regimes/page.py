@@ -12,8 +12,16 @@ from swe_sphere.durable import write_whole
 from swe_sphere.planet import HOUR
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.regimes.figures import by_error, by_refinement, by_step, slices
-from swe_sphere.studies.regimes.points import Point, read_points
-from swe_sphere.studies.regimes.ratios import BASE, OTHERS, Series, break_even, ratio, series
+from swe_sphere.studies.regimes.points import (
+    BASE,
+    OTHERS,
+    Point,
+    Series,
+    break_even,
+    ratio,
+    read_points,
+    series,
+)
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.drawing import save_svg
 from swe_sphere.studies.sweep.record import read_header, runs_of

@@ -11,12 +11,11 @@ import numpy as np
 from swe_sphere.equations.scene import Scene
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.evaluator import state_integrals
 from swe_sphere.simulation.setup import identity, make_mesh
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.simulation.stepping import stepper_options
+from swe_sphere.simulation.snapshot import Fields, state_integrals
 from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.simulation.time_plan import stepper_options
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.scene_files import scene_sources
-from swe_sphere.simulation.setup import make_scene
+from swe_sphere.simulation.setup import make_scene, scene_sources
 from swe_sphere.studies.sweep.runspec import users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 

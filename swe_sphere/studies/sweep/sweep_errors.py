@@ -10,11 +10,10 @@ import numpy as np
 
 from swe_sphere.durable import write_whole
 from swe_sphere.io.norms import Norms
+from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.evaluator import exact_fields, flow_errors
-from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.studies.comparison import at_nodes, slow_errors
+from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, slow_errors
 from swe_sphere.studies.store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors

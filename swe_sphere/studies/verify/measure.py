@@ -10,9 +10,8 @@ import numpy as np
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean, by_name
-from swe_sphere.simulation.evaluator import exact_fields, flow_errors, state_integrals
-from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.studies.comparison import at_nodes
+from swe_sphere.io.scalar_fields import at_nodes
+from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, state_integrals
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.store import Result
