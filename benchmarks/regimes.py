@@ -15,12 +15,13 @@ from typing import Annotated
 
 import typer
 import warp as wp
+from fit_methods import Observation, as_text, fitted
 from rich.console import Console
 
 from swe_sphere.planet import DAY
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.advice.advise import DATA, as_text, safe_steps
-from swe_sphere.studies.advice.method import Method, Observation, fitted, setting_of
+from swe_sphere.studies.advice.advise import DATA, safe_steps
+from swe_sphere.studies.advice.method import Method, setting_of
 from swe_sphere.studies.regimes import Point, read_points, write_map
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import load_recipe

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fit_methods import Observation, fitted
 
 from swe_sphere.cli.main import main
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.advice.advise import candidates, known_methods
-from swe_sphere.studies.advice.method import Method, Observation, Setting, fitted, slow_frequencies
+from swe_sphere.studies.advice.method import Method, Setting, slow_frequencies
 from swe_sphere.studies.regimes.points import Run, cheapest_step
 
 HERE = Setting(300.0, 3000.0, 0.0, 1e-5, 1e-4, 3.0 * DAY)

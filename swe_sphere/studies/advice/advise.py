@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Annotated, Any, Literal
@@ -178,12 +178,6 @@ def _best(method: Method, setting: Setting, limit: float, error: float) -> Candi
         bound = ERROR if dt < safe[0] else FAILURE
     cost = method.step_cost(setting, dt) * DAY / dt
     return Candidate(method, dt, method.error(setting, dt), cost, bound)
-
-
-def as_text(methods: Sequence[Method]) -> str:
-    """Methods as they are kept."""
-    lines = ",\n".join(json.dumps(asdict(method)) for method in methods)
-    return f"[\n{lines}\n]\n"
 
 
 @cache
