@@ -8,7 +8,7 @@ import os
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from swe_sphere.analysis.runs import open_run
+    from swe_sphere.analysis.accessor import open_run
     from swe_sphere.equations.scene import Scene
     from swe_sphere.mesh import Mesh
     from swe_sphere.simulation.simulation import Simulation
@@ -31,7 +31,7 @@ _PLACES = {
     "Simulation": "simulation.simulation",
     "list_scenes": "testcases",
     "list_steppers": "steppers",
-    "open_run": "analysis.runs",
+    "open_run": "analysis.accessor",
     "sweep": "studies.sweep",
     "verify": "studies.verify",
 }

@@ -9,11 +9,10 @@ import pytest
 import xarray as xr
 from scipy.special import sph_harm_y
 
-from swe_sphere.analysis.accessor import Analysis
+from swe_sphere.analysis.accessor import Analysis, open_run
 from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
 from swe_sphere.analysis.regrid import CellMeans, Points
 from swe_sphere.analysis.regrid_file import regrid_file
-from swe_sphere.analysis.runs import open_run
 from swe_sphere.analysis.scrip import write_scrip
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare

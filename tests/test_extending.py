@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support import random_state, relative, tangent, tendency
 
-from swe_sphere.analysis.runs import open_run
+from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
 from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError

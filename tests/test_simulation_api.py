@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from swe_sphere.analysis.runs import open_run
+from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile
