@@ -1,5 +1,6 @@
 """`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,7 +9,7 @@ import typer
 from swe_sphere.cli.explain import Stopped, explain
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.ranks import start_ranks
-from swe_sphere.cli.show import Terminal, show_summary
+from swe_sphere.cli.show import show_summary, terminal
 from swe_sphere.compiling import on_compile
 from swe_sphere.parallel import world
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
@@ -47,9 +48,8 @@ def run(
 def _run(asked: RunConfig) -> Summary:
     if world().rank:
         return run_scene(asked)
-    terminal = Terminal(asked)
     try:
-        with on_compile(terminal.compiling):
-            return run_scene(asked, terminal)
+        with on_compile(lambda: None) if asked.quiet else nullcontext():
+            return run_scene(asked, terminal(asked))
     except KeyboardInterrupt:
         raise Stopped("interrupted by Ctrl-C") from None

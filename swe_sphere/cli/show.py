@@ -4,7 +4,6 @@ import sys
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
-from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Summary
 
 COMPILING = "compiling kernels, the first time only ..."
@@ -12,36 +11,16 @@ GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""
 
 
-class Terminal(Watcher):
+def terminal(config: RunConfig) -> Watcher:
     """Warnings on stderr, and how far the run is: as a bar in a terminal, in lines elsewhere."""
+    kind: type[Watcher] = ProgressBar if sys.stderr.isatty() else LogLines
+    if config.quiet or config.as_json or config.live:
+        kind = Watcher
+    return kind(None if config.quiet else _warn)
 
-    def __init__(self, config: RunConfig) -> None:
-        self._quiet = config.quiet
-        self._progress = Watcher()
-        if not (config.quiet or config.as_json or config.live):
-            self._progress = ProgressBar() if sys.stderr.isatty() else LogLines()
 
-    def begin(self, sim: Running) -> None:
-        """Begin to tell how far the run is."""
-        self._progress.begin(sim)
-
-    def tick(self, sim: Running) -> None:
-        """Tell how far it is."""
-        self._progress.tick(sim)
-
-    def end(self) -> None:
-        """Stop telling."""
-        self._progress.end()
-
-    def warn(self, text: str) -> None:
-        """Print it, unless asked to be quiet."""
-        if not self._quiet:
-            sys.stderr.write(f"swe-sphere: warning: {text}\n")
-
-    def compiling(self) -> None:
-        """Say why nothing happens, unless asked to be quiet."""
-        if not self._quiet:
-            tell_of_compiling()
+def _warn(text: str) -> None:
+    sys.stderr.write(f"swe-sphere: warning: {text}\n")
 
 
 def tell_of_compiling() -> None:

@@ -3,7 +3,9 @@
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from swe_sphere.planet import DAY
@@ -11,10 +13,15 @@ from swe_sphere.simulation.running import Running
 
 
 class Watcher:
-    """Told how a run is going; this one does not care."""
+    """Told how a run is going; this one does not care, but passes warnings on where told to."""
+
+    def __init__(self, warn: Callable[[str], None] | None = None) -> None:
+        self._warn = warn
 
     def warn(self, text: str) -> None:
         """Something the user should know, in one line."""
+        if self._warn is not None:
+            self._warn(text)
 
     def begin(self, sim: Running) -> None:
         """The first step is about to be taken."""
@@ -29,14 +36,10 @@ class Watcher:
 class ProgressBar(Watcher):
     """A bar on stderr, or in a notebook; one that has lost its terminal is no reason to stop."""
 
-    def __init__(self, wanted: bool = True) -> None:
-        self._wanted = wanted
-        self._bar: Any = None
+    _bar: Any = None
 
     def begin(self, sim: Running) -> None:
         """Show the bar."""
-        if not self._wanted:
-            return
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of tqdm, in notebooks without widgets: text will do
             from tqdm.auto import tqdm
@@ -90,19 +93,12 @@ class LogLines(Watcher):
         sys.stderr.flush()
 
 
-class Notebook(ProgressBar):
-    """What is shown where Python is used by hand: warnings of its own kind, and a bar."""
+def notebook(progress: bool | None) -> Watcher:
+    """What is shown where Python is used by hand: warnings of its own kind, and a bar.
 
-    def __init__(self, progress: bool | None) -> None:
-        """progress: whether to show a bar; None: where somebody is looking."""
-        super().__init__(_watched() if progress is None else progress)
-
-    def warn(self, text: str) -> None:
-        """A warning of Python."""
-        warnings.warn(text, stacklevel=4)
-
-
-def _watched() -> bool:
-    """Whether there is a terminal, or a notebook."""
-    kernel = "ipykernel" in sys.modules
-    return kernel or (sys.stderr is not None and sys.stderr.isatty())
+    progress: whether to show a bar; None: where there is a notebook, or a terminal.
+    """
+    if progress is None:
+        terminal = sys.stderr is not None and sys.stderr.isatty()
+        progress = terminal or "ipykernel" in sys.modules
+    return (ProgressBar if progress else Watcher)(partial(warnings.warn, stacklevel=4))

@@ -14,7 +14,7 @@ from swe_sphere.simulation.callbacks import intervals, scheduled
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.execution import execute, summary_of
 from swe_sphere.simulation.output import check_paths
-from swe_sphere.simulation.progress import Notebook, Watcher
+from swe_sphere.simulation.progress import Watcher, notebook
 from swe_sphere.simulation.recorder import attributes_of, save
 from swe_sphere.simulation.restart import configured
 from swe_sphere.simulation.running import Running
@@ -162,7 +162,7 @@ class Simulation(Running):
         calls = scheduled(callbacks)
         self.begin(also=intervals(calls))
         self._out = self.config.out
-        watcher = watcher or (Watcher() if self.comm.rank else Notebook(progress))
+        watcher = watcher or (Watcher() if self.comm.rank else notebook(progress))
         self._own.warn = watcher.warn
         self.outcome = execute(self, calls, watcher)
         return self.summary
