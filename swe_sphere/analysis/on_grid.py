@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from swe_sphere.analysis.grids import Grid
 from swe_sphere.analysis.regrid import CellMeans, Regridder
 from swe_sphere.analysis.runs import holding
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MESH_ONLY = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
 """Attributes of variables that say how they lie on the mesh."""
@@ -20,8 +18,6 @@ LEFT_OUT = ("area",)
 
 def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
     """All fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
-    import xarray as xr
-
     names = [name for name in fields_of(data) if name not in LEFT_OUT]
     found: dict[Any, xr.DataArray] = {}
     if {"u", "v"} & set(names):
@@ -44,8 +40,6 @@ def fields_of(data: xr.Dataset) -> list[str]:
 
 def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray) -> xr.DataArray:
     """A function of fields (N,) at one time, applied at all; it returns an array of those sizes."""
-    import xarray as xr
-
     result: xr.DataArray = xr.apply_ufunc(
         function, *arrays, input_core_dims=[["node"]] * len(arrays),
         output_core_dims=[list(sizes)], vectorize=True, dask="parallelized",
@@ -55,8 +49,6 @@ def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray) -> xr.
 
 
 def _applied(function: Any, bring: Regridder, *arrays: xr.DataArray) -> tuple[xr.DataArray, ...]:
-    import xarray as xr
-
     count = len(arrays)
     sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))
     found = xr.apply_ufunc(

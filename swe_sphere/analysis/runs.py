@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def mesh_of(data: xr.Dataset) -> Mesh:

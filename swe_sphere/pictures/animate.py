@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 
 from swe_sphere.durable import clear_errors, part_of
@@ -73,8 +74,6 @@ def _check(source: RunFile, out: Path, rate: float) -> None:
 
 def _pictures(drawing: Drawing, source: RunFile) -> Iterator[Pixels]:
     """Frame after frame (height, width, 3), even numbers of pixels."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     lows, highs = zip(*(limits(drawing.values(t), drawing.kind) for t in source.times), strict=True)
     for time in source.times:
         figure = new_figure()

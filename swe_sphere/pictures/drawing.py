@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
@@ -20,10 +22,6 @@ from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.overlays import draw_mesh, draw_winds
 from swe_sphere.pictures.projections import Disc
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
 
 SEEN = 4e-3
 """Parts of the bottom's height above its lowest point that get a contour."""
@@ -137,8 +135,6 @@ class Drawing:
 
 def _bottom_levels(bottom: Array) -> Array:
     """About four round heights, none of them at a plain."""
-    from matplotlib.ticker import MaxNLocator
-
     low, high = float(bottom.min()), float(bottom.max())
     levels = np.asarray(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
     found = drawable(levels, bottom, float(levels[1] - levels[0]), diverging=False)
@@ -146,8 +142,6 @@ def _bottom_levels(bottom: Array) -> Array:
 
 
 def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
-    from matplotlib.ticker import ScalarFormatter
-
     numbers = ScalarFormatter(useOffset=False, useMathText=True)
     numbers.set_powerlimits((-3, 5))
     bar = axes.figure.colorbar(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from swe_sphere.pictures.projections import Disc, Map, Rounded
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 STEPS = (60, 30, 20, 10, 5, 2, 1)
 """Degrees between lines: the first that gives four of them."""

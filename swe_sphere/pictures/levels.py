@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from swe_sphere.arrays import Array
 from swe_sphere.io.scalar_fields import Field
@@ -31,8 +32,6 @@ def contours(
     values: Array, kind: Field, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
     """Levels to draw, and the interval between them; about `count` of them where that is given."""
-    from matplotlib.ticker import MaxNLocator
-
     most = count or (DIVERGING_LEVELS if kind.diverging else LEVELS)
     levels = np.asarray(MaxNLocator(most).tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 
 from swe_sphere.arrays import Array
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.pictures.projections import Map
 from swe_sphere.sphere import frame, longitude_latitude, position
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 ARROWS, LINES = 900, 500
 """On a map."""
@@ -29,8 +27,6 @@ Wind = Callable[[Array], tuple[Array, Array]]
 
 def draw_mesh(axes: Axes, on: Map, mesh: Mesh) -> None:
     """The edges of the elements."""
-    from matplotlib.collections import LineCollection
-
     last = mesh.np - 1
     n = mesh.nodes
     edges = np.concatenate([n[:, 0, :], n[:, last, :], n[:, :, 0], n[:, :, last]])

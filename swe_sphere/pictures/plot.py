@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from swe_sphere.arrays import Array
 from swe_sphere.durable import clear_errors
@@ -22,10 +25,6 @@ from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 ROWS = 361
 """Latitudes of the grid a field is evaluated on: every half degree."""
@@ -70,9 +69,6 @@ def plot_file(
 
 def new_figure() -> Figure:
     """An empty figure whose parts make room for each other."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
     return Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))
 
 

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from swe_sphere.arrays import Array
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.regimes.points import BASE, OTHERS, Point, Series, ratio
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.drawing import INK, PAPER, STYLE, finish
 from swe_sphere.studies.report.palette import LINES, look
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from swe_sphere.arrays import Array
 
 COLOURS = "RdBu_r"
 FARTHEST = 3.0
@@ -55,9 +54,6 @@ def by_error(of: Series, errors: Sequence[float]) -> Figure:
 
 
 def _panels(froude: Sequence[float], rows: Sequence[str], what: str, cell: Cell) -> Figure:
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     with mpl.rc_context(STYLE):
         width = len(OTHERS) * (CELL[0] * len(froude) + 0.2) + MARGIN[0]
         size = width, CELL[1] * len(rows) + MARGIN[1] + TOP
@@ -101,9 +97,6 @@ def _coloured(axes: Axes, values: Array) -> None:
 
 def by_step(points: Sequence[Point], error: float) -> Figure:
     """Ratios against the length of the step in gravity limits, a mark for each place."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
         axes = figure.subplots()
@@ -125,11 +118,6 @@ def by_step(points: Sequence[Point], error: float) -> Figure:
 
 def slices(points: Mapping[str, Point]) -> Figure:
     """Error against cost of all steppers at some places, a panel each, by title."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    from swe_sphere.steppers import STEPPERS
-
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(4.4 * len(points), 4.6), layout="constrained")
         panels = figure.subplots(1, len(points), sharey=True, squeeze=False)[0]
@@ -148,8 +136,6 @@ def slices(points: Mapping[str, Point]) -> Figure:
 
 def _curves(axes: Axes, point: Point) -> dict[str, Any]:
     """Draw every stepper, and return its line by its name."""
-    from swe_sphere.steppers import STEPPERS
-
     drawn = {}
     for name, runs in point.by_stepper.items():
         style, family = look(name), [BASE, *OTHERS].index(STEPPERS[name].family)

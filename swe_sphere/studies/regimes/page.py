@@ -6,7 +6,9 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from swe_sphere.durable import write_whole
 from swe_sphere.planet import HOUR
@@ -25,9 +27,6 @@ from swe_sphere.studies.regimes.points import (
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.drawing import save_svg
 from swe_sphere.studies.sweep.record import read_header, runs_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ERRORS = (1e-2, 3e-3, 1e-3)
 USUAL = 3e-3

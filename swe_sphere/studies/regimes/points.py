@@ -13,6 +13,7 @@ from typing import NamedTuple, get_args
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
 from swe_sphere.studies.modelled_time import Prices, lowest, modelled_seconds
 from swe_sphere.studies.report.statistics import FAILED
@@ -80,8 +81,6 @@ class Point:
 
     def best(self, family: str, error: float) -> Offer | None:
         """The cheapest step of a family with that error; None where no run there has it."""
-        from swe_sphere.steppers import STEPPERS
-
         found = [
             offer
             for name, runs in self.by_stepper.items()

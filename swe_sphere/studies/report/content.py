@@ -9,7 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from xarray import Dataset
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.answer import Ranking, rankings
@@ -23,9 +25,6 @@ from swe_sphere.studies.report.rows import (
     read_rows,
 )
 from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_steps
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 
 @dataclass(frozen=True)
@@ -101,8 +100,6 @@ def read_sections(
 
     Raises ConfigError if one of them is not the dataset of a sweep.
     """
-    from xarray import Dataset
-
     if isinstance(datasets, Dataset):
         datasets = {str(datasets.attrs.get("scene", "")): datasets}
     found = []

@@ -7,18 +7,19 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from io import StringIO
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.palette import Curve, look
 from swe_sphere.studies.report.rows import Row
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
 
 INK, FAINT, GRID, PAPER = "#1b1f24", "#6e7781", "#dfe3e8", "#fefefe"
 """Colours of a figure that follow the page, light or dark; no stepper has one of these."""
@@ -73,8 +74,6 @@ def _widened(low: float, high: float) -> tuple[float, float]:
 
 def _ticks(axis: Axis) -> None:
     """At powers of ten, and on short axes between them."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
     low, high = sorted(axis.get_view_interval())
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)))
     axis.set_minor_locator(NullLocator())
@@ -115,8 +114,6 @@ def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
 
 def name_curves(axes: Axes, ends: Mapping[Curve, float]) -> None:
     """Names right of the axes, in the order of the heights of the curves' ends."""
-    from matplotlib.lines import Line2D
-
     handles: list[Any] = []
     for curve in sorted(ends, key=lambda curve: -ends[curve]):
         style = look(curve.stepper)
@@ -131,8 +128,6 @@ def name_curves(axes: Axes, ends: Mapping[Curve, float]) -> None:
 
 def save_svg(figure: Figure, name: str) -> str:
     """The text of an SVG file; the same figure gives the same bytes."""
-    import matplotlib as mpl
-
     out = StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with mpl.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):

@@ -7,8 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.report.drawing import (
     FAINT,
     INK,
@@ -23,10 +28,6 @@ from swe_sphere.studies.report.drawing import (
 from swe_sphere.studies.report.palette import STATUS, Curve, curves, look
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, MODELLED, Metric, Row
 from swe_sphere.studies.report.statistics import Cost, candidates, cost, pareto
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 5.4, 3.7
 """Inches: on a telephone a point of text is about a pixel."""
@@ -53,9 +54,6 @@ class Diagram:
 
 def render(diagram: Diagram, anchor: str = "row") -> Figure:
     """Draw a diagram as a figure of its own."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, diagram.height), layout="constrained")
         diagram.draw(figure.subplots(), anchor)
@@ -176,8 +174,6 @@ def _draw_uncertainty(axes: Axes, drawn: Sequence[Curve], metric: Metric) -> Non
 
 def _draw_map(rows: Sequence[Row], axes: Axes, anchor: str) -> None:
     """How every run ended, by stepper and step."""
-    from swe_sphere.steppers import STEPPERS
-
     order = {name: i for i, name in enumerate(STEPPERS)}
     drawn = sorted(curves(rows), key=lambda c: order.get(c.stepper, len(order)))[::-1]
     for height, curve in enumerate(drawn):
@@ -204,8 +200,6 @@ def _draw_ends(axes: Axes, curve: Curve, height: int, anchor: str) -> None:
 
 
 def _explain_marks(axes: Axes, found: set[str]) -> None:
-    from matplotlib.lines import Line2D
-
     marks = [
         Line2D([], [], marker=style.marker, color=style.colour, linestyle="", label=status)
         for status, style in STATUS.items()

@@ -10,7 +10,10 @@ from io import BytesIO
 from math import isfinite
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from markupsafe import Markup, escape
+from xarray import Dataset
 
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
@@ -22,10 +25,6 @@ from swe_sphere.studies.report.figures import Diagram, render
 from swe_sphere.studies.report.rows import REPEATABLE, Row
 from swe_sphere.studies.report.statistics import BASELINE, SLACK
 from swe_sphere.studies.report.table import columns, csv_text, how_it_ended
-
-if TYPE_CHECKING:
-    from markupsafe import Markup
-    from xarray import Dataset
 
 DOTS_PER_INCH = 160
 TITLE = "What accuracy costs in time"
@@ -95,8 +94,6 @@ def _made(folder: str | os.PathLike[str], what: str) -> Path:
 
 
 def _title(datasets: Dataset | Mapping[str, Dataset]) -> str:
-    from xarray import Dataset
-
     first = datasets if isinstance(datasets, Dataset) else next(iter(datasets.values()), None)
     return str("" if first is None else first.attrs.get("title", "")) or TITLE
 
@@ -114,8 +111,6 @@ class _Pictures:
 
     def inline(self, section: Section, mesh: OneMesh, diagram: Diagram) -> Markup:
         """Draw a diagram; returns it as an element of the page, its points with explanations."""
-        from markupsafe import Markup
-
         name, svg = self._draw(section, mesh, diagram)
         tips = {f"{section.name}-{row.number}": _tip(row) for row in mesh.rows}
         return Markup(inline(svg, name.removesuffix(".svg"), diagram.title, tips))
@@ -156,8 +151,6 @@ def _known(value: Any) -> bool:
 
 def _link_rows(text: str, section: str) -> Markup:
     """Escaped text in which "row 12" leads to that row of the section's table."""
-    from markupsafe import Markup, escape
-
     link = rf'<a href="#{section}-\1">row&nbsp;\1</a>'
     linked = re.sub(r"\brow (\d+)\b", link, str(escape(text)))
     return Markup(re.sub(r"(\d) (s|%)(?!\w)", r"\1&nbsp;\2", linked))

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies.report.rows import Row
-
-if TYPE_CHECKING:
-    from swe_sphere.steppers.stepper import Marker
 
 
 @dataclass(frozen=True)
@@ -38,8 +36,6 @@ STATUS = {
 
 def look(stepper: str) -> Look:
     """The colour and marker of a stepper; of one without, always the same for its name."""
-    from swe_sphere.steppers import STEPPERS
-
     style = STEPPERS[stepper].style if stepper in STEPPERS else None
     if style is not None:
         return Look(*style)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from xarray import Dataset
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep.dataset import UNITS, WORDS
-
-if TYPE_CHECKING:
-    from xarray import Dataset
 
 REQUIRED = ("stepper", "dt", "status", "wall_seconds")
 COMPARED = ("", "grid", "target")

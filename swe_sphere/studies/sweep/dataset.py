@@ -6,9 +6,11 @@ import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from numpy.typing import NDArray
 
 from swe_sphere.durable import write_whole
@@ -28,10 +30,6 @@ from swe_sphere.studies.sweep.record import (
     runs_of,
 )
 from swe_sphere.studies.sweep.runner import COUNTS
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 __all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "write_dataset"]
 
@@ -66,9 +64,6 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     Only runs of the sources that the sweep had last are in it: others cannot be compared with them.
     dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
     """
-    import pandas as pd
-    import xarray as xr
-
     records = current(records, header.sources)
     table = pd.DataFrame([_row(record, header.scene) for record in records])
     order = table["key"].unique()
@@ -163,8 +158,6 @@ def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:
 
 def _errors(runs: Iterable[RunRecord]) -> xr.DataArray:
     """All errors, NaN where there is none."""
-    import xarray as xr
-
     runs = list(runs)
     days = sorted({error.day for run in runs for error in run.errors})
     sizes = (len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days))
