@@ -13,8 +13,7 @@ from swe_sphere.analysis.on_grid import fields_of, on_grid
 from swe_sphere.analysis.regrid import Regridder, regridder
 from swe_sphere.durable import clear_errors, part_of, refuse_to_replace, remove
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.io.history import history
-from swe_sphere.io.layout import SERIES
+from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.store import check_zarr
 

@@ -11,7 +11,7 @@ import netCDF4
 import numpy as np
 
 from swe_sphere.durable import clear_errors, part_of, refuse_to_replace
-from swe_sphere.io.history import history
+from swe_sphere.io.layout import history
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import CORNERS, cell_corners

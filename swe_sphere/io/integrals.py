@@ -1,15 +1,18 @@
-"""Global integrals that the shallow-water equations conserve, and what Courant numbers need.
+"""Global integrals that the shallow-water equations conserve, what Courant numbers need, and tracers.
 
 Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of
 the mesh (Williamson et al. 1992, eqs. 87 and 140-142, doi:10.1016/S0021-9991(05)80016-6).
+
+Tracers are known here by their names alone; of each the fields hold the mass hq_NAME (N,) [m] and
+the mixing ratio q_NAME (N,).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.io.norms import area_mean
+from swe_sphere.io.norms import area_mean, norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import Planet
 
@@ -90,4 +93,41 @@ def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str
     return {
         "courant_advective": rate * now["max_wind"],
         "courant_gravity": rate * now["max_signal"],
+    }
+
+
+def tracer_masses(
+    mesh: Mesh, fields: Mapping[str, Array], names: Iterable[str]
+) -> dict[str, float]:
+    """Area mean of hq [m] by tracer."""
+    return {name: area_mean(mesh.area, fields[f"hq_{name}"]) for name in names}
+
+
+def tracer_numbers(
+    mesh: Mesh, fields: Mapping[str, Array], start: Mapping[str, float]
+) -> dict[str, float]:
+    """Of each tracer mass_drift_q_NAME, min_q_NAME and max_q_NAME.
+
+    start: what `tracer_masses` returned at the start.  The drift is relative, NaN where the mass
+    of the start is zero.
+    """
+    numbers = {}
+    for name, mass in tracer_masses(mesh, fields, start).items():
+        first, q = start[name], fields[f"q_{name}"]
+        numbers[f"mass_drift_q_{name}"] = (mass - first) / first if first else float("nan")
+        numbers[f"min_q_{name}"], numbers[f"max_q_{name}"] = float(q.min()), float(q.max())
+    return numbers
+
+
+def tracer_errors(
+    mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
+) -> dict[str, float]:
+    """Of each tracer l1_q_NAME, l2_q_NAME and linf_q_NAME against exact mixing ratios (N,).
+
+    NaN where the exact ones are: at times at which they are not known.
+    """
+    return {
+        f"{norm}_q_{name}": value
+        for name, q in exact.items()
+        for norm, value in norms(mesh.area, fields[f"q_{name}"], q).items()
     }

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 import netCDF4
@@ -221,3 +222,10 @@ def attribute(value: object) -> Any:
     if isinstance(value, Mapping):
         value = dict(value)
     return json.dumps(value, default=str)
+
+
+def history(action: str, before: str = "") -> str:
+    """A line for what is done now, above those of what was done before (CF-1.11, section 2.6.2)."""
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    line = f"{now} swe-sphere {__version__}: {action}"
+    return f"{line}\n{before}" if before else line

@@ -19,7 +19,6 @@ from swe_sphere.errors import RunFailed, unknown_name
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.earlier_frames import EarlierFrames
 from swe_sphere.io.growing import Growing, GrowingFile
-from swe_sphere.io.history import history
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
@@ -28,6 +27,7 @@ from swe_sphere.io.layout import (
     add_layout,
     attribute,
     frame_fields,
+    history,
 )
 from swe_sphere.io.store import SUFFIX, GrowingStore
 from swe_sphere.mesh import Mesh

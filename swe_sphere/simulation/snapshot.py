@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.integrals import courant_numbers, drifts, integrals
+from swe_sphere.io.integrals import (
+    courant_numbers,
+    drifts,
+    integrals,
+    tracer_errors,
+    tracer_masses,
+    tracer_numbers,
+)
 from swe_sphere.io.norms import Norms, area_mean, by_name, field_errors, norms
-from swe_sphere.io.tracer_diagnostics import tracer_errors, tracer_masses, tracer_numbers
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
