@@ -175,7 +175,7 @@ MISTAKES = {
     "run williamson2 --dt -1": "dt: must be a positive number",
     "run williamson2 --dt 0": "dt: must be a positive number",
     "run williamson2 --dt nan": "dt: must be a positive number",
-    "run williamson2 --dt soon": "dt: must be a number of seconds or 'auto', not 'soon'",
+    "run williamson2 --dt soon": "dt: must be a positive number of seconds or 'auto', not 'soon'",
     "run williamson2 --ne 2 --dt 1e-99": "dt=1e-99 s means more than",
     "run williamson2 --ne 0": "ne=0",
     "run williamson2 --ne x": "--ne",

@@ -1,4 +1,4 @@
-"""Global integrals that the shallow-water equations conserve, what Courant numbers need, and tracers.
+"""Global integrals that the shallow-water equations conserve, Courant numbers, and tracers.
 
 Area means I(psi) = integral of psi over the sphere / area of the sphere, with the quadrature of
 the mesh (Williamson et al. 1992, eqs. 87 and 140-142, doi:10.1016/S0021-9991(05)80016-6).

@@ -1,6 +1,5 @@
 """What a run is asked to be: one frozen object, from flags, a TOML file, or Python."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,6 +10,8 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
+    ValidationError,
     field_validator,
 )
 
@@ -18,32 +19,33 @@ from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.settings import by_field, read_toml, validated
 
 
-def _time_step(value: object) -> object:
-    if isinstance(value, str) and value.strip().lower() == "auto":
-        return "auto"
-    try:
-        seconds = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise ValueError("must be a number of seconds or 'auto'") from None
-    except OverflowError:
-        seconds = math.inf
-    if not (math.isfinite(seconds) and seconds > 0.0):
-        raise ValueError("must be a positive number of seconds or 'auto'")
-    return seconds
+def or_auto(kind: Any, words: str) -> BeforeValidator:
+    """Reads the word "auto" or a value of that kind, also from text; words: what it must be."""
+    adapter = TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False))
+
+    def read(value: object) -> object:
+        if isinstance(value, str) and value.strip().lower() == "auto":
+            return "auto"
+        try:
+            return adapter.validate_python(value)
+        except ValidationError:
+            raise ValueError(f"must be {words} or 'auto'") from None
+
+    return BeforeValidator(read)
 
 
-def _count(value: object) -> object:
-    text = str(value).strip().lower()
-    if text != "auto" and not (text.isdecimal() and int(text) > 0):
-        raise ValueError("must be a whole number from 1 on, or 'auto'")
-    return text if text == "auto" else int(text)
+def _no_switch(value: object) -> object:
+    """The value; ValueError for a switch, which pydantic would take for 1 or 0."""
+    if isinstance(value, bool):
+        raise ValueError("must be a valid number")
+    return value
 
 
 def plain_number(value: object) -> object:
     """The value; ValueError for a switch or a text, which pydantic would make a number of."""
-    if isinstance(value, bool | str):
+    if isinstance(value, str):
         raise ValueError("must be a valid number")
-    return value
+    return _no_switch(value)
 
 
 def _nameable(path: Path) -> Path:
@@ -69,8 +71,14 @@ Number = Annotated[float, BeforeValidator(plain_number)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=0, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
-TimeStep = Annotated[float | Literal["auto"], BeforeValidator(_time_step)]
-Count = Annotated[int | Literal["auto"], BeforeValidator(_count)]
+Spoken = Annotated[float, BeforeValidator(_no_switch), Field(gt=0.0)]
+"""A positive number, also as text."""
+SpokenWhole = Annotated[int, BeforeValidator(_no_switch)]
+TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
+Count = Annotated[
+    int | Literal["auto"],
+    or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on"),
+]
 
 
 class SharedConfig(BaseModel):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -23,8 +22,11 @@ from swe_sphere.simulation.config import (
     Positive,
     RunConfig,
     SharedConfig,
+    Spoken,
+    SpokenWhole,
     Whole,
     make_config,
+    or_auto,
 )
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.setup import make_mesh
@@ -43,14 +45,6 @@ def _listed(value: object) -> tuple[object, ...]:
         return (value,)
     parts = (_listed(item) if isinstance(item, str) else (item,) for item in value)
     return tuple(part for several in parts for part in several)
-
-
-def _counted(value: object) -> tuple[object, ...]:
-    """A list of numbers; ValueError for a switch among them, which pydantic would take for 1."""
-    values = _listed(value)
-    if any(isinstance(each, bool) for each in values):
-        raise ValueError("must be numbers")
-    return values
 
 
 def _stepper_names(value: object) -> tuple[str, ...]:
@@ -72,23 +66,14 @@ def _stepper_names(value: object) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _steps(value: object) -> object:
-    if isinstance(value, str) and value.strip().lower() == "auto":
-        return "auto"
-    try:
-        steps = tuple(float(step) for step in _counted(value))  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        steps = ()
-    if not steps or not all(math.isfinite(step) and step > 0.0 for step in steps):
-        raise ValueError("must be positive numbers of seconds or 'auto'")
-    return steps
-
-
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
-Numbers = Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], BeforeValidator(_counted)]
-Count = Annotated[int, Field(ge=0, le=MOST_ELEMENTS)]
-Counts = Annotated[tuple[Count, ...], BeforeValidator(_counted)]
-Steps = Annotated[Literal["auto"] | tuple[float, ...], BeforeValidator(_steps)]
+Numbers = Annotated[tuple[Spoken, ...], BeforeValidator(_listed)]
+Count = Annotated[SpokenWhole, Field(ge=0, le=MOST_ELEMENTS)]
+Counts = Annotated[tuple[Count, ...], BeforeValidator(_listed)]
+Steps = Annotated[
+    Literal["auto"] | tuple[float, ...],
+    or_auto(Annotated[Numbers, Field(min_length=1)], "positive numbers of seconds"),
+]
 Paths = Annotated[tuple[FileName, ...], BeforeValidator(_listed)]
 Precisions = Annotated[tuple[Literal["float64", "float32"], ...], BeforeValidator(_listed)]
 
