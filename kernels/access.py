@@ -63,6 +63,76 @@ def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any,
 
 
 @functools.cache
+def step_run(value: type, index: type, real: type, lanes: int) -> Any:
+    """Warp function (now, past, offset, node, rate, tau, weights, out, mixed): a run's own step.
+
+    out = now + tau rate and mixed = the weights' sum of (out, now, past), of which any may be one
+    array.  In registers by name: of Warp's own vectors the compiler makes single numbers here.  A
+    statement has one operation, so that none are contracted.
+    """
+    kind = f"wp::{real.__name__}"
+    attributes = f"ext_vector_type({lanes}), aligned(sizeof({kind}))"
+    vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
+
+    @wp.func_native(f"""
+        typedef {kind} run __attribute__(({attributes}));
+        const auto at = offset + ~node.c[0];
+        run change, sum, more;
+        __builtin_memcpy(&change, &rate, sizeof rate);
+        const run first = *reinterpret_cast<const run*>(now.data + at);
+        const run second = *reinterpret_cast<const run*>(past.data + at);
+        change *= tau;
+        change += first;
+        sum = change * weights.c[0];
+        more = first * weights.c[1];
+        sum += more;
+        more = second * weights.c[2];
+        sum += more;
+        *reinterpret_cast<run*>(out.data + at) = change;
+        *reinterpret_cast<run*>(mixed.data + at) = sum;
+    """)
+    def step(
+        now: vector, past: vector, offset: int, node: index, rate: value, tau: real,
+        weights: triple, out: vector, mixed: vector,
+    ): ...  # fmt: skip
+
+    return step
+
+
+@functools.cache
+def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
+    """Warp function (local, places, first, offset): the sum of DSS at a run of nodes from `first`.
+
+    place: what the array `places` holds for a node.
+    """
+    kind = f"wp::{real.__name__}"
+    each = ", ".join(f"sum({lane})" for lane in range(lanes))
+
+    vector, array = wp.array(dtype=real), wp.array(dtype=place)
+
+    @wp.func_native(f"""
+        const auto sum = [&](int lane) {{
+            const auto at = places.data[first + lane];
+            auto total = local.data[at.c[0] + offset];
+            if (at.c[1] >= 0) {{
+                total += local.data[at.c[1] + offset];
+                if (at.c[2] >= 0)
+                    total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset];
+            }}
+            return total;
+        }};
+        typedef {kind} run __attribute__((ext_vector_type({lanes})));
+        const run r = {{{each}}};
+        wp::vec_t<{lanes}, {kind}> v;
+        __builtin_memcpy(&v, &r, sizeof v);
+        return v;
+    """)
+    def gather(local: vector, places: array, first: int, offset: int) -> value: ...
+
+    return gather
+
+
+@functools.cache
 def converting_load(value: type, index: type, given: type, real: type, lanes: int) -> Any:
     """Warp function (x, offset, node): load from a vector of `given` into registers of `real`."""
     kind, vector = f"wp::{real.__name__}", wp.array(dtype=given)

@@ -14,12 +14,13 @@ from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.formulas import Formula, keep_fields
+from swe_sphere.kernels.levels import finish_wind
 
 
 def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
     """Function (geometry, a, x, at, e, 0, k, out, done): the formula at all nodes of a group e.
 
-    Where `direct`, nodes inside the elements, which need no DSS, go to the vector `done` finished.
+    Where `direct`, nodes inside the elements, which need no DSS, go to `done` finished.
     """
     np_, real, geometry, vector, local = t.np, t.real, t.geometry, t.vector, t.local
     rows, kept, (d1, d2, _, _) = f.rows, f.winds, line_sums(t, f.rows)
@@ -37,7 +38,7 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
         n: int,
         k: int,
         out: local,
-        done: vector,
+        done: t.done,
     ):
         f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=rows)
         f2 = wp.array(ptr=geo.work + at_2, shape=(np_, np_), dtype=rows)
@@ -74,7 +75,8 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
 
 def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
     """Function (geometry, winds, result, e, i, j, out, done): to where that node has it."""
-    np_, last, keep, finish = t.np, t.np - 1, keep_fields(t, f), _finish(t, f)
+    np_, last, keep = t.np, t.np - 1, keep_fields(t, f)
+    finish = _finish(t, f) if t.done is t.vector else finish_wind(t, f.winds)
 
     @no_type_check
     @wp.func
@@ -86,7 +88,7 @@ def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
         i: int,
         j: int,
         out: t.local,
-        done: t.vector,
+        done: t.done,
     ):
         n = i * np_ + j
         if e < geo.whole and i > 0 and i < last and j > 0 and j < last:

@@ -13,6 +13,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.levels import levels_struct
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_rates
 
 
@@ -20,22 +21,20 @@ from swe_sphere.kernels.pointwise import Pointwise, pointwise_rates
 def level_kernels(
     unknowns: int, real: type, point: Pointwise, damped: bool, tracers: bool
 ) -> SimpleNamespace:
-    """Kernels over N threads that step `depth` and `wind`, with the `structure` of the terms.
+    """Kernels over nodes that step `depth` and `wind`, with the `structure` of the terms.
 
-    depth: (places, inverse_area, stride, N, count, local, c, tau, now, past, loss, base, flows,
-    mixes, out, carried, pushed): out = now + tau (rate + loss) in the `count` blocks of depth and
-    tracers, with the rates of `point` at the masses `carried` and the wind of `pushed`.  Then
-    `carried` becomes the sum of (out, now, past) with the weights `flows`, and the depth of
-    `pushed` that with the weights `mixes`.
-    wind: (places, inverse_area, stride, N, local, c, tau, now, past, loss, base, turns, out,
-    carried, pushed): the same for both winds with the rates at `pushed`, whose winds get the
-    weights `turns`.
-    `loss` is only read where `damped`; `out` may be any of the levels.  Where `point` is a tangent
-    all combinations are less `base`, and `carried` has those of the winds as well.
+    depth: (places, inverse_area, stride, begin, N, count, local, c, levels): from the node `begin`
+    on, out = now + tau (rate + loss) in the `count` blocks of depth and tracers, with the rates of
+    `point` at the masses `carried` and the wind of `pushed`; then the combinations of
+    `levels_struct`.
+    wind: (places, inverse_area, stride, begin, N, local, c, levels): the same for both winds with
+    the rates at `pushed`.
+    `loss` is only read where `damped`.  Where `point` is a tangent all combinations are less
+    `base`, and `carried` has those of the winds as well.
     """
     first, vector, gather = (unknowns - 1), wp.array(dtype=real), gather_sum(real)
     triple, place = wp.types.vector(3, real), entry_of(Contributors)
-    entry, put = entry_of(real), put_of(real)
+    entry, put, levels = entry_of(real), put_of(real), levels_struct(real)
     rates, moves, shifted = pointwise_rates(unknowns, real, point), unknowns == 3, point.tangent
     structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
 
@@ -53,45 +52,37 @@ def level_kernels(
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        begin: int,
         size: int,
         count: int,
         local: vector,
         c: structure,
-        tau: real,
-        now: vector,
-        past: vector,
-        loss: vector,
-        base: vector,
-        flows: triple,
-        mixes: triple,
-        out: vector,
-        carried: vector,
-        pushed: vector,
+        s: levels,
     ):
-        i = wp.tid()
+        i = begin + wp.tid()
         at = place(places, i)
         scale = entry(inverse_area, i)
         k = first * size + i
-        rate = scale * gather(local, at, 0) + of_depth(c, i, size + i, k, pushed, carried)
+        rate = scale * gather(local, at, 0) + of_depth(c, i, size + i, k, s.pushed, s.carried)
         if wp.static(damped):
-            rate += entry(loss, k)
-        h = entry(now, k)
-        h1 = entry(past, k)
-        new = h + tau * rate
-        put(carried, k, total(flows, new, h, h1, base, k))
+            rate += entry(s.loss, k)
+        h = entry(s.now, k)
+        h1 = entry(s.past, k)
+        new = h + s.tau * rate
+        put(s.carried, k, total(s.weights, new, h, h1, s.base, k))
         if wp.static(moves):
-            put(pushed, k, total(mixes, new, h, h1, base, k))
-        put(out, k, new)
+            put(s.pushed, k, total(s.mixes, new, h, h1, s.base, k))
+        put(s.out, k, new)
         if wp.static(tracers):
             for block in range(1, count):
                 k += size
                 rate = scale * gather(local, at, block * stride)
                 if wp.static(damped):
-                    rate += entry(loss, k)
-                h = entry(now, k)
-                new = h + tau * rate
-                put(carried, k, total(flows, new, h, entry(past, k), base, k))
-                put(out, k, new)
+                    rate += entry(s.loss, k)
+                h = entry(s.now, k)
+                new = h + s.tau * rate
+                put(s.carried, k, total(s.weights, new, h, entry(s.past, k), s.base, k))
+                put(s.out, k, new)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -99,42 +90,35 @@ def level_kernels(
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        begin: int,
         size: int,
         local: vector,
         c: structure,
-        tau: real,
-        now: vector,
-        past: vector,
-        loss: vector,
-        base: vector,
-        turns: triple,
-        out: vector,
-        carried: vector,
-        pushed: vector,
+        s: levels,
     ):
-        i = wp.tid()
+        i = begin + wp.tid()
         j = size + i
         at = place(places, i)
         scale = entry(inverse_area, i)
-        wind = of_wind(c, i, j, size + j, pushed)
+        wind = of_wind(c, i, j, size + j, s.pushed)
         rate_u = scale * gather(local, at, 0) + wind[0]
         rate_v = scale * gather(local, at, stride) + wind[1]
         if wp.static(damped):
-            rate_u += entry(loss, i)
-            rate_v += entry(loss, j)
-        u = entry(now, i)
-        v = entry(now, j)
-        new_u = u + tau * rate_u
-        new_v = v + tau * rate_v
-        mixed_u = total(turns, new_u, u, entry(past, i), base, i)
-        mixed_v = total(turns, new_v, v, entry(past, j), base, j)
-        put(pushed, i, mixed_u)
-        put(pushed, j, mixed_v)
+            rate_u += entry(s.loss, i)
+            rate_v += entry(s.loss, j)
+        u = entry(s.now, i)
+        v = entry(s.now, j)
+        new_u = u + s.tau * rate_u
+        new_v = v + s.tau * rate_v
+        mixed_u = total(s.weights, new_u, u, entry(s.past, i), s.base, i)
+        mixed_v = total(s.weights, new_v, v, entry(s.past, j), s.base, j)
+        put(s.pushed, i, mixed_u)
+        put(s.pushed, j, mixed_v)
         if wp.static(shifted):
-            put(carried, i, mixed_u)
-            put(carried, j, mixed_v)
-        put(out, i, new_u)
-        put(out, j, new_v)
+            put(s.carried, i, mixed_u)
+            put(s.carried, j, mixed_v)
+        put(s.out, i, new_u)
+        put(s.out, j, new_v)
 
     return SimpleNamespace(depth=step_depth, wind=step_wind, structure=structure)
 

@@ -24,16 +24,23 @@ from swe_sphere.kernels.terms import Terms, kernel_types
 
 
 def tendency_kernel(
-    terms: Terms, np_: int, real: type, shape: str, direct: bool = False, rotation: bool = False
+    terms: Terms,
+    np_: int,
+    real: type,
+    shape: str,
+    direct: bool = False,
+    rotation: bool = False,
+    done: type | None = None,
 ) -> SimpleNamespace:
     """Kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)): tendencies of those terms.
 
     Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
-    go to `done` as DSS would leave them, with `rotation` as well; else `done` is not written.
+    go to `done` as DSS would leave them, with `rotation` as well; else `done` is not written.  Of
+    the type `levels_struct` it has the nodes stepped.
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    t = kernel_types(np_, real, shape, terms, direct, rotation)
+    t = kernel_types(np_, real, shape, terms, direct, rotation, done)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:
@@ -43,7 +50,7 @@ def tendency_kernel(
 
     @no_type_check
     @wp.func
-    def local_tendency(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.vector):
+    def local_tendency(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.done):
         if wp.static(terms.dynamics and terms.wind):
             dynamics(geo, geo.wind, x, 0, e, n, 0, out, done)
         elif wp.static(terms.dynamics and (terms.tangent or terms.poisson)):
@@ -55,13 +62,13 @@ def tendency_kernel(
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def over_elements(geo: t.geometry, x: t.vector, out: t.local, done: t.vector):
+    def over_elements(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
         e = wp.tid()
         local_tendency(geo, x, e, 0, out, done)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def over_nodes(geo: t.geometry, x: t.vector, out: t.local, done: t.vector):
+    def over_nodes(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
         e, n = wp.tid()
         local_tendency(geo, x, e, n, out, done)
 

@@ -31,7 +31,7 @@ def node_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
         n: int,
         k: int,
         out: local,
-        done: vector,
+        done: t.done,
     ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
         keep(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)

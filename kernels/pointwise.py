@@ -13,6 +13,7 @@ from typing import Any, no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import entry_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 
 
@@ -144,7 +145,7 @@ def _wind_rates(
     structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None
 ) -> wp.Function:
     """Rate of change of the wind (x[i], x[j]) at node i, whose depth is x[k]."""
-    pair, triple = wp.types.vector(2, real), wp.types.vector(3, real)
+    pair, triple, entry = wp.types.vector(2, real), wp.types.vector(3, real), entry_of(real)
     of_terms, acts = terms and terms.wind, any(term.wind for term in point.terms)
 
     @no_type_check
@@ -156,9 +157,9 @@ def _wind_rates(
         if wp.static(acts):
             d = triple(x[i], x[j], x[k])
         elif wp.static(point.rotation):
-            d = pair(x[i], x[j])
+            d = pair(entry(x, i), entry(x, j))
         if wp.static(point.rotation):
-            f = c.coriolis[i]
+            f = entry(c.coriolis, i)
             r += pair(f * d[1], -f * d[0])
         if wp.static(acts and point.tangent):
             r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)

@@ -117,8 +117,11 @@ def kernel_types(
     terms: Terms = NO_TERMS,
     direct: bool = False,
     rotation: bool = False,
+    done: type | None = None,
 ) -> SimpleNamespace:
     """Types of kernels on element nodes.
+
+    done: where `direct` kernels put what they finish, if not in a vector.
 
     `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
     `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
@@ -139,6 +142,7 @@ def kernel_types(
         made: type = wp.struct(type(name, (), {"__annotations__": dict.fromkeys(names, value)}))
         return made
 
+    vector = wp.array(dtype=real)
     return SimpleNamespace(
         terms=terms,
         np=np_,
@@ -147,10 +151,11 @@ def kernel_types(
         value=value,
         index=index,
         geometry=geometry_struct(terms, value, index, real, shape == "node", direct, rotation),
-        vector=wp.array(dtype=real),
+        vector=vector,
         local=wp.array3d(dtype=value),
         direct=direct,
         rotation=rotation,
+        done=done or vector,
         ops=algebra(value, index, real, lanes),
         rows=rows,
         struct=struct,

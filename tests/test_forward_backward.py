@@ -17,6 +17,7 @@ from swe_sphere.testcases import get_scene
 SCENES = {
     "all": ("advection", "pressure", "rotation", "orography", "forcing", "drag", "relaxation"),
     "linear": ("pressure", "rotation", "linearised", "drag"),
+    "whole elements at once": ("advection", "pressure", "rotation", "orography"),
 }
 NAMES = ("forward-backward", "fb-rk3")
 

@@ -9,7 +9,9 @@ from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tendencies import element_terms, pointwise_terms
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_kernels
+from swe_sphere.kernels.levels import levels_struct
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
+from swe_sphere.kernels.run_steps import carrying_kernel, run_kernels
 from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.pointwise_operator import fill
 
@@ -30,6 +32,7 @@ class Passes:
     def __init__(self, model: Model) -> None:
         self._model, discrete = model, model.discrete
         self._mesh, self._real = discrete.device_mesh, discrete.device_mesh.real
+        mesh, np_ = self._mesh, self._mesh.mesh.np
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(discrete, "conservative")
         self._moves, self._first = not terms.wind, terms.unknowns - 1
@@ -44,24 +47,39 @@ class Passes:
             terms.unknowns, self._real, point, model.dissipative, self._masses > 1
         )
         self._structure = fill(self._kernels.structure, {"base": None, **model.parameters}, point)
-        of_fields = field_kernels(self._mesh.mesh.np, self._real, self._mesh.shape)
-        self._geometry = self._mesh.geometry(of_fields.geometry)
-        self._local_depth, self._flat_depth = self._mesh.local(self._masses, of_fields.value)
-        self._local_wind, self._flat_wind = self._mesh.local(2, of_fields.value)
-        transport = of_fields.tangent if terms.tangent else of_fields.transport
-        self._transport = transport if terms.dynamics else None
+        self._steps: dict[Any, Any] = {}
+        plain = point.plain and not (point.tangent or model.dissipative)
+        direct = mesh.lanes > 1 and plain and terms.dynamics and terms.gradient == self._moves
+        self._runs = None
+        """Kernels that step what elements have not, as many nodes at once as a register holds."""
+        self._begin, self._behind = 0, 0
+        """The first nodes that they, and that `_kernels` step."""
+        if direct:
+            self._runs = run_kernels(terms.unknowns, self._real, point.rotation)
+            self._run_geometry = mesh.geometry(self._runs.geometry, model.parameters)
+            self._begin = mesh.inner
+            self._behind = mesh.size - (mesh.size - mesh.inner) % mesh.lanes
+        of_fields = field_kernels(np_, self._real, mesh.shape)
+        self._local_depth, self._flat_depth = mesh.local(self._masses, of_fields.value)
+        self._local_wind, self._flat_wind = mesh.local(2, of_fields.value)
+        self._transport, self._geometry = None, mesh.geometry(of_fields.geometry)
+        if direct:
+            carrying = carrying_kernel(np_, self._real, self._moves)
+            self._transport, self._geometry = carrying.kernel, mesh.geometry(carrying.geometry)
+        elif terms.dynamics:
+            self._transport = of_fields.tangent if terms.tangent else of_fields.transport
         self._force, self._force_geometry = None, None
         if terms.gradient:
-            alone = replace(terms, momentum=True)
-            made = tendency_kernel(alone, self._mesh.mesh.np, self._real, self._mesh.shape)
+            alone, done = replace(terms, momentum=True), levels_struct(self._real)
+            turns = (direct, point.rotation, done) if direct else ()
+            made = tendency_kernel(alone, np_, self._real, mesh.shape, *turns)
             self._force = made.kernel
-            self._force_geometry = self._mesh.geometry(made.geometry, model.parameters)
-        wanted = (self._kernels.depth, self._transport, self._force, self._combine)
+            self._force_geometry = mesh.geometry(made.geometry, model.parameters)
+        wanted = [self._kernels.depth, self._transport, self._force, self._combine]
+        wanted += [self._kernels.wind] * self._moves + [self._add] * (flux is not None)
+        if self._runs is not None:
+            wanted += [self._runs.depth] + [self._runs.wind] * self._moves
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
-        if self._moves:
-            model.launch.load(self._kernels.wind)
-        if flux is not None:
-            model.launch.load(self._add)
 
     def weights(self, *numbers: float) -> Any:
         """Those of three time levels, as the passes take them."""
@@ -83,23 +101,21 @@ class Passes:
         model, mesh, size = self._model, self._mesh, self._mesh.size
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
-        if self._transport is not None:
-            wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
-            model.launch(
-                self._transport, mesh.dim, self._geometry, wind, self.carried,
-                self._first * size, self._masses, self._local_depth,
-            )  # fmt: skip
-            mesh.exchange(self._flat_depth)
-        if self._flux is not None:
+        step = self._step_of(tau, levels, out, flows, mixes)
+        if self._flux is not None:  # before the elements change what they carry
             self._flux.carry(self.pushed, self.carried, self._crossing)
             behind = slice(self._flux.first, model.size)
             of_now, rate, of_out = (x[behind] for x in (levels[0], self._crossing, out))
             model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
-        model.launch(
-            self._kernels.depth, size, mesh.places(self._masses), mesh.inverse_area, mesh.lanes,
-            size, self._masses, self._flat_depth, self._structure, tau, *levels, self._loss,
-            self._shift, flows, mixes, out, self.carried, self.pushed,
-        )  # fmt: skip
+        if self._transport is not None:
+            wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
+            model.launch(
+                self._transport, mesh.dim, self._geometry, wind, self.carried, self._first * size,
+                self._masses, self._local_depth, *([] if self._runs is None else [step]),
+            )  # fmt: skip
+            mesh.exchange(self._flat_depth)
+        of_run = self._runs and self._runs.depth
+        self._sum(self._kernels.depth, of_run, self._flat_depth, step, self._masses)
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
@@ -108,15 +124,42 @@ class Passes:
         """
         if not self._moves:
             return
-        launch, mesh, size = self._model.launch, self._mesh, self._mesh.size
+        mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
-            launch(self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind, out)
+            done = out if self._runs is None else step
+            self._model.launch(
+                self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind, done
+            )
             mesh.exchange(self._flat_wind)
-        launch(
-            self._kernels.wind, size, mesh.places(2), mesh.inverse_area, mesh.lanes, size,
-            self._flat_wind, self._structure, tau, *levels, self._loss, self._shift, turns, out,
-            self.carried, self.pushed,
-        )  # fmt: skip
+        self._sum(self._kernels.wind, self._runs and self._runs.wind, self._flat_wind, step)
+
+    def _sum(self, of_node: Any, of_run: Any, flat: wp.array, step: Any, *count: int) -> None:
+        """DSS of what elements have left, and the step."""
+        launch, mesh, size, behind = self._model.launch, self._mesh, self._mesh.size, self._behind
+        places = mesh.places(*(count or (2,)))
+        if of_run is not None:
+            launch(
+                of_run, (behind - self._begin) // mesh.lanes, self._run_geometry, places,
+                mesh.lanes, self._begin, *count, flat, step,
+            )  # fmt: skip
+        if behind < size:
+            launch(
+                of_node, size - behind, places, mesh.inverse_area, mesh.lanes, behind, size,
+                *count, flat, self._structure, step,
+            )  # fmt: skip
+
+    def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
+        """Those arguments of a pass as its kernels take them, the same ones for the same."""
+        key = (tau, *(x.ptr for x in (*levels, out)), *weights, *mixes)
+        if key not in self._steps:
+            now, past = levels
+            given = {"now": now, "past": past, "out": out, "tau": tau, "weights": weights}
+            given |= {"mixes": mixes, "carried": self.carried, "pushed": self.pushed}
+            step = levels_struct(self._real)()
+            for name, value in (given | {"loss": self._loss, "base": self._shift}).items():
+                setattr(step, name, value)
+            self._steps[key] = step
+        return self._steps[key]
 
     def prepare(self, levels: Levels, masses: Any, winds: Any) -> None:
         """Make `carried` and `pushed` anew from (now, past, older), with those weights of them."""

@@ -143,8 +143,8 @@ KERNELS = (
         "Coriolis force of the wrong sign beside forcing",
         "kernels/pointwise.py",
         ("williamson4-day",),
-        "f = c.coriolis[i]",
-        "f = -c.coriolis[i]",
+        "f = entry(c.coriolis, i)",
+        "f = -entry(c.coriolis, i)",
     ),
     Edit("forcing of depth left out", "kernels/pointwise.py", FORCED, "r += c.forcing[k]", "pass"),
     Edit(
