@@ -18,9 +18,9 @@ SPAN = 256
 
 @functools.cache
 def weighted_products_kernel(real: type) -> wp.Kernel:
-    """Kernel (call, weights (n,), starts (kinds, chunks + 1), size, partial), of one thread.
+    """Kernel (call, weights (n,), starts (kinds, chunks + 1), size), of one thread.
 
-    call: addresses of a stack (m, n) and of v (n,), how many rows, and d.  partial[c d + s] = the
+    call: addresses of a stack (m, n), of v (n,) and of p, how many rows, and d.  p[c d + s] = the
     part of sum_i w_i stack[s, i] v_i of chunk c, which is the numbers from starts[k, c] to
     starts[k, c + 1], all k, of each of the n / size fields; in float64.  With d = 0 the parts are
     added up, one after the other.
@@ -35,7 +35,8 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         struct four {{ enum {{ value = 4 }}; }};
         const auto stack = reinterpret_cast<const {kind}*>(call.data[0]);
         const auto v = reinterpret_cast<const {kind}*>(call.data[1]);
-        const long rows = call.data[2], apart = call.data[3];
+        const auto partial = reinterpret_cast<double*>(call.data[2]);
+        const long rows = call.data[3], apart = call.data[4];
         const long n = weights.shape[0], chunks = starts.shape[1] - 1;
         const auto all = [](const auto* x) {{
             typedef __typeof__(*x + 0) number;
@@ -66,13 +67,14 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
                 to[s + r] += (q[0] + q[2]) + (q[1] + q[3]);
             }}
         }};
-        for (long i = 0; i < rows + (chunks - 1) * apart; ++i) partial.data[i] = 0.0;
+        for (long c = 0; c < chunks; ++c)
+            for (long s = 0; s < rows; ++s) partial[c * apart + s] = 0.0;
         for (long field = 0; field < n; field += size)
             for (long k = 0; k < starts.shape[0]; ++k) {{
                 const int* at = starts.data + k * (chunks + 1);
                 for (long c = 0; c < chunks; ++c) {{
                     const long begin = field + at[c], end = field + at[c + 1];
-                    double* to = partial.data + c * apart;
+                    double* to = partial + c * apart;
                     long s = 0;
                     for (; s + 4 <= rows; s += 4) add(four(), s, begin, end, to);
                     if (s + 2 <= rows) {{ add(two(), s, begin, end, to); s += 2; }}
@@ -85,7 +87,6 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         weights: wp.array(dtype=wp.float64),
         starts: wp.array2d(dtype=wp.int32),
         size: int,
-        partial: wp.array(dtype=wp.float64),
     ): ...
 
     @no_type_check
@@ -95,9 +96,8 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         weights: wp.array(dtype=wp.float64),
         starts: wp.array2d(dtype=wp.int32),
         size: int,
-        partial: wp.array(dtype=wp.float64),
     ):
-        sum_up(call, weights, starts, size, partial)
+        sum_up(call, weights, starts, size)
 
     return products
 

@@ -69,7 +69,7 @@ def test_a_space_counts_what_it_does():
     space.project(stack, 2, x)
     space.combine(x, stack, [1.0, 2.0, 3.0], y)
     assert work.counts() == {
-        "axpby float64 8": (1, 0), "dot float64 8": (1, 0), "project float64 8": (1, 2),
+        "axpby float64 8": (1, 0), "dots float64 8": (1, 1), "project float64 8": (1, 2),
         "combine_rows float64 8": (1, 3),
     }  # fmt: skip
 

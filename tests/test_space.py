@@ -43,6 +43,8 @@ def test_products_are_weighted_sums(space: VectorSpace) -> None:
     expected = values[:4] @ (weights_of(space) * values[4])
     assert space.project(stack, 4, stack[4]) == pytest.approx(expected, abs=1e-11)
     assert space.dot(stack[0], stack[4]) == pytest.approx(expected[0], abs=1e-11)
+    pairs = [(row, stack[4]) for row in (stack[3], stack[1])]
+    assert space.dots(*pairs) == pytest.approx(expected[[3, 1]], abs=1e-11)
     assert space.norm(stack[2]) == pytest.approx(
         math.sqrt(np.sum(weights_of(space) * values[2] ** 2)), rel=1e-14
     )
@@ -234,8 +236,8 @@ def chunk_sums(real: type, shift: int) -> np.ndarray:
             (np.zeros(24), wp.float64),
         )
     )
-    call = wp.array([rows.ptr, rows[6].ptr, 6, 6], dtype=wp.uint64, device="cpu")
-    inputs = [call, weights, starts, values.shape[1], found]
+    call = wp.array([rows.ptr, rows[6].ptr, found.ptr, 6, 6], dtype=wp.uint64, device="cpu")
+    inputs = [call, weights, starts, values.shape[1]]
     wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
     return found.numpy().reshape(4, 6)
 

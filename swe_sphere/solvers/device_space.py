@@ -52,8 +52,8 @@ class DeviceVectors:
     def scale(self, a: float, x: wp.array) -> None:
         self.axpby(a, x, 0.0, x)
 
-    def dot(self, a: wp.array, b: wp.array) -> float:
-        return float(self.project(a.reshape((1, self.n)), 1, b)[0])
+    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
+        return np.array([float(self.project(a.reshape((1, self.n)), 1, b)[0]) for a, b in pairs])
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
         if count > self._rows:

@@ -92,7 +92,7 @@ class FlexibleGMRES(KrylovSolver):
     def _true_residual(self, p: LinearSolve) -> float:
         """Put rhs - A x in the first row of the basis; returns its norm."""
         row = self._basis.rows[0]
-        if not p.history and self.space.norm(p.x) == 0.0:
+        if not p.history and not p.guess:
             self.space.copy(p.rhs, row)
             return p.scale
         p.operator(p.x, row)

@@ -203,8 +203,8 @@ class GravityWaveSolver:
             self._apply, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
-        lost = self.space.dot(self._ones, self._b) - self.space.dot(self._ones, self._h)
-        self.space.axpy(lost, self._ones, self._h)
+        there, here = self.space.dots((self._ones, self._b), (self._ones, self._h))
+        self.space.axpy(float(there - here), self._ones, self._h)
         self.operator.spread(self._h, h)
         self.operator.substitute(r, h, out)
         if self.waves.tracers is not None:

@@ -45,16 +45,14 @@ class HostVectors:
             chunks = self._shared = mesh.chunks
             self._starts, self._parts = chunks.starts, chunks.count
             self._comm, self._size = mesh.comm, mesh.size
-        self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
+        self._call = wp.zeros(5, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
 
-    def _prepare_products(self, rows: int) -> None:
-        """Load the kernel, with room for the parts of so many rows."""
-        products = wp.zeros(rows * self._parts, dtype=wp.float64, device="cpu")
-        self._products = products.numpy()
-        inputs = [self._call, self._weights, self._starts, self._size, products]
-        self._multiply = self._record(weighted_products_kernel(self.real), 1, inputs)
+    @functools.cached_property
+    def _multiply(self) -> Any:
+        inputs = [self._call, self._weights, self._starts, self._size]
+        return self._record(weighted_products_kernel(self.real), 1, inputs)
 
     def _prepare_combinations(self, rows: int) -> None:
         """Load the kernel, with room for the coefficients of so many rows."""
@@ -105,24 +103,31 @@ class HostVectors:
         target = self.view(x)
         np.multiply(target, self.dtype.type(a), out=target)
 
-    def dot(self, a: wp.array, b: wp.array) -> float:
-        return float(self.project(a, 1, b)[0])
-
-    def lowest(self, x: wp.array, begin: int, end: int) -> float:
-        lowest = float(self.view(x)[begin:end].min())
-        return min(self._comm.tell_all(-math.inf if math.isnan(lowest) else lowest))
+    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
+        return self._multiplied(len(pairs), [(a, 1, b) for a, b in pairs])
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
+        return self._multiplied(count, [(stack, count, v)])
+
+    def _multiplied(self, count: int, calls: list[tuple[wp.array, int, wp.array]]) -> Array:
+        """Products of rows of stacks with vectors, so many in all, valid until the next call."""
         if count * self._parts > self._products.size:
-            self._prepare_products(max(2 * count, 16))
-        apart = 0 if self._shared is None else count
-        self._arguments[:] = self._address(stack), self._address(v), count, apart
-        self._multiply.launch()
+            self._products = np.empty(max(2 * count, 16) * self._parts)
+        to, apart = self._products.ctypes.data, 0 if self._shared is None else count
+        for stack, rows, v in calls:
+            self._arguments[:] = self._address(stack), self._address(v), to, rows, apart
+            self._multiply.launch()
+            to += rows * self._products.itemsize
         products = self._products[: count * self._parts]
         if self._shared is not None:
             with QUIETLY():
                 products = np.sum(self._shared.of_all(products.reshape(-1, count)), axis=0)
         return products
+
+    def lowest(self, x: wp.array, begin: int, end: int) -> float:
+        lowest = float(self.view(x)[begin:end].min())
+        mine = np.array([-math.inf if math.isnan(lowest) else lowest])
+        return float(self._comm.gather(mine, [1] * self._comm.size).min())
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array
@@ -131,7 +136,7 @@ class HostVectors:
         if count >= self._coefficients.size:
             self._prepare_combinations(max(2 * count, 16))
         self._coefficients[0], self._coefficients[1 : 1 + count] = scale, coefficients
-        self._arguments[:] = *map(self._address, (x, stack, out)), count
+        self._arguments[:4] = *map(self._address, (x, stack, out)), count
         self._add_up.launch()
 
     def _address(self, x: wp.array) -> int:

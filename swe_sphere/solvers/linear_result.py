@@ -56,7 +56,8 @@ class LinearSolve:
     """One solve of operator(x) = rhs under way.
 
     scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
-    allowed; terms: size of the terms that the residual is the difference of.
+    allowed; guess: whether it began from an x other than 0; terms: size of the terms that the
+    residual is the difference of.
     """
 
     operator: Operator
@@ -66,6 +67,7 @@ class LinearSolve:
     scale: float
     target: float
     limit: int
+    guess: bool = True
     iterations: int = 0
     terms: float = 0.0
     history: list[float] = field(default_factory=list)
@@ -92,6 +94,8 @@ class KrylovSolver(ABC):
         atol: float = 0.0,
         max_iterations: int = 200,
         floor: float = 0.0,
+        scale: float | None = None,
+        guess: bool = True,
     ) -> LinearResult:
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
@@ -100,14 +104,15 @@ class KrylovSolver(ABC):
         either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
         tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
         size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
-        after the first.  Nothing that is not finite is ever added to x.
+        after the first.  scale: |rhs| where it is known; guess: false where x holds none, for 0.
+        Nothing that is not finite is ever added to x.
         """
-        scale = self.space.norm(rhs)
-        p = LinearSolve(
-            operator, precondition, rhs, x, scale, max(rtol * scale, atol), max_iterations
-        )
-        if scale == 0.0:
+        scale = self.space.norm(rhs) if scale is None else scale
+        target = max(rtol * scale, atol)
+        p = LinearSolve(operator, precondition, rhs, x, scale, target, max_iterations, guess)
+        if scale == 0.0 or not guess:
             self.space.clear(x)
+        if scale == 0.0:
             p.history.append(0.0)
             return p.end(Status.CONVERGED, "the right-hand side is zero")
         p.history.append(self._true_residual(p) if math.isfinite(scale) else scale)

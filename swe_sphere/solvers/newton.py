@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
 import warp as wp
 
 from swe_sphere.solvers.forcing_term import FollowedNonlinearity, Forcing
@@ -188,7 +189,6 @@ class NewtonKrylov:
         """Put the negative Newton direction, J d = F, in self._direction."""
         eta = self.forcing(p.residuals[-1], p.target, self.nonlinearity)
         p.problem.linearise(p.x)
-        self.space.clear(self._direction)
         linear = self.gmres.solve(
             p.problem.jacobian,
             self._residual,
@@ -196,6 +196,8 @@ class NewtonKrylov:
             p.problem.precondition,
             rtol=eta,
             max_iterations=self.max_krylov,
+            scale=p.residuals[-1],
+            guess=False,
         )
         p.forcing.append(eta)
         p.krylov.append(linear.iterations)
@@ -204,8 +206,9 @@ class NewtonKrylov:
 
     def _is_roundoff(self, x: wp.array) -> bool:
         """Whether the correction is too small for x to resolve."""
-        size = self.space.norm(self._direction)
-        return size <= ROUNDOFFS * self.space.epsilon * self.space.norm(x)
+        d = self._direction
+        correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
+        return bool(correction <= ROUNDOFFS * self.space.epsilon * size)
 
     def _trial_along(self, p: _Progress) -> Callable[[float], float]:
         """|F| at x - s d, with point and residual left in the trial vectors."""

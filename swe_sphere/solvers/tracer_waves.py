@@ -53,7 +53,8 @@ class TracerWaves:
         self._air_transport(self._flow, self._ones, 0, self._air, 0)
         self._ratio.correct(self._flux, self._air, tau, r, x)
         for unit in self._units:
-            self._space.axpy(self._space.dot(r, unit) - self._space.dot(x, unit), unit, x)
+            there, here = self._space.dots((r, unit), (x, unit))
+            self._space.axpy(float(there - here), unit, x)
 
     def _carry_rest(self, d: wp.array) -> None:
         """flow = H V."""

@@ -21,7 +21,8 @@ from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.solvers.host_space import HostVectors
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
-    "copy": None, "clear": None, "scale": None, "axpby": None, "dot": None, "lowest": None,
+    "copy": None, "clear": None, "scale": None, "axpby": None, "lowest": None,
+    "dots": lambda *pairs: len(pairs),
     "project": lambda stack, count, v: count,
     "combine_rows": lambda scale, x, stack, c, out: len(c),
 }  # fmt: skip
@@ -39,8 +40,9 @@ class VectorSpace:
     """scale(a, x): x = a x."""
     axpby: Callable[[float, wp.array, float, wp.array], None]
     """axpby(a, x, b, y): y = a x + b y."""
-    dot: Callable[[wp.array, wp.array], float]
-    """dot(a, b): <a, b>."""
+    dots: Callable[..., Array]
+    """dots((a, b), (c, d), ...): <a, b>, <c, d>, ... as numpy array that the next call overwrites;
+    of several ranks in one message."""
     lowest: Callable[[wp.array, int, int], float]
     """lowest(x, begin, end): the least of x[begin:end], -infinity where one is NaN."""
     project: Callable[[wp.array, int, wp.array], Array]
@@ -114,6 +116,10 @@ class VectorSpace:
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """y = y + a x."""
         self.axpby(a, x, 1.0, y)
+
+    def dot(self, a: wp.array, b: wp.array) -> float:
+        """<a, b>."""
+        return float(self.dots((a, b))[0])
 
     def norm(self, a: wp.array) -> float:
         """|a|; NaN when an element is."""

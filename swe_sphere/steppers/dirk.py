@@ -116,7 +116,7 @@ class TRBDF2(DiagonallyImplicit):
         self.problem.tau = self.a[-1][-1] * self._attempted
         self.problem.linearise(self.state)
         damped = self.space.zeros()
-        converged = self._solve_linear(self._rhs, damped, rtol=ROUGH).converged
+        converged = self._solve_linear(self._rhs, damped, rtol=ROUGH, guess=False).converged
         return min(difference, self.space.norm(damped)) if converged else difference
 
 

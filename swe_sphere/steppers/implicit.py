@@ -189,7 +189,7 @@ class ImplicitStepper(SteppedInParts):
         self.counters["krylov_iterations"] += result.krylov_iterations
         return result
 
-    def _solve_linear(self, rhs: wp.array, x: wp.array, **goal: float) -> LinearResult:
+    def _solve_linear(self, rhs: wp.array, x: wp.array, **goal: Any) -> LinearResult:
         """Solve the linearised problem as it is set from the guess x, to what `goal` says."""
         result = self.newton.gmres.solve(
             self.problem.jacobian,
@@ -223,9 +223,9 @@ class ImplicitStepper(SteppedInParts):
         """
         space = self.space
         for conserved, unit, square in self._units:
-            lost = space.dot(rhs, unit) - space.dot(x, unit)
+            there, here = space.dots((rhs, unit), (x, unit))
             more = gain if conserved == "mass" else 0.0
-            space.axpy(lost / square + more, unit, x)
+            space.axpy(float(there - here) / square + more, unit, x)
 
     def _unit_masses(self) -> list[tuple[str, wp.array, float]]:
         """What is conserved, with states that are zero but for 1 m of depth, or of a tracer.

@@ -58,8 +58,9 @@ class Motion:
         space.copy(old, slope)
         space.axpby(1.0 / dt, new, -1.0 / dt, slope)
         space.axpby(1.0 / apart, slope, -1.0 / apart, bend)
-        now, then, both = space.dot(bend, bend), space.dot(before, before), space.dot(bend, before)
-        self.rate = space.norm(slope)
+        pairs = (bend, bend), (before, before), (bend, before), (slope, slope)
+        now, then, both, square = map(float, space.dots(*pairs))
+        self.rate = math.sqrt(square)
         first = _ratio(math.sqrt(now), self.rate)
         second = _ratio(math.sqrt(max(now - 2.0 * both + then, 0.0) / now), dt) if now else first
         self.frequencies = first, (max(first, second) if then else first)

@@ -246,8 +246,8 @@ class _Residual:
         wp.copy(state[self._depth], flow[self._depth])
         self._ratio.follow(before, state)
         for block in self._blocks:
-            lost = space.dot(before[block], ones) - space.dot(state[block], ones)
-            space.axpy(lost, ones, state[block])
+            there, here = space.dots((before[block], ones), (state[block], ones))
+            space.axpy(float(there - here), ones, state[block])
 
 
 class CarriedWithDepth(TracerSteps):
