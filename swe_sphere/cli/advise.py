@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.show import table_of
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.settings import validated
 from swe_sphere.studies.advice.advise import Question
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from swe_sphere.studies.advice import Advice
     from swe_sphere.studies.advice.advise import Candidate
 
@@ -34,7 +33,9 @@ def advise(**values: Any) -> None:
     advice = advice_on(validated(Question, given(values, Question)))
     console = Console(markup=False, highlight=False)
     console.print(_situation(advice), soft_wrap=True)
-    console.print(_table(advice))
+    least = advice.candidates[0].cost
+    lines = [_line(one, least) for one in _shown(advice)]
+    console.print(table_of(HEADS, lines, plain=True))
     console.print(_reason(advice), soft_wrap=True)
     typer.echo(f"  {advice.command}")
 
@@ -57,19 +58,14 @@ def _hours(rate: float) -> str:
     return f"{1.0 / rate / HOUR:.2g}" if rate else "∞"
 
 
-def _table(advice: Advice) -> Table:
-    from rich import box
-    from rich.table import Table
+HEADS = ("stepper", "Δt [s]", "bound by", "cost/day", "ratio", "error", "×÷")
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in ("stepper", "Δt [s]", "bound by", "cost/day", "ratio", "error", "×÷"):
-        table.add_column(head, no_wrap=True)
-    least = advice.candidates[0].cost
-    for one in _shown(advice):
-        numbers = one.method.stepper, f"{one.dt:.4g}", one.bound, f"{one.cost:.0f}"
-        error = f"{one.error:.1e}", f"{one.method.doubt:.1f}"
-        table.add_row(*numbers, f"{one.cost / least:.2f}", *error)
-    return table
+
+def _line(one: Candidate, least: float) -> tuple[str, ...]:
+    """Its cells in the table; least: cost of the cheapest."""
+    numbers = one.method.stepper, f"{one.dt:.4g}", one.bound, f"{one.cost:.0f}"
+    error = f"{one.error:.1e}", f"{one.method.doubt:.1f}"
+    return *numbers, f"{one.cost / least:.2f}", *error
 
 
 def _shown(advice: Advice) -> list[Candidate]:

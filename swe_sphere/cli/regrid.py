@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from swe_sphere.cli.options import names_in
+
 
 def regrid(
     file: Annotated[Path, typer.Argument(help="File of a run.")],
@@ -31,8 +33,7 @@ def regrid(
     from swe_sphere.analysis.regrid_file import regrid_file
 
     place = out or file.with_name(f"{file.stem}_{grid.replace(':', '')}.nc")
-    wanted = [name.strip() for name in (fields or "").split(",") if name.strip()]
-    typer.echo(regrid_file(file, grid, place, conservative, wanted, overwrite))
+    typer.echo(regrid_file(file, grid, place, conservative, names_in(fields), overwrite))
 
 
 def scrip(

@@ -1,10 +1,17 @@
 """What a run shows on the terminal: warnings, progress, the table at the end."""
 
+from __future__ import annotations
+
 import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 COMPILING = "compiling kernels, the first time only ..."
 GOES_ON = ("interrupted", "timed-out")
@@ -53,12 +60,23 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
 
 def _print_table(summary: Summary, config: RunConfig) -> None:
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table(show_header=False, title=summary.title)
-    for name, text in summary.rows():
-        table.add_row(name, text)
-    for name, path in {"frames": config.out, "picture": config.plot}.items():
-        if path is not None:
-            table.add_row(name, str(path))
+    files = {"frames": config.out, "picture": config.plot}
+    written = [(name, str(path)) for name, path in files.items() if path is not None]
+    table = table_of((), (*summary.rows(), *written), show_header=False, title=summary.title)
     Console(markup=False, highlight=False).print(table)
+
+
+def table_of(
+    heads: Iterable[str], lines: Iterable[Iterable[str]], plain: bool = False, **look: Any
+) -> Table:
+    """A table for a terminal, its cells in one line; plain: without a frame.  look: as of rich."""
+    from rich import box
+    from rich.table import Column, Table
+
+    if plain:
+        look |= {"box": box.SIMPLE_HEAD, "pad_edge": False}
+    table = Table(*(Column(head, no_wrap=True) for head in heads), **look)
+    for line in lines:
+        table.add_row(*line)
+    return table

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swe_sphere.cli.explain import Stopped
+from swe_sphere.cli.options import names_in
 from swe_sphere.cli.show import show_line
 from swe_sphere.simulation.interrupt import Interrupted
 
@@ -49,9 +50,8 @@ def stress(
     from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
     checked_jobs(jobs)
-    trials = [
-        trial for group in choose(_names(groups), _names(steppers), quick) for trial in group.trials
-    ]
+    chosen = choose(names_in(groups), names_in(steppers), quick)
+    trials = [trial for group in chosen for trial in group.trials]
     store = None if out is None else Store(out, quick)
     if store is not None and resume:
         trials = [trial for trial in trials if not store.has(trial.name, trial.fingerprint)]
@@ -68,10 +68,6 @@ def stress(
     else:
         typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))
     return 1 if counts["failed"] else 0
-
-
-def _names(text: str | None) -> list[str]:
-    return [name.strip() for name in text.split(",")] if text else []
 
 
 def _run(trials: list[Trial], store: Store | None, jobs: int, quiet: bool) -> list[Result]:

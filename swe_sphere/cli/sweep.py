@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,7 +79,7 @@ def _plans(values: dict[str, Any], recipe: Recipe | None) -> list[SweepPlan]:
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
     terminal = SweepTerminal(plan, quiet)
     try:
-        with terminal, on_compile(lambda: terminal.note(COMPILING)):
+        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
             return run_plan(plan, folder, terminal)
     except (Interrupted, KeyboardInterrupt):
         raise Stopped(

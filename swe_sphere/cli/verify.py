@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swe_sphere.cli.explain import Stopped
-from swe_sphere.cli.show import show_line
+from swe_sphere.cli.options import names_in
+from swe_sphere.cli.show import show_line, table_of
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
@@ -52,9 +53,8 @@ def verify(
     from swe_sphere.studies.verify import choose
 
     checked_jobs(jobs)
-    names = [name.strip() for name in scenes.split(",")] if scenes else []
     changes = {"launch": launch} if launch else {}
-    chosen = {case.name: case.changed(changes) for case in choose(names)}
+    chosen = {case.name: case.changed(changes) for case in choose(names_in(scenes))}
     files = _files(out)
     try:
         with _kept(files, resume) as runs:
@@ -131,13 +131,10 @@ def _print(title: str, rows: Sequence[Row]) -> None:
     """A table of the rows, as wide as its numbers: where the terminal is narrower, it wraps."""
     from rich.console import Console
     from rich.measure import measure_renderables
-    from rich.table import Table
 
-    table = Table("case", *HEADS, "", title=title)
-    for row in rows:
-        table.add_row(*_cells(row), style="" if row.passed else "bold red")
-    for column in table.columns:
-        column.no_wrap = True
+    table = table_of(("case", *HEADS, ""), map(_cells, rows), title=title)
+    for line, row in zip(table.rows, rows, strict=True):
+        line.style = "" if row.passed else "bold red"
     console = Console(markup=False, highlight=False)
     wide = console.options.update(max_width=UNBOUNDED)
     console.width = max(console.width, measure_renderables(console, wide, [table]).maximum)

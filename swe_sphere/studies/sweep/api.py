@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from swe_sphere.equations.scene import Scene
     from swe_sphere.steppers import Stepper
 
-__all__ = ["run_plan", "sweep"]
-
 
 def sweep(
     scene: str | os.PathLike[str] | Scene,

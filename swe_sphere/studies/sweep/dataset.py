@@ -31,8 +31,6 @@ from swe_sphere.studies.sweep.record import (
 )
 from swe_sphere.studies.sweep.runner import COUNTS
 
-__all__ = ["DATASET", "UNITS", "WORDS", "build_dataset", "write_dataset"]
-
 DATASET = "sweep.nc"
 
 WORDS = (

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
 
-__all__ = ["Discretisation", "Discretisations", "History"]
-
 History = dict[float, Fields]
 """Fields by report day."""
 

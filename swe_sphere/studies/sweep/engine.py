@@ -39,8 +39,6 @@ from swe_sphere.studies.sweep.sweep_errors import Evaluator
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.studies.sweep.watcher import SweepWatcher
 
-__all__ = ["Sweep"]
-
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""
 

@@ -24,11 +24,6 @@ from swe_sphere.studies.store import Record, Relay, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
-__all__ = [
-    "FIELDS", "HEADER", "KINDS", "MESH", "NORMS", "RUNS", "Errors", "Header", "RunRecord",
-    "current", "header_of", "read_header", "runs_of", "stale_note",
-]  # fmt: skip
-
 HEADER, RUNS = "sweep.json", "runs"
 """Names of the file that says what was asked for, and of the folder of the runs."""
 

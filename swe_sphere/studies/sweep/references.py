@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
@@ -15,12 +14,6 @@ from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.setup import make_scene, scene_sources
 from swe_sphere.studies.sweep.runspec import users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["TotalReference", "choose_reference", "sweep_sources"]
-
 
 SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
     "williamson5": ("williamson5", ()),

@@ -24,9 +24,6 @@ from swe_sphere.studies.sweep.record import Errors, RunRecord, current
 from swe_sphere.studies.sweep.runspec import RunSpec
 from swe_sphere.studies.sweep.watcher import SweepWatcher
 
-__all__ = ["COUNTS", "KEPT", "Result", "Runner", "TakeErrors", "execute", "warm_up"]
-
-
 COUNTS = (
     "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
     "newton_iterations", "krylov_iterations", "rejected_steps",

@@ -27,11 +27,6 @@ from swe_sphere.user_file import is_user_file
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
 
-__all__ = [
-    "Integrator", "Role", "RunSpec", "Schedule", "free_steps", "integrators", "users_fingerprint",
-    "users_methods",
-]  # fmt: skip
-
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 

@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Target", "dt_sequence", "halved", "longest_accurate", "longest_working"]
-
 RATIO = math.sqrt(2.0)
 """Between the steps of an explicit stepper, whose useful range is short."""
 FARTHEST = 64.0

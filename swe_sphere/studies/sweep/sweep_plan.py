@@ -34,8 +34,6 @@ from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.studies.jobs import MOST_JOBS
 from swe_sphere.user_file import is_user_file
 
-__all__ = ["Recipe", "SweepPlan", "load_recipe", "make_plan", "recipe_names"]
-
 
 def _listed(value: object) -> tuple[object, ...]:
     """A comma-separated list, one value or several of them, as a tuple."""

@@ -8,8 +8,6 @@ if TYPE_CHECKING:
     from swe_sphere.studies.sweep.record import RunRecord
     from swe_sphere.studies.sweep.runspec import RunSpec
 
-__all__ = ["SweepWatcher"]
-
 
 class SweepWatcher:
     """Told how a sweep is going; this one does not care."""
