@@ -20,7 +20,7 @@ from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies import stress, verify
 from swe_sphere.studies.jobs import in_processes
-from swe_sphere.studies.store import Store
+from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep import sweep
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene

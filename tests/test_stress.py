@@ -17,7 +17,7 @@ from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended
-from swe_sphere.studies.store import read_record
+from swe_sphere.studies.record_store import read_record
 from swe_sphere.studies.stress import (
     Result,
     Store,
@@ -28,10 +28,10 @@ from swe_sphere.studies.stress import (
     page,
     try_out,
 )
-from swe_sphere.studies.stress.page import Results
 from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
 from swe_sphere.studies.stress.series import SYMMETRIES, Series
 from swe_sphere.studies.stress.trial import read_group
+from swe_sphere.studies.stress.trial_page import Results
 from swe_sphere.testcases import get_scene
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.studies.store import Record, Store, locked, read_record
+from swe_sphere.studies.record_store import Record, Store, locked, read_record
 
 
 class Number(Record):
@@ -90,7 +90,7 @@ def test_a_record_that_the_disk_refuses_leaves_nothing(tmp_path, monkeypatch, ca
 HOLD = """
 import sys, time
 from pathlib import Path
-from swe_sphere.studies.store import locked
+from swe_sphere.studies.record_store import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

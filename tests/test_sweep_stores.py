@@ -12,7 +12,7 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
-from swe_sphere.studies.store import locked
+from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.record import runs_of

@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.configuration import Configuration
-from swe_sphere.studies.store import Store, locked
+from swe_sphere.studies.record_store import Store, locked
 from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases, verify
 from swe_sphere.studies.verify.case import read_cases
 from swe_sphere.studies.verify.measure import Measure, measure

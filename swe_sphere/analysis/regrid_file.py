@@ -15,7 +15,7 @@ from swe_sphere.durable import clear_errors, part_of, refuse_to_replace, remove
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.io.store import check_zarr
+from swe_sphere.io.zarr_store import check_zarr
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 

@@ -18,7 +18,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
-    from swe_sphere.studies.store import Store
+    from swe_sphere.studies.record_store import Store
     from swe_sphere.studies.verify import Case, Measure, Row
 
 PAGE = "verification.md"
@@ -82,7 +82,7 @@ def _result(rows: Sequence[Row], quick: bool) -> dict[str, object]:
 @contextmanager
 def _kept(files: Sequence[Path], resume: bool) -> Iterator[Store[Measure] | None]:
     """Where runs are kept until the page is written; resume: whether those there count."""
-    from swe_sphere.studies.store import Store
+    from swe_sphere.studies.record_store import Store
     from swe_sphere.studies.verify import Measure
 
     if not files:

@@ -29,7 +29,7 @@ from swe_sphere.io.layout import (
     frame_fields,
     history,
 )
-from swe_sphere.io.store import SUFFIX, GrowingStore
+from swe_sphere.io.zarr_store import SUFFIX, GrowingStore
 from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000

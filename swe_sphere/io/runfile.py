@@ -20,7 +20,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.io.store import StoredDataset, is_store
+from swe_sphere.io.zarr_store import StoredDataset, is_store
 from swe_sphere.mesh import Mesh, interpolators
 from swe_sphere.planet import DAY
 

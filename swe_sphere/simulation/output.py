@@ -48,7 +48,7 @@ def _check_path(name: str, path: Path) -> None:
 
 def _may_be_store(path: Path) -> bool:
     """Whether a folder is one that a run may replace or go on in."""
-    from swe_sphere.io.store import SUFFIX, is_store
+    from swe_sphere.io.zarr_store import SUFFIX, is_store
 
     return path.suffix == SUFFIX and is_store(path)
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
-from swe_sphere.studies import store
+from swe_sphere.studies import record_store
 from swe_sphere.studies.bounds import Bound, Check, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
 from swe_sphere.studies.ended import STOPPED, Ended
@@ -105,7 +105,7 @@ class Trial(_Asked):
         return fingerprint([self.model_dump(exclude={"quick"}), code_fingerprint("studies.stress")])
 
 
-class Result(store.Result):
+class Result(record_store.Result):
     """What came of a trial; `reason` says why it did not pass."""
 
     name: str

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.simulation.interrupt import Interrupted
-from swe_sphere.studies.store import locked
+from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 from swe_sphere.studies.sweep.watcher import SweepWatcher
 

@@ -18,7 +18,7 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import Ended, attempt, in_one_line, stepped
 from swe_sphere.studies.modelled_time import Stopwatch, difference
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
-from swe_sphere.studies.store import Store
+from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
 from swe_sphere.studies.sweep.runspec import RunSpec

@@ -14,7 +14,7 @@ from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, slow_errors
-from swe_sphere.studies.store import as_netcdf
+from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.references import TotalReference

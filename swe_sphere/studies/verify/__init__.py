@@ -10,8 +10,8 @@ from swe_sphere.studies.verify.case import (
     choose,
     families,
 )
+from swe_sphere.studies.verify.case_page import page
 from swe_sphere.studies.verify.measure import Measure
-from swe_sphere.studies.verify.page import page
 from swe_sphere.studies.verify.verdict import Row, measured_beside, run_cases
 
 __all__ = [

@@ -14,7 +14,7 @@ from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, state_integrals
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
-from swe_sphere.studies.store import Result
+from swe_sphere.studies.record_store import Result
 from swe_sphere.studies.verify.case import CONVERGED
 
 if TYPE_CHECKING:

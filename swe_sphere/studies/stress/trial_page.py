@@ -10,9 +10,9 @@ from pathlib import Path
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.machine import versions
-from swe_sphere.studies import store
+from swe_sphere.studies import record_store
 from swe_sphere.studies.pages import anchor, rendered
-from swe_sphere.studies.store import Record, read_record
+from swe_sphere.studies.record_store import Record, read_record
 from swe_sphere.studies.stress.trial import OUTCOMES, Group, Result, Trial, groups
 
 Told = Sequence[tuple[Trial, Result]]
@@ -97,7 +97,7 @@ class Store:
                 form = "full" if quick else "quick"
                 raise ConfigError(f"out: {self._numbers} is of the {form} form: take another name")
             self._results |= earlier.results
-        self._runs = store.Store(path.with_suffix(".runs"), Result)
+        self._runs = record_store.Store(path.with_suffix(".runs"), Result)
         self._results |= {result.name: result for result in self._runs.records}
 
     def has(self, name: str, fingerprint: str) -> bool:
