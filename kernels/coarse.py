@@ -1,4 +1,4 @@
-"""Between fields on elements and the coefficients of coarse functions."""
+"""Coarse functions: transfers from and to fields on elements, and sparse products between them."""
 
 import functools
 from types import SimpleNamespace
@@ -6,6 +6,7 @@ from typing import no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import register_of
 from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.terms import kernel_types
 
@@ -51,3 +52,61 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
             x[e, n, 0] = total
 
     return SimpleNamespace(restrict=restrict, prolong=prolong, shares=(few, many))
+
+
+@functools.cache
+def sparse_kernels(real: type, shape: str) -> SimpleNamespace:
+    """Kernels over groups of `lanes` rows of a sparse matrix, see `SlicedMatrix`.
+
+    The `values` of group g, from at[g] to at[g + 1], are coefficients of the numbers that begin at
+    x[begin]; vectors have a `value` a group, and a flat view.
+
+    `product`: out = M x, or out + M x if `add`.  `sweep`: a Chebyshev step, r -= M d,
+    after = keep d + take r/diagonal, x = before + beta after; `after` is another array than d.
+    """
+    t = kernel_types(1, real, shape)
+    mul, value, register = t.ops.mul, t.value, register_of(t.value, real, t.lanes)
+    numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
+
+    @no_type_check
+    @wp.func
+    def row(at: numbers, begin: numbers, values: rows, x: flat, g: int):
+        total = value(real(0.0))
+        for k in range(at[g], at[g + 1]):
+            total += mul(values[k], register(x, begin[k]))
+        return total
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def product(at: numbers, begin: numbers, values: rows, x: flat, add: int, out: rows):
+        g = wp.tid()
+        total = row(at, begin, values, x, g)
+        if add > 0:
+            total += out[g]
+        out[g] = total
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def sweep(
+        at: numbers,
+        begin: numbers,
+        values: rows,
+        per_diagonal: rows,
+        keep: real,
+        take: real,
+        beta: real,
+        flat_d: flat,
+        d: rows,
+        r: rows,
+        before: rows,
+        after: rows,
+        x: rows,
+    ):
+        g = wp.tid()
+        residual = r[g] - row(at, begin, values, flat_d, g)
+        step = keep * d[g] + take * mul(per_diagonal[g], residual)
+        r[g] = residual
+        after[g] = step
+        x[g] = before[g] + beta * step
+
+    return SimpleNamespace(product=product, sweep=sweep)

@@ -75,7 +75,7 @@ class DeviceMesh:
         if self.lanes > 1:
             first = numbers[..., 0]
             first[(np.diff(numbers) == 1).all(axis=-1)] ^= -1
-        return self._on_elements(numbers, wp.int32, ())
+        return self.registers(numbers[:, :, 0], wp.int32)
 
     @functools.cached_property
     def basis(self) -> wp.array:
@@ -170,10 +170,14 @@ class DeviceMesh:
         """
         shape = (self.rows // self.points, self.points, unknowns)
         local = self._aligned(shape, value)
-        count = math.prod(shape) * self.lanes
-        flat = wp.array(ptr=local.ptr, shape=(count,), dtype=self.real, device=self.device)
+        flat = self.flat(local)
         self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
         return local, flat
+
+    def flat(self, array: wp.array) -> wp.array:
+        """An array of registers of the run's number type as numbers (n,)."""
+        shape = (array.size * self.lanes,)
+        return wp.array(ptr=array.ptr, shape=shape, dtype=self.real, device=self.device)
 
     @property
     def rows(self) -> int:
@@ -323,7 +327,8 @@ class DeviceMesh:
         scalar: another number type than that of the run.
         """
         rows = values.reshape(self.elements, -1, math.prod(tail))
-        return self._on_elements(self._in_lanes(rows), scalar or self.real, tail)
+        lanes = self._in_lanes(rows)
+        return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
 
     def _in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
         """(E, k, ...) as (groups, k, ..., lanes)."""
@@ -332,12 +337,12 @@ class DeviceMesh:
         grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
         return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
 
-    def _on_elements(self, values: NDArray[Any], scalar: Any, tail: tuple[int, ...]) -> wp.array:
-        """Arrays (groups, k, ..., lanes) on the device, as (groups, k, *tail) of lanes."""
+    def registers(self, values: NDArray[Any], scalar: Any = None) -> wp.array:
+        """Numbers (..., lanes) on the device, lanes side by side; scalar: as for `on_elements`."""
+        scalar = scalar or self.real
         dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
-        array = self._aligned((self.groups, values.shape[1], *tail), dtype)
-        numbers = values.astype(wp.dtype_to_numpy(scalar))
-        array.assign(numbers.reshape(array.numpy().shape))
+        array = self._aligned(values.shape[:-1], dtype)
+        array.assign(values.astype(wp.dtype_to_numpy(scalar)).reshape(array.numpy().shape))
         return array
 
     def _aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:

@@ -13,9 +13,9 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
+from swe_sphere.operators.replay import Replay
 from swe_sphere.registry import Registry
 from swe_sphere.steppers.diffusion import Diffusion
-from swe_sphere.steppers.replay import Replay
 from swe_sphere.user_file import users_code
 
 RECOMMENDED = "tr-bdf2"
@@ -98,7 +98,7 @@ class Stepper(ABC):
         self.counters: dict[str, int] = {}
         self._origin = 0.0
         repeats = self.repeats_from is not None and model.repeats
-        self._replay = Replay(model) if repeats else None
+        self._replay = Replay(model.launch, model.counters) if repeats else None
 
     @property
     def time(self) -> float:

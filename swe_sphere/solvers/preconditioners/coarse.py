@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy
 import warp as wp
@@ -9,87 +11,116 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.coarse import coarse_kernels
+from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
-Float32 = NDArray[np.float32]
+Step = tuple[float, float, float]
 
-MODE_SWEEPS = 6
-"""Chebyshev steps on the computational modes, whose coarse operators are well conditioned.  Days
-into a run these modes limit the convergence: with three steps it takes half as many iterations
-again."""
-NEGLIGIBLE = 0.03
+SWEEPS = 6
+"""Chebyshev steps on the coarse functions.  Days into a run the computational modes limit the
+convergence: with three steps it takes half as many iterations again."""
+NEGLIGIBLE = 0.02
 """Couplings of computational modes that are left out, relative to the diagonal."""
+SPACING = 12
+"""Cells of the smooth functions along an element of the coarsest mesh, which has three nodes."""
 
 
 class CoarseCorrection:
-    """x += sum over the spaces of P_k S_k^-1 P_k^T M b, the inverses on the host in float32.
+    """x += sum over the spaces of P_k S_k^-1 P_k^T M b, all inverses by Chebyshev steps.
 
-    The smooth waves have the compact Helmholtz operator, factorised; the computational modes have
-    the Galerkin operators of S, and a few Chebyshev steps will do.
+    The smooth waves have the compact Helmholtz operator, the computational modes the Galerkin
+    operators of S.  Of the smooth waves the longest are solved for exactly before, on a mesh so
+    coarse that a dense inverse will do; with `symmetric` once more behind.
     """
 
-    def __init__(self, schur: SchurMatrix, operator: SchurOperator) -> None:
-        mesh, spaces, self._schur = schur.mesh, coarse_spaces(schur.mesh), schur
+    def __init__(
+        self, schur: SchurMatrix, operator: SchurOperator, symmetric: bool = False
+    ) -> None:
+        mesh, spaces = schur.mesh, coarse_spaces(schur.mesh)
+        self._schur, self._operator, self._symmetric = schur, operator, symmetric
         self._hats = spaces[0]
         self._transfer = Transfer(spaces, operator)
         area = scipy.sparse.diags_array(mesh.area)
-        bases = (interpolation(mesh, space) for space in spaces)
+        bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
         slopes = [sparse.slopes(mesh, space).astype(np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, slopes, strict=True))
-        self._solve = operator.launch.work.counted(f"coarse solve {operator.size}", self._invert)
+        self._longest = longest_waves(mesh, bases[0])
+        count, few = sum(basis.shape[1] for basis in bases), self._longest.shape[1]
+        self._r, self._d, self._new = (vector(operator.mesh, count) for _ in range(3))
+        self._few = vector(operator.mesh, few), vector(operator.mesh, few)
+        self._gather = self._sliced(self._longest.T)
+        self._spread = self._sliced(_filled(self._longest, (count, few)))
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
-        schur = self._schur
+        schur, longest = self._schur, self._longest
         compact = sparse.stiffness(schur.mesh, schur.weight(tau, depth), self._hats)
         smooth = self._mass + tau**2 * schur.gravity * compact
-        self._direct = scipy.sparse.linalg.splu(
-            smooth.tocsc().astype(np.float32), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
-        modes = scipy.sparse.block_diag(blocks, format="coo")
-        self._matrix = _without_small(modes).astype(np.float32)
-        self._inverse = (1.0 / self._matrix.diagonal()).astype(np.float32)
-        largest = spectral_bound(lambda x: self._inverse * (self._matrix @ x), self._inverse.size)
-        self._coefficients = chebyshev_coefficients(MODE_SWEEPS, largest)
+        modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
+        matrix = scipy.sparse.block_diag([smooth, modes], format="csr")
+        inverse = 1.0 / matrix.diagonal()
+        largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
+        self._coefficients = chebyshev_coefficients(SWEEPS, largest)
+        exact = np.linalg.pinv((longest.T @ smooth @ longest).toarray(), 1e-10, hermitian=True)
+        self._exact = self._sliced(exact)
+        self._smooth, self._matrix = (
+            self._sliced(_filled(smooth, matrix.shape)),
+            self._sliced(matrix),
+        )
+        self._per_diagonal = vector(self._operator.mesh, inverse.size)
+        self._operator.mesh.write(inverse, self._per_diagonal.flat)
 
     def correct(self, b: Field, x: Field) -> None:
         """Add the correction for the residual b to x."""
-        self._transfer.prolong(self._solve(self._transfer.restrict(b)), x)
+        found, d, new = self._transfer.coefficients, self._d, self._new
+        self._transfer.restrict(b, self._r)
+        self._solve_longest(d, add=False)
+        before, product = d, self._smooth
+        for coefficients in self._coefficients:
+            self._sweep(product, coefficients, d, new, before)
+            before, d, new, product = found, new, d, self._matrix
+        if self._symmetric:
+            self._transfer.restrict(b, self._r)
+            self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
+            self._solve_longest(found, add=True)
+        self._transfer.prolong(x)
 
-    def _invert(self, local: Float32) -> Float32:
-        """Coefficients of the functions for what each element has of the residual."""
-        coarse: Float32 = self._transfer.assembly @ local
-        split = self._mass.shape[0]
-        coarse[:split] = self._direct.solve(coarse[:split])
-        coarse[split:] = self._sweep(coarse[split:])
-        return coarse
+    def _sweep(
+        self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field
+    ) -> None:
+        """The coefficients of all functions, from those before, after a Chebyshev step."""
+        found, per_diagonal = self._transfer.coefficients, self._per_diagonal.values
+        product.sweep(coefficients, per_diagonal, self._r, (d, new), before, found)
 
-    def _sweep(self, r: Float32) -> Float32:
-        """Chebyshev steps from zero; r is overwritten."""
-        (_, take, beta), *others = self._coefficients
-        d = np.float32(take) * (self._inverse * r)
-        x: Float32 = np.float32(beta) * d
-        for keep, take, beta in others:
-            r -= self._matrix @ d
-            d = np.float32(keep) * d + np.float32(take) * (self._inverse * r)
-            x += np.float32(beta) * d
-        return x
+    def _solve_longest(self, out: Field, add: bool) -> None:
+        """out = P A^-1 P^T r for the longest waves, or that added to it."""
+        once, twice = self._few
+        self._gather(self._r, once)
+        self._exact(once, twice)
+        self._spread(twice, out, add)
+
+    def _sliced(self, matrix: Any) -> SlicedMatrix:
+        return SlicedMatrix(
+            self._operator.mesh, self._operator.launch, scipy.sparse.csr_array(matrix)
+        )
 
 
 class Transfer:
     """Between fields and coefficients of all functions of the spaces, one after the other."""
 
     def __init__(self, spaces: list[ElementSpace], operator: SchurOperator) -> None:
-        mesh, self._operator = operator.mesh, operator
+        mesh, launch = operator.mesh, operator.launch
+        self._mesh, self._launch = mesh, launch
         starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
         smooth, both, one, other = (
             np.where(space.numbers < 0, 0, space.numbers + start)
@@ -99,31 +130,53 @@ class Transfer:
         values = np.concatenate([space.values for space in spaces[:3]], axis=1)
         count = numbers.shape[1]
         self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
-        operator.launch.load(self._kernels.restrict, self._kernels.prolong)
+        launch.load(self._kernels.restrict, self._kernels.prolong)
         self._values = mesh.upload(values.T)
         here = mesh.part.elements
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[here])
         self._numbers = mesh.on_elements(numbers[here], scalar=wp.int32)
-        self._local = wp.zeros((mesh.groups, count), dtype=self._mass.dtype, device=mesh.device)
-        self._coefficients = mesh.upload(np.zeros(starts[-1]))
+        mine = vector(mesh, mesh.groups * count * mesh.lanes)
+        self._local = mine.values.reshape((mesh.groups, count))
         few, many = self._kernels.shares
         self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
-        self.assembly = _assembly(numbers, mesh.collected_order, mesh.lanes)
-        """Sparse matrix from what `restrict` returns to integrals over all elements."""
+        assembly = _assembly(numbers, mesh.collected_order, mesh.lanes)
+        self._assembly = SlicedMatrix(mesh, launch, assembly)
+        self._integrals = vector(mesh, assembly.shape[1]) if mesh.comm.shared else mine
+        self.coefficients = vector(mesh, int(starts[-1]))
+        """Of all functions."""
 
-    def restrict(self, b: Field) -> Float32:
-        """Integrals of b times each function over each element of all ranks [m2]."""
-        operator, kernel = self._operator, self._kernels.restrict
-        operator.launch(kernel, self._dims[0], self._values, self._mass, b.values, self._local)
-        integrals: Float32 = operator.mesh.collect_elements(self._local)
-        return integrals
+    def restrict(self, b: Field, out: Field) -> None:
+        """Integrals of b times each function [m2]."""
+        mesh = self._mesh
+        kernel, dim = self._kernels.restrict, self._dims[0]
+        self._launch(kernel, dim, self._values, self._mass, b.values, self._local)
+        if mesh.comm.shared:
+            mesh.write(mesh.collect_elements(self._local), self._integrals.flat)
+        self._assembly(self._integrals, out)
 
-    def prolong(self, coefficients: Float32, x: Field) -> None:
+    def prolong(self, x: Field) -> None:
         """Add the functions times their coefficients to x."""
-        operator, target = self._operator, self._coefficients
-        operator.mesh.write(coefficients, target)
-        kernel = self._kernels.prolong
-        operator.launch(kernel, self._dims[1], self._values, self._numbers, target, x.values)
+        kernel, dim = self._kernels.prolong, self._dims[1]
+        self._launch(kernel, dim, self._values, self._numbers, self.coefficients.flat, x.values)
+
+
+def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
+    """(V, m) values of the nodal functions of a coarse mesh at the vertices of smooth functions.
+
+    smooth: (N, V) their nodal values, 1 at the own vertex.
+    """
+    per_edge = np.sqrt((smooth.shape[1] - 2) / 6.0)
+    ne = max(1, round(per_edge / SPACING))
+    coarse = Mesh.build(ne, 3, mesh.radius, mesh.stretch, mesh.centre, mesh.spin)
+    at = smooth.tocsc().argmax(axis=0)
+    return Interpolator(coarse, mesh.lon[at], mesh.lat[at]).matrix
+
+
+def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.sparse.csr_array:
+    """The matrix with empty rows and columns behind."""
+    wider = scipy.sparse.csr_array(matrix, copy=True)
+    wider.resize(shape)
+    return wider
 
 
 def _assembly(

@@ -1,4 +1,4 @@
-"""Steps that are the same launches every time: recorded once, then launched as a whole."""
+"""Work that is the same launches every time: recorded once, then launched as a whole."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.equations.model import Model
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.work import Tally
 
 
@@ -27,20 +27,24 @@ class Replay:
     What is launched one by one costs more than the kernels themselves where meshes are small.
     """
 
-    def __init__(self, model: Model) -> None:
-        self._model = model
+    def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
+        """counters: what the functions count beside the launches, if anything."""
+        self._launch, self._counters = launch, {} if counters is None else counters
         self._seen: set[Hashable] = set()
         self._recorded: dict[Hashable, _Recorded] = {}
 
     def __call__(
-        self, key: Hashable, function: Callable[[], None], instead: Callable[[], None]
+        self,
+        key: Hashable,
+        function: Callable[[], None],
+        instead: Callable[[], None] = lambda: None,
     ) -> None:
         """Do what the function does, which is to launch the same kernels each time for a key.
 
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if self._model.launch.work.timer is not None:  # which wants to see each of them
+        if self._launch.work.timer is not None:  # which wants to see each of them
             function()
         elif (known := self._recorded.get(key)) is not None:
             wp.capture_launch(known.graph)
@@ -54,9 +58,9 @@ class Replay:
             function()
 
     def _record(self, function: Callable[[], None]) -> _Recorded:
-        work, counters = self._model.launch.work, self._model.counters
+        work, counters = self._launch.work, self._counters
         before, counted = work.counts(), dict(counters)
-        with wp.ScopedCapture(device=self._model.device, force_module_load=False) as capture:
+        with wp.ScopedCapture(device=self._launch.device, force_module_load=False) as capture:
             function()
         calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
         return _Recorded(
@@ -69,4 +73,4 @@ class Replay:
         for tally, calls in known.work:
             tally.calls += calls
         for name, calls in known.counters.items():
-            self._model.counters[name] += calls
+            self._counters[name] += calls
