@@ -66,10 +66,13 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
     """
     found = RunFile(path).attributes
     raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # whole numbers stay so
-    if chunks is not None:
-        return xr.open_dataset(path, **raw, chunks=dict(chunks)).assign_attrs(found)
-    with xr.open_dataset(path, **raw) as dataset:
-        return dataset.load().assign_attrs(found)
+    data = xr.open_dataset(path, **raw, chunks=None if chunks is None else dict(chunks))
+    for variable in data.variables.values():
+        variable.attrs.pop("_FillValue", None)  # says how it is stored, and not what it is
+    if chunks is None:
+        with data:
+            data.load()
+    return data.assign_attrs(found)
 
 
 @xr.register_dataset_accessor("swe")  # type: ignore[no-untyped-call]

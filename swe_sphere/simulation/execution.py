@@ -178,18 +178,14 @@ def _kept(sim: Running, recorder: Recorder, outcome: Outcome) -> Outcome:
 
 def summary_of(sim: Running, outcome: Outcome) -> Summary:
     """All that is told of a run: what was asked for, what it cost, what it came to."""
-    config, model, plan = sim.config, sim.model, sim.plan
+    config, model = sim.config, sim.model
     sound = outcome.status in SOUND
     numbers = {
         "scene": sim.scene.name,
-        "title": sim.scene.title,
-        "stepper": config.stepper,
-        "scheme": sim.stepper.name,
+        **sim.method(),
         **sim.options,
         "ne": model.mesh.ne,
         "np": model.mesh.np,
-        "dt": plan.dt,
-        "steps_at_once": plan.cycle,
         "steps": sim.steps,
         "days": sim.time / DAY,
         "compile_seconds": model.compile_seconds,
@@ -198,13 +194,9 @@ def summary_of(sim: Running, outcome: Outcome) -> Summary:
         **(sim.diagnostics if sound else {}),
         **(sim.reference_errors() if outcome.completed else {}),
         "stretch": model.mesh.stretch,
-        "device": model.device,
         "precision": config.precision,
-        "launch": model.shape,
         "days_planned": sim.days,
-        "dt_wanted": plan.wanted,
-        "dt_rule": sim.dt_rule,
-        "stable_dt": sim.stable_dt,
+        "dt_wanted": sim.plan.wanted,
         "out": None if config.out is None else str(config.out),
         **_cuts(sim),
     }

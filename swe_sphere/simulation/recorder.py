@@ -73,22 +73,14 @@ class Recorder:
 def attributes_of(sim: Running) -> dict[str, object]:
     """The resolved configuration of a simulation, for its files."""
     return {
-        "title": sim.scene.title,
         "references": sim.scene.reference,
         **sim.identity,
+        **sim.method(),
         "identity": sim.identity,
         "code": code_fingerprint(),
-        "stepper": sim.config.stepper,
         "configuration": sim.config.model_dump(mode="json"),
-        "scheme": sim.stepper.name,
         "stepper_options": sim.options,
-        "dt": sim.plan.dt,
-        "steps_at_once": sim.plan.cycle,
-        "dt_rule": sim.dt_rule,
-        "stable_dt": sim.stable_dt,
         "days": sim.days,
-        "device": sim.model.device,
-        "launch": sim.model.shape,
         "start_step": sim.steps,
         **_plot_field(sim.scene),
     }

@@ -188,6 +188,20 @@ class Running(Prepared):
         counts |= self.stepper.costs() | {"wall_seconds": self.wall_seconds}
         return {name: n + self._carried.get(name, 0) for name, n in counts.items()}
 
+    def method(self) -> dict[str, object]:
+        """How it is stepped, and on what: for summaries and files."""
+        return {
+            "title": self.scene.title,
+            "stepper": self.config.stepper,
+            "scheme": self.stepper.name,
+            "dt": self.plan.dt,
+            "steps_at_once": self.plan.cycle,
+            "dt_rule": self.dt_rule,
+            "stable_dt": self.stable_dt,
+            "device": self.model.device,
+            "launch": self.model.shape,
+        }
+
     def own_attributes(self) -> dict[str, dict[str, str]]:
         """Attributes of the variables that diagnostics of the user's own make, in files."""
         numbers, fields = self._own_now()
