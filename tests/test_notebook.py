@@ -28,6 +28,26 @@ def test_the_first_steps_run_as_a_new_user_would(tmp_path):
     assert (tmp_path / "jet.nc").exists()
 
 
+def test_what_accuracy_costs_is_found(tmp_path):
+    found = executed("cost.ipynb", tmp_path)
+    runs, answer = (data["text/plain"] for data in found if "text/html" in data)
+    assert all(runs.count(name) == 4 for name in ("rk4", "semi-implicit", "tr-bdf2"))
+    assert answer.splitlines()[1].split()[1] == "rk4"
+    assert sum("image/png" in data for data in found) == 1
+
+
+def test_own_scene_stepper_and_diagnostic_do_what_they_should(tmp_path):
+    found = executed("own.ipynb", tmp_path)
+    texts = [data["text/plain"] for data in found if data and "image/png" not in data]
+    errors, stepper, orders, longitudes = texts
+    for coarse, fine in re.findall(r"\[(\S+), (\S+)\]", errors):
+        assert 8.0 < float(coarse) / float(fine) < 32.0
+    assert "stepper='kutta3'" in stepper
+    assert all(2.6 < float(order) < 3.2 for order in re.findall(r"\d\.\d+", orders))
+    there, expected = (float(number) for number in re.findall(r"\d+\.\d+", longitudes))
+    assert abs(there - expected) < 0.1
+
+
 @pytest.mark.thorough
 def test_output_is_read_and_regridded(tmp_path):
     pytest.importorskip("dask")
