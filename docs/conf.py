@@ -20,9 +20,10 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # formulas are set without a network too
     "sphinx.ext.viewcode",
 ]
-myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "html_image"]
 myst_heading_anchors = 4
 nb_execution_mode = "off"  # the tests execute the notebooks; their outputs are in them
 autodoc_typehints = "description"
@@ -30,6 +31,9 @@ autodoc_member_order = "bysource"
 autodoc_class_signature = "separated"
 
 html_theme = "furo"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+html_show_copyright = False
 html_title = f"swe_sphere {release}"
 html_theme_options = {"navigation_with_keys": True}
 

@@ -44,6 +44,16 @@ def test_the_front_door_is_described(site):
         assert re.search(rf'id="swe_sphere\.(\w+\.)*{name}"', page), name
 
 
+def test_pages_need_no_network(site):
+    assert "mathjax" in (site / "equations.html").read_text()
+    for page in site.rglob("*.html"):
+        for tag in re.findall(
+            r"<(?:script|img)[^>]* src=[^>]*>|<link[^>]*stylesheet[^>]*>", page.read_text()
+        ):
+            source = re.search(r'(?:src|href)="([^"?]*)', tag)[1]
+            assert source.startswith("data:") or (page.parent / source).exists(), (page, tag)
+
+
 def test_the_version_is_the_same_everywhere():
     version = swe_sphere.__version__
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
