@@ -7,8 +7,6 @@ from pathlib import Path
 
 from imports import circles, import_graph, imports, reaches_inside, sources
 
-import swe_sphere
-
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
@@ -32,10 +30,6 @@ def test_files_of_data_are_installed_with_their_packages():
     files = {path for path in (ROOT / "swe_sphere").rglob("*") if path.is_file()}
     there = {path for path in files if path.suffix not in (".py", ".pyc")}
     assert there == {path for path in listed if path.is_file()} != set()
-
-
-def test_the_version_is_the_same_everywhere():
-    assert swe_sphere.__version__ == PROJECT["project"]["version"]
 
 
 def test_python_started_in_the_source_tree_finds_all_of_the_package():
