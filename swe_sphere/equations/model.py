@@ -93,7 +93,8 @@ class Model:
     @property
     def repeats(self) -> bool:
         """Whether a right-hand side is the same launches at all times, with nothing in between."""
-        return self._wind.steady and self._forcing.steady and not self.comm.shared
+        alone = self.limiter is None or not self.comm.shared  # it adds up on the host
+        return self._wind.steady and self._forcing.steady and alone
 
     @property
     def dissipative(self) -> bool:

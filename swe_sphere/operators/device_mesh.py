@@ -190,7 +190,7 @@ class DeviceMesh:
 
         offsets: where their numbers stand, from there.
         """
-        if self.comm.shared:
+        if self.part.sends:
             part = self.part
             slots = np.split(-1 - np.arange(self._received), np.cumsum([*part.receives.values()]))
             entries = dict(zip(part.receives, slots, strict=False))
@@ -220,7 +220,10 @@ class DeviceMesh:
         Between the elements and the nodes of every step; flat: the view that came with `local`.
         """
         if self._halos:
-            self.bytes_sent += self._halos[flat.ptr]()
+            self.comm.do(functools.partial(self._fetch, self._halos[flat.ptr]))
+
+    def _fetch(self, halo: Halo) -> None:
+        self.bytes_sent += halo()
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Where element nodes (element np^2 + point) begin, in rows of that many numbers.

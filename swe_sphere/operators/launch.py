@@ -25,8 +25,8 @@ class Launcher:
     """
 
     def __init__(self, device: str, comm: Alone | None = None) -> None:
-        self.device, self._comm = device, comm or Alone()
-        with self._comm.root_first():
+        self.device, self.comm = device, comm or Alone()
+        with self.comm.root_first():
             keep_headers()
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
@@ -41,7 +41,7 @@ class Launcher:
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start = time.perf_counter()
-        with self._comm.root_first():  # which compiles for all
+        with self.comm.root_first():  # which compiles for all
             for kernel in kernels:
                 self.kernels[kernel.module.name] = kernel
                 with nullcontext() if self._is_cached(kernel.module) else compiling():

@@ -14,11 +14,18 @@ from swe_sphere.operators.work import Tally
 
 @dataclass(frozen=True)
 class _Recorded:
-    """A graph of launches, and what it adds to the counts of them."""
+    """Graphs of launches, with the work between them, and what they add to the counts."""
 
-    graph: Any
+    parts: list[Any]
     work: list[tuple[Tally, int]]
     counters: dict[str, int]
+
+    def __call__(self) -> None:
+        for part in self.parts:
+            if isinstance(part, wp.Graph):
+                wp.capture_launch(part)
+            else:
+                part()
 
 
 class Replay:
@@ -47,12 +54,12 @@ class Replay:
         if self._launch.work.timer is not None:  # which wants to see each of them
             function()
         elif (known := self._recorded.get(key)) is not None:
-            wp.capture_launch(known.graph)
+            known()
             self._count(known)
             instead()
         elif key in self._seen:
             self._recorded[key] = self._record(function)
-            wp.capture_launch(self._recorded[key].graph)
+            self._recorded[key]()
         else:
             self._seen.add(key)
             function()
@@ -60,14 +67,30 @@ class Replay:
     def _record(self, function: Callable[[], None]) -> _Recorded:
         work, counters = self._launch.work, self._counters
         before, counted = work.counts(), dict(counters)
-        with wp.ScopedCapture(device=self._launch.device, force_module_load=False) as capture:
-            function()
+        parts = self._capture(function)
         calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
         return _Recorded(
-            capture.graph,
+            parts,
             [(work.tally(name), n) for name, n in calls.items() if n],
             {name: n - counted[name] for name, n in counters.items()},
         )
+
+    def _capture(self, function: Callable[[], None]) -> list[Any]:
+        """Its launches, in as many graphs as there is work of ranks between them, and that work."""
+        device, comm, parts = self._launch.device, self._launch.comm, list[Any]()
+
+        def cut(work: Callable[[], None]) -> None:
+            parts.extend((wp.capture_end(device), work))
+            wp.capture_begin(device, force_module_load=False)
+
+        wp.capture_begin(device, force_module_load=False)
+        comm.recorder = cut
+        try:
+            function()
+        finally:
+            comm.recorder = None
+            parts.append(wp.capture_end(device))
+        return parts
 
     def _count(self, known: _Recorded) -> None:
         for tally, calls in known.work:

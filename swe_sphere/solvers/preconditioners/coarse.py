@@ -151,8 +151,11 @@ class Transfer:
         kernel, dim = self._kernels.restrict, self._dims[0]
         self._launch(kernel, dim, self._values, self._mass, b.values, self._local)
         if mesh.comm.shared:
-            mesh.write(mesh.collect_elements(self._local), self._integrals.flat)
+            mesh.comm.do(self._join)
         self._assembly(self._integrals, out)
+
+    def _join(self) -> None:
+        self._mesh.write(self._mesh.collect_elements(self._local), self._integrals.flat)
 
     def prolong(self, x: Field) -> None:
         """Add the functions times their coefficients to x."""

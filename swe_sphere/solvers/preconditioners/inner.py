@@ -170,10 +170,7 @@ class Multilevel(InnerSolver):
 
     def solve(self, b: Field, x: Field) -> None:
         """x near S^-1 b; b is overwritten."""
-        if self.operator.mesh.comm.shared:  # messages are no launches
-            self._cycle(b, x)
-        else:
-            self._replay((b.flat.ptr, x.flat.ptr), lambda: self._cycle(b, x))
+        self._replay((b.flat.ptr, x.flat.ptr), lambda: self._cycle(b, x))
 
     def _cycle(self, b: Field, x: Field) -> None:
         for cycle in range(self._cycles):
