@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from swe_sphere.cli.options import AsJson
 from swe_sphere.planet import DAY
 
 Field = Annotated[
@@ -32,7 +33,7 @@ def compare(
     across_scenes: Annotated[
         bool, typer.Option("--across-scenes", help="Also runs of different scenes.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
     from swe_sphere.io.compare import compare as compare_files

@@ -26,6 +26,10 @@ METAVARS = {
 """What a flag takes, where its type does not say it."""
 
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON.")]
+Jobs = Annotated[int, typer.Option(metavar="N", help="Processes at work beside each other.")]
+"""Flags that several commands have."""
+
 LIST = "A,B,..."
 REPEATED = ("settings", "diagnostics", "reference")
 """Fields of several values whose flag is given again for each; others take a list, A,B,..."""

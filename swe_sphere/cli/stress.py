@@ -9,12 +9,12 @@ from functools import partial
 from itertools import compress
 from operator import not_
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swe_sphere.cli.explain import Stopped
-from swe_sphere.cli.options import names_in
+from swe_sphere.cli.options import AsJson, Jobs, names_in
 from swe_sphere.cli.show import show_line
 from swe_sphere.simulation.interrupt import Interrupted
 
@@ -40,10 +40,8 @@ def stress(
         bool,
         typer.Option("--resume", help="Leave out trials whose result FILE.json has, of this code."),
     ] = False,
-    jobs: Annotated[
-        int, typer.Option(metavar="N", help="Processes that make trials beside each other.")
-    ] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
     from swe_sphere.studies.jobs import checked_jobs
@@ -62,9 +60,8 @@ def stress(
         raise Stopped(f"{error}; --resume goes on after the last trial") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
     if as_json:
-        values: dict[str, Any] = {"quick": quick, **counts}
         plain = [json.loads(result.as_text()) for result in results]  # NaN is null
-        typer.echo(json.dumps(values | {"results": plain}))
+        typer.echo(json.dumps({"quick": quick, **counts, "results": plain}))
     else:
         typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))
     return 1 if counts["failed"] else 0

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swe_sphere.cli.explain import Stopped
-from swe_sphere.cli.options import names_in
+from swe_sphere.cli.options import AsJson, Jobs, names_in
 from swe_sphere.cli.show import show_line, table_of
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
@@ -43,10 +43,8 @@ def verify(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on after an interrupted run of this code.")
     ] = False,
-    jobs: Annotated[
-        int, typer.Option(metavar="N", help="Processes that measure beside each other.")
-    ] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON.")] = False,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
     from swe_sphere.studies.jobs import checked_jobs

@@ -5,9 +5,11 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any
+from typing import Any, TypeVar
 
 from swe_sphere.simulation.config import RunConfig
+
+T = TypeVar("T")
 
 KEYS = (
     "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
@@ -63,7 +65,7 @@ class Summary(Outcome):
         """All values of the JSON line; None for what is missing or not finite."""
         told = {"completed": self.completed, "reason": self.reason, "status": self.status}
         ordered = {**dict.fromkeys(KEYS), **self.numbers, **told}
-        return {name: _plain(value) for name, value in ordered.items()}
+        return {name: finite(value) for name, value in ordered.items()}
 
     def as_json(self) -> str:
         """The JSON line."""
@@ -153,7 +155,8 @@ def _step(n: dict[str, Any]) -> str:
     return text
 
 
-def _plain(value: object) -> object:
+def finite(value: T) -> T | None:
+    """The value; None for a number that is not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

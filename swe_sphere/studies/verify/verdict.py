@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.summary import finite
 from swe_sphere.studies.bounds import Check
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.record_store import Store
@@ -87,13 +88,13 @@ class Row:
             "title": self.case.title,
             "ne": config.ne,
             "np": config.np,
-            "dt": _plain(self.dt),
+            "dt": finite(self.dt),
             "days": 0.0 if self.case.start else config.days,
             "stepper": config.stepper,
             "seconds": self.seconds,
             "status": self.measure.status,
             "reason": self.measure.reason or None,
-            "quantities": {name: _plain(x) for name, x in self.quantities.items()},
+            "quantities": {name: finite(x) for name, x in self.quantities.items()},
             "checks": [_told(check) for check in self.checks],
             "published": [
                 {"quantity": quantity, "value": value, "source": published.source}
@@ -184,9 +185,5 @@ def _fineness(row: Row) -> float:
 def _told(check: Check) -> dict[str, object]:
     bound = check.bound
     numbers = {"obtained": check.obtained, "low": bound.low, "high": bound.high}
-    plain = {name: _plain(x) for name, x in numbers.items()}
+    plain = {name: finite(x) for name, x in numbers.items()}
     return {"quantity": check.quantity, **plain, "passed": check.holds}
-
-
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None
