@@ -59,11 +59,9 @@ def stress(
     except Interrupted as error:
         raise Stopped(f"{error}; --resume goes on after the last trial") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
-    if as_json:
-        plain = [json.loads(result.as_text()) for result in results]  # NaN is null
-        typer.echo(json.dumps({"quick": quick, **counts, "results": plain}))
-    else:
-        typer.echo(", ".join(f"{count} {name}" for name, count in counts.items()))
+    plain = [json.loads(result.as_text()) for result in results]  # NaN is null
+    told = ", ".join(f"{count} {name}" for name, count in counts.items())
+    typer.echo(json.dumps({"quick": quick, **counts, "results": plain}) if as_json else told)
     return 1 if counts["failed"] else 0
 
 
