@@ -9,8 +9,10 @@ import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import coriolis, wrapped
+from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.zonal import ZonalJet
 
 PAPER = "Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, doi:10.3402/tellusa.v56i5.14436"
@@ -19,9 +21,13 @@ SOUTH_POLE_DEPTH = 10158.18617045462
 NORTH = np.pi / 2.0 - np.pi / 7.0
 JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=NORTH)
 """The jet at 45°N (eq. 2)."""
+DEGREE = 20
+"""Highest degree of the streamfunction of random winds."""
 
 
-def galewsky(perturbed: bool = True, speed: float = 80.0) -> Scene:
+def galewsky(
+    perturbed: bool = True, speed: float = 80.0, seed: int = 0, noise: float = 0.1
+) -> Scene:
     """Barotropically unstable jet at 45°N, set off by a bump of 120 m.
 
     With u(θ) = 80 m/s exp(4/(θ1-θ0)²) exp(1/((θ-θ0)(θ-θ1))) between θ0 = π/7 and θ1 = π/2 - θ0,
@@ -35,7 +41,13 @@ def galewsky(perturbed: bool = True, speed: float = 80.0) -> Scene:
         perturbed: with the bump. Without it the flow is steady (exact), so that all that grows is
             the imprint of the grid.
         speed: of the jet [m s-1], 80 in the paper; the mean depth falls with it from 10158 m.
+        seed: of random winds in linear balance, with the same energy at each degree of the
+            spherical harmonics from 2 to 20: members of an ensemble; 0: none.
+        noise: root mean square of the random winds [m s-1].
     """
+    if seed < 0:
+        raise ConfigError(f"galewsky: seed must not be negative, but is {seed}")
+    random = _random(seed, noise) if seed else None
     jet = replace(JET, speed=speed)
 
     def balanced(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
@@ -44,6 +56,9 @@ def galewsky(perturbed: bool = True, speed: float = 80.0) -> Scene:
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, depth = balanced(lon, lat, 0.0)
+        if random is not None:
+            du, dv, dh = random.state(lon, lat)
+            u, v, depth = u + du, v + dv, depth + dh
         return u, v, depth + bump(lon, lat) if perturbed else depth
 
     return Scene(
@@ -52,7 +67,7 @@ def galewsky(perturbed: bool = True, speed: float = 80.0) -> Scene:
         reference=PAPER,
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        exact=None if perturbed else balanced,
+        exact=None if perturbed or seed else balanced,
         coriolis=coriolis,
         report="vorticity at days 4, 5 and 6; unperturbed: growth of the northward wind",
         ne=12,
@@ -60,6 +75,11 @@ def galewsky(perturbed: bool = True, speed: float = 80.0) -> Scene:
         dt=150.0,
         days=6.0,
     )
+
+
+def _random(seed: int, noise: float) -> BalancedFlow:
+    found = random_streamfunction(np.ones_like, DEGREE, noise, EARTH.radius, seed)
+    return BalancedFlow(found, EARTH, 0.0, linear=True)
 
 
 def bump(lon: Array, lat: Array) -> Array:

@@ -57,6 +57,7 @@ INSTEAD = {"--out jet.nc --days 8": "--out jet.nc --days 0.1", "--time 4": "--ti
 """Times that are in the files of shortened runs."""
 SHORTER = {
     "run": "--days 0.05",
+    "ensemble": "--days 0.05 --seeds 1,2",
     "verify": "--quick --scenes lake-at-rest",
     "stress": "--quick --groups guards --steppers rk4",
 }

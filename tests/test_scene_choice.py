@@ -57,7 +57,8 @@ def test_scene_names_and_parameters_are_checked() -> None:
 def test_scene_parameters_are_read_from_text() -> None:
     scene = get_scene("williamson1", alpha="0.5", gaussian="Yes")
     assert scene.parameters == {"alpha": 0.5, "gaussian": True}
-    assert get_scene("galewsky", perturbed="0").parameters == {"perturbed": False, "speed": 80.0}
+    found = get_scene("galewsky", perturbed="0").parameters
+    assert found == {"perturbed": False, "speed": 80.0, "seed": 0, "noise": 0.1}
 
 
 def test_scene_from_a_file(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ COMMANDS = {
     "list": "look:list_all", "run": "run:run", "sweep": "sweep:sweep", "advise": "advise:advise",
     "plot": "pictures:plot", "animate": "pictures:animate", "compare": "look:compare",
     "regrid": "regrid:regrid", "scrip": "regrid:scrip", "verify": "verify:verify",
-    "stress": "stress:stress",
+    "stress": "stress:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""
 

@@ -1,0 +1,52 @@
+"""`swe-sphere ensemble`: a scene from several seeds, and how far apart the runs drift."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from swe_sphere.cli.options import given, with_flags
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import RunConfig, make_config
+
+WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")
+
+
+@with_flags(RunConfig, argument="scene", without=WITHOUT)
+def ensemble(
+    seeds: Annotated[
+        str, typer.Option(metavar="A,B,...|FIRST-LAST", help="Seeds of the members.")
+    ] = "1-8",
+    field: Annotated[
+        str, typer.Option(metavar="NAME", help="Whose spread: vorticity, h, u, ...")
+    ] = "vorticity",
+    folder: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Files of the members (SCENE_ensemble).")
+    ] = None,
+    **values: Any,
+) -> None:
+    """Run a scene from several seeds, and show how their spread grows."""
+    from swe_sphere.io.scalar_fields import check_field
+    from swe_sphere.studies.ensemble import run_members, spread, write_spread
+
+    config, field = make_config(given(values, RunConfig)), check_field(field)
+    place = folder or Path(f"{Path(config.scene).stem}_ensemble")
+    found = spread(run_members(config, _seeds(seeds), place, typer.echo), field)
+    typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
+    for time, value, rate in zip(found.times, found.values, found.rates, strict=True):
+        typer.echo(f"{time / DAY:6.4g}  {value:10.4g}  {rate:.3f}")
+    for path in write_spread(found, place):
+        typer.echo(path)
+
+
+def _seeds(text: str) -> list[int]:
+    first, dash, last = text.partition("-")
+    try:
+        if dash:
+            return list(range(int(first), int(last) + 1))
+        return [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, not {text!r}") from None

@@ -1,0 +1,129 @@
+"""Ensembles: the same run from several seeds of its scene, and how far apart they drift."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from swe_sphere.arrays import Array
+from swe_sphere.durable import write_whole
+from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.io.layout import MESH_ATTRIBUTES
+from swe_sphere.io.norms import area_mean
+from swe_sphere.io.runfile import TOLERANCE, RunFile
+from swe_sphere.io.scalar_fields import check_field, describe
+from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.run import run
+
+MOST = 1000
+"""Members there may be."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Root mean square over the globe of the standard deviation of the members, of a field."""
+
+    field: str
+    times: Array
+    """(T,) [s]."""
+    values: Array
+    """(T,) in the units of the field."""
+
+    @property
+    def rates(self) -> Array:
+        """Growth (T,) since the time before [day-1]: Δ ln spread / Δt; NaN for the first."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: Array = np.diff(np.log(self.values)) / np.diff(self.times / DAY)
+        return np.append(np.nan, found)
+
+
+def run_members(
+    config: RunConfig, seeds: Sequence[int], folder: Path, tell: Callable[[str], None]
+) -> list[Path]:
+    """Run the scene with `scene.seed` of each of the seeds; the files, SCENE_seedK.nc in a folder.
+
+    A member that is there, finished and of the same configuration is kept.  tell: is given a line
+    for each member.
+
+    Raises ConfigError for fewer than two seeds, for a scene that has no seed, or if a run cannot be
+    made as asked for; RunFailed if one does not come to its end.
+    """
+    if not 2 <= len(set(seeds)) == len(seeds) <= MOST:
+        raise ConfigError(f"seeds: give 2 to {MOST} different ones, not {_listed(seeds)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    return [_member(config, seed, folder, tell) for seed in seeds]
+
+
+def _listed(seeds: Sequence[int]) -> str:
+    return ",".join(map(str, seeds[:8])) or "none"
+
+
+def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], None]) -> Path:
+    out = folder / f"{Path(config.scene).stem}_seed{seed}.nc"
+    settings = (*config.settings, f"scene.seed={seed}")
+    asked = config.model_copy(update={"settings": settings, "out": out})
+    if out.exists() and not config.overwrite and _is_of(out, asked):
+        tell(f"seed {seed}: kept, {out}")
+        return out
+    summary = run(asked)
+    if not summary.completed:
+        raise RunFailed(f"seed {seed}: {summary.reason}")
+    tell(f"seed {seed}: {summary['wall_seconds']:.3g} s, {out}")
+    return out
+
+
+def _is_of(file: Path, config: RunConfig) -> bool:
+    """Whether a file is of a finished run of the configuration; ConfigError if it is of none."""
+    found = RunFile(file).attributes
+    stored = json.loads(str(found.get("configuration", "{}")))
+    return bool(found.get("completed")) and stored == config.model_dump(mode="json")
+
+
+def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
+    """The spread of the members in the files, at the times of their frames.
+
+    Raises ConfigError if the files are not on one mesh, lack the field or have other times.
+    """
+    runs, field = [RunFile(path) for path in files], check_field(field)
+    times, mesh = runs[0].times, runs[0].mesh
+    for other in runs[1:]:
+        same = all(other.attributes[name] == runs[0].attributes[name] for name in MESH_ATTRIBUTES)
+        alike = other.times.shape == times.shape and np.ptp(other.times - times) < TOLERANCE
+        if not (same and alike):
+            raise ConfigError(f"{other.path} has another mesh or other times than {runs[0].path}")
+    found = [
+        np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times
+    ]  # fmt: skip
+    return Spread(field, times, np.sqrt([area_mean(mesh.area, each) for each in found]))
+
+
+def write_spread(found: Spread, folder: Path) -> list[Path]:
+    """The spread as a table, spread_FIELD.csv, and as a picture beside it."""
+    name, text = f"spread_{found.field}", io.StringIO()
+    rows = csv.writer(text)
+    rows.writerow(["day", f"spread [{describe(found.field).plain_units}]", "growth [day-1]"])
+    rows.writerows(zip(found.times / DAY, found.values, found.rates, strict=True))
+    write_whole(folder / f"{name}.csv", text.getvalue())
+    picture = io.BytesIO()
+    _draw(found, picture)
+    write_whole(folder / f"{name}.png", picture.getvalue())
+    return [folder / f"{name}{ending}" for ending in (".csv", ".png")]
+
+
+def _draw(found: Spread, picture: io.BytesIO) -> None:
+    from swe_sphere.pictures.panels import Panel, draw_panel
+    from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
+
+    kind = describe(found.field)
+    figure = new_figure()
+    figure.set_size_inches(6.4, 4.0)
+    title = f"spread of {kind.title} [{kind.units}]"
+    draw_panel(figure.subplots(), Panel(title, found.times, {"all members": found.values}), None)
+    figure.savefig(picture, format="png", dpi=DOTS_PER_INCH)
