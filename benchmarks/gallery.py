@@ -31,7 +31,10 @@ RUNS = {
         "--field vorticity --projection north-polar --region -180,180,15,90",
     ),
     "lauter": ("--ne 6 --np 6 --days 2", "--winds streamlines"),
-    "moving-vortices": ("--ne 10 --np 6 --days 12", "--projection orthographic --centre 270"),
+    "moving-vortices": (
+        "--ne 10 --np 6 --days 12",
+        "--projection orthographic --centre 270 --no-contours",
+    ),
     "deformational": ("--ne 12 --np 4 --days 6", ""),
     "lake-at-rest": ("--ne 6 --np 6 --days 1", "--field b --mesh"),
     "mcdonald-bates": ("--ne 8 --np 6 --days 5", "--projection north-polar"),
@@ -43,7 +46,7 @@ RUNS = {
     ),
     "splash": ("--ne 6 --np 6 --days 0.4", "--projection robinson --no-contours"),
     "gravity-bumps": ("--ne 6 --np 6 --days 0.25", "--no-contours"),
-    "dam-break": ("--ne 12 --np 4 --days 0.1", "--projection robinson"),
+    "dam-break": ("--ne 12 --np 4 --days 0.1", "--projection robinson --no-contours"),
     "tide": ("--ne 4 --np 6 --days 0.25", "--projection robinson --winds arrows"),
     "slow-ocean": ("--ne 6 --np 6 --days 2", "--projection robinson --winds arrows"),
     "relaxed-jet": (

@@ -96,7 +96,7 @@ def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = 
 
     return Scene(
         name="tide",
-        title=f"{constituent} tide in an ocean of {depth:g} m",
+        title=f"{constituent.upper()} tide in an ocean of {depth:g} m",
         reference="Arbic, Garner, Hallberg & Simmons (2004), Deep-Sea Res. II 51, 3069-3101, "
         "doi:10.1016/j.dsr2.2004.09.014; solution after Longuet-Higgins (1968), "
         "doi:10.1098/rsta.1968.0003",

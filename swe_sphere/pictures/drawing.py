@@ -23,6 +23,8 @@ from swe_sphere.pictures.overlays import draw_mesh, draw_winds
 from swe_sphere.pictures.projections import Disc
 from swe_sphere.planet import DAY
 
+NARROW = 1e-3
+"""A scale whose ends differ by less than this part has room for few numbers: they are long."""
 SEEN = 4e-3
 """Parts of the bottom's height above its lowest point that get a contour."""
 
@@ -147,6 +149,9 @@ def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
     bar = axes.figure.colorbar(
         image, ax=axes, orientation="horizontal", shrink=0.6, aspect=40, pad=0.07, format=numbers
     )
+    ends = np.array(image.get_clim(), dtype=float)
+    if np.ptp(ends) < NARROW * np.abs(ends).max():
+        bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)
     bar.set_label(f"{kind.title} [{kind.units}]", fontsize=10)
@@ -165,7 +170,7 @@ def _write_titles(
         parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
         parts += [str(scheme)] if (scheme := source.attributes.get("scheme")) else []
         if isinstance(dt := source.attributes.get("dt"), (int, float)):
-            parts += [f"Δt = {dt:g} s"]
+            parts += [f"Δt = {dt:.4g} s"]
     axes.text(
         0.5, 1.015 + up, "  ·  ".join(parts), transform=axes.transAxes, ha="center", va="bottom",
         fontsize=10, color="0.3", parse_math=False,

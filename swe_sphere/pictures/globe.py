@@ -11,6 +11,8 @@ from swe_sphere.pictures.projections import Disc, Map, Rounded
 
 STEPS = (60, 30, 20, 10, 5, 2, 1)
 """Degrees between lines: the first that gives four of them."""
+LABELS = 8.0
+"""From the edge of a disc to its labels [points]."""
 
 
 def draw_graticule(axes: Axes, on: Map) -> None:
@@ -70,7 +72,8 @@ def _label_disc(axes: Axes, on: Disc, across: int) -> None:
     for degrees in range(-180, 180, across):
         x, y = (float(v) for v in on.place(np.radians(degrees), edge))
         away = np.array([x, y]) / np.hypot(x, y)
-        _label(axes, (x, y), _text(degrees, "EW"), tuple(12.0 * away), "center", "center")
+        side = "center" if abs(away[0]) < 0.3 else "left" if away[0] > 0.0 else "right"
+        _label(axes, (x, y), _text(degrees, "EW"), tuple(LABELS * away), side, "center")
 
 
 def _text(degrees: int, letters: str) -> str:

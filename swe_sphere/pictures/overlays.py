@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.patches import Polygon
 
 from swe_sphere.arrays import Array
 from swe_sphere.io.scalar_fields import evaluate
@@ -65,10 +66,11 @@ def _draw_arrows(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -
     length = np.hypot(dx, dy)
     good = np.isfinite(length) & (length < 1e-2) & (length > 0.0)
     size = (speed / speed.max() / np.where(length > 0.0, length, 1.0))[good]
+    edge = Polygon(np.transpose(on.outline()), transform=axes.transData)
     axes.quiver(
         x[good], y[good], dx[good] * size, dy[good] * size, units="width", scale=38.0, width=0.0011,
         headwidth=4.0, color="0.1", zorder=4, scale_units="width", pivot="mid",
-    )  # fmt: skip
+    ).set_clip_path(edge)  # fmt: skip
 
 
 def _draw_streamlines(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -> None:

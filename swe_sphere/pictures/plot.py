@@ -83,7 +83,7 @@ def _compose(figure: Figure, drawing: Drawing, time: float | None) -> None:
     wanted = drawing.look.panel and isinstance(source, RunFile)
     curves = panels(source) if wanted and isinstance(source, RunFile) else []
     figure.set_size_inches(*size(drawing, bool(curves)))
-    parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.1, 1.0][: 1 + bool(curves)])
+    parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.3, 1.0][: 1 + bool(curves)])
     globe, *rest = np.ravel(np.array(parts, dtype=object))
     drawing.draw(globe.subplots(), time)
     for part in rest:
@@ -94,7 +94,7 @@ def _compose(figure: Figure, drawing: Drawing, time: float | None) -> None:
 def size(drawing: Drawing, panel: bool = False) -> tuple[float, float]:
     """Width and height of the figure of a map [inches]."""
     x, y = drawing.on.outline()
-    height = 1.6 + 9.0 * min(float(np.ptp(y) / np.ptp(x)), 0.75)
+    height = 2.3 + 9.0 * min(float(np.ptp(y) / np.ptp(x)), 0.75)
     return 9.6, height + (2.9 if panel else 0.0)
 
 
