@@ -404,3 +404,11 @@ def test_what_built_in_effects_conserve() -> None:
     declared = {name: set(effect.conserves) for name, effect in ALL_EFFECTS.items()}
     assert declared.pop("relaxation") == {"tracers"}
     assert all(masses == {"mass", "tracers"} for masses in declared.values())
+
+
+def test_bdf2_and_its_start_share_one_set_up(small_mountain) -> None:
+    stepper = STEPPERS["bdf2"](small_mountain, HOUR)
+    stepper.start(small_mountain.initial_state())
+    for _ in range(2):
+        stepper.step()
+    assert stepper.costs()["setups"] == 1

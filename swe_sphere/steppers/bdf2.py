@@ -56,6 +56,8 @@ class BDF2(ImplicitStepper):
         super().accept(dt)
 
     def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
+        """A few more iterations with the set-up of the steps to come cost less than another one."""
+        self._starter.prepared_for = 2.0 / 3.0 * dt
         self._starter.tighten(self.loosest)
         self._starter.start(self.state, t)
         return self._starter.step_to(t, dt, out)

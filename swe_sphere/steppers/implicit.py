@@ -76,6 +76,8 @@ class ImplicitStepper(SteppedInParts):
 
     family = "implicit"
     diffusion_apart = False
+    prepared_for: float | None = None
+    """The tau [s] that the preconditioner is set up for; None: that of the stage."""
 
     def __init__(
         self,
@@ -205,7 +207,8 @@ class ImplicitStepper(SteppedInParts):
     def _prepare(self, tau: float) -> None:
         """Bring the preconditioner to the present state and tau [s]."""
         if self.problem.preconditioner is not None:
-            self.problem.preconditioner.setup(self.model.point_of_tangent(self.state), tau)
+            point = self.model.point_of_tangent(self.state)
+            self.problem.preconditioner.setup(point, self.prepared_for or tau)
 
     def _worthless(self) -> float:
         """Residual that is worth one iteration, not two; there is none if the tolerance is 0."""
