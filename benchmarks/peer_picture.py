@@ -1,0 +1,59 @@
+"""The picture of docs/peers.md: error against time, a panel a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
+
+from swe_sphere.studies.report.palette import COLOURS
+
+MARKERS = "osD^v"
+
+
+def draw(tables: Mapping[str, Sequence[Sequence[str]]], path: Path) -> None:
+    """Rows as in the tables of the page: model, ..., numbers (4), l2 (6), CPU seconds (7)."""
+    figure, axes = plt.subplots(
+        1, len(tables), figsize=(4.2 * len(tables), 4.0), layout="constrained", squeeze=False
+    )
+    models = list(dict.fromkeys(line[0] for rows in tables.values() for line in rows))
+    for axis, (scene, rows) in zip(axes[0], tables.items(), strict=True):
+        for model, colour, marker in zip(models, COLOURS, MARKERS, strict=False):
+            for numbers in ("float64", "float32"):
+                _points(axis, rows, model, numbers, (colour, marker))
+        axis.set(title=scene, xscale="log", yscale="log", xlabel="CPU time [s]")
+        axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("l2 of the free surface")
+    handles = {line.get_label(): line for axis in axes[0] for line in axis.lines}
+    shown = [line for label, line in handles.items() if not label.startswith("_")]
+    figure.legend(handles=shown, loc="outside lower center", ncols=2 * len(tables))
+    plt.rcParams["svg.hashsalt"] = "peers"
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def _points(
+    axis: plt.Axes, rows: Sequence[Sequence[str]], model: str, numbers: str, look: tuple[str, str]
+) -> None:
+    """Filled for double precision, open for single; the best of them joined by a line."""
+    mine = [line for line in rows if (line[0], line[4]) == (model, numbers) and line[7]]
+    found = [(float(line[7]), float(line[6])) for line in mine]
+    if not found:
+        return
+    (colour, marker), double = look, numbers == "float64"
+    axis.plot(*zip(*_front(found), strict=True), "-" if double else ":", color=colour)
+    label, face = (model, colour) if double else (f"{model}, {numbers}", "none")
+    style = {"color": colour, "markerfacecolor": face, "label": label}
+    axis.plot(*zip(*found, strict=True), marker, **style)
+
+
+def _front(found: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Those of which no other is both quicker and closer."""
+    kept: list[tuple[float, float]] = []
+    for time, error in sorted(found):
+        if not kept or error < kept[-1][1]:
+            kept.append((time, error))
+    return kept

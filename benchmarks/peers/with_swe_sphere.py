@@ -1,0 +1,46 @@
+"""This model."""
+
+from __future__ import annotations
+
+import numpy as np
+import serve
+import warp as wp
+
+from swe_sphere import __version__
+from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.simulation.execution import step_through
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.time_plan import TimePlan
+
+wp.config.log_level = wp.LOG_WARNING
+
+
+class Model:
+    """The surface is taken at the points asked for, as the polynomials it is."""
+
+    def __init__(self, case: serve.Case) -> None:
+        self.case, self.mesh = case, Mesh.build(case.ne, case.np)
+        lat, lon = np.meshgrid(case.lat, case.lon, indexing="ij")
+        self.points = Interpolator(self.mesh, lon.ravel(), lat.ravel())
+
+    def start(self, steps: int) -> Simulation:
+        """A simulation that stands before its first step."""
+        case = self.case
+        sim = Simulation(case.scene, mesh=self.mesh, stepper=case.stepper, precision=case.precision)
+        sim.begin(TimePlan(case.dt, steps, steps, case.dt))
+        return sim
+
+    def run(self, state: Simulation, steps: int) -> Simulation:
+        """All steps, with the checks that every run has."""
+        step_through(state, [])
+        return state
+
+    def surface(self, state: Simulation) -> np.ndarray:
+        """The free surface [m]."""
+        fields = state.snapshot.with_constants
+        height = self.points(fields["h"] + fields.get("b", 0.0))
+        return height.reshape(self.case.lat.size, self.case.lon.size)
+
+
+if __name__ == "__main__":
+    serve.answer(Model, __version__)
