@@ -1,0 +1,135 @@
+"""Ranks killed at random moments: how the job ends, what its file holds, and whether it goes on.
+
+    python benchmarks/kill_ranks.py [--kills 10] [--seed 1] [--ranks 4] [--rest 3] [--write FILE.md]
+
+Kills (SIGKILL) one rank of `swe-sphere run --ranks 4` a random time after its file has appeared,
+opens what is left, and goes on in the file on three ranks: all frames must be those of a run that
+was left alone, to the last bit.  Only on Linux: ranks are found in /proc.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import xarray
+from kill_runs import frames
+
+from swe_sphere.machine import machine
+
+STEPPERS = {"rk4": 900, "semi-implicit": 1800}
+"""In turns, with their steps [s]."""
+RUN = ["run", "williamson5", "--ne=2", "--np=4", "--days=1", "--every=1", "--quiet"]
+MARK = "SWE_SPHERE_KILL_RANKS"
+"""Environment variable by which the processes of a job are known."""
+YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
+"""Ranks of MPICH that wait leave their core to others: there may be more of them than cores."""
+HEADS = ["kill", "stepper", "rank", "after [s]", "job ended in [s]", "status", "lines on stderr",
+         "frames left, all as they should be", "goes on"]  # fmt: skip
+
+
+def started(token: str, *arguments: str) -> subprocess.Popen[str]:
+    """A job whose processes carry the token."""
+    command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
+    environment = os.environ | YIELD | {MARK: token}
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def alive(token: str, *also: str) -> Iterator[int]:
+    """Processes of a job that have these settings in their environment too."""
+    wanted = {f"{MARK}={token}", *also}
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            settings = (entry / "environ").read_bytes().decode(errors="replace").split("\0")
+        except OSError:  # has ended, or is not ours
+            continue
+        if wanted <= set(settings):
+            yield int(entry.name)
+
+
+def whole_run(out: Path, ranks: int, *arguments: str) -> tuple[xarray.Dataset, float]:
+    """What a run that is left alone writes, and for how long it writes it [s]."""
+    job = started("whole", *arguments, f"--out={out}", f"--ranks={ranks}")
+    begin = appeared(out)
+    if job.wait():
+        raise SystemExit(f"the run that is left alone fails: {job.communicate()[1]}")
+    return xarray.load_dataset(out), time.monotonic() - begin
+
+
+def appeared(out: Path) -> float:
+    """When there is a file."""
+    while not out.exists():
+        time.sleep(1e-3)
+    return time.monotonic()
+
+
+def killed(out: Path, ranks: int, rank: int, delay: float, *arguments: str) -> list[str]:
+    """How the job ended, in words of the table."""
+    token = uuid.uuid4().hex
+    job = started(token, *arguments, f"--out={out}", f"--ranks={ranks}")
+    appeared(out)
+    time.sleep(delay)
+    for pid in alive(token, f"PMI_RANK={rank}"):
+        os.kill(pid, signal.SIGKILL)
+    begin = time.monotonic()
+    told = job.communicate()[1]
+    seconds = time.monotonic() - begin
+    left = len([*alive(token)])
+    lines = f"{told.count(chr(10))}" + (f", {left} processes left" if left else "")
+    return [f"{delay:.2f}", f"{seconds:.2f}", str(job.returncode), lines]
+
+
+def goes_on(out: Path, whole: xarray.Dataset, ranks: int, *arguments: str) -> str:
+    """Whether the run ends on so many ranks with all frames of the other."""
+    job = started("rest", *arguments, f"--restart={out}", f"--out={out}", f"--ranks={ranks}")
+    told = job.communicate()[1]
+    if job.returncode:
+        return f"no: {told.strip()}"
+    complete = frames(out, whole) == whole.sizes["time"]
+    return f"on {ranks} ranks, the same bits" if complete else "too few frames"
+
+
+def main(
+    kills: int = 10,
+    seed: int = 1,
+    ranks: int = 4,
+    rest: int = 3,
+    write: Annotated[Path | None, typer.Option(help="For the table.")] = None,
+) -> None:
+    """Print the table."""
+    chance, rows = random.Random(seed), [HEADS, ["---"] * len(HEADS)]
+    with tempfile.TemporaryDirectory() as name:
+        out, wholes = Path(name) / "run.nc", {}
+        for stepper, dt in STEPPERS.items():
+            given = [f"--stepper={stepper}", f"--dt={dt}"]
+            wholes[stepper] = given, *whole_run(Path(name) / f"{stepper}.nc", ranks, *given)
+        while len(rows) < kills + 2:
+            number = len(rows) - 1
+            stepper = [*STEPPERS][number % len(STEPPERS)]
+            given, whole, span = wholes[stepper]
+            for path in out.parent.glob("run.*"):
+                path.unlink()
+            rank, delay = chance.randrange(ranks), chance.uniform(0.0, span)
+            ended, left = killed(out, ranks, rank, delay, *given), frames(out, whole)
+            if left < whole.sizes["time"]:  # else it had nothing more to do
+                kept = f"{left} of {whole.sizes['time']}"
+                rest_of = goes_on(out, whole, rest, *given)
+                rows.append([str(number), stepper, str(rank), *ended, kept, rest_of])
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    sys.stdout.write(f"{machine()}\n\n{table}\n")
+    if write is not None:
+        write.write_text(table + "\n")
+
+
+if __name__ == "__main__":
+    typer.run(main)
