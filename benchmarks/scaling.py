@@ -1,187 +1,255 @@
-"""What a step takes on one rank and on two, what is sent, and what a model makes of it.
+"""Page on scaling: what a step does on several ranks, what it takes, and a model of many.
 
-    python benchmarks/scaling.py [--rounds 5] [--ne 30] [--write FILE.md]
+    python benchmarks/scaling.py [SECTION ...]      counts, measured, model, growth; all by default
 
-Runs on one process, on one rank and on two go in turns, so that a busy moment of the machine meets
-all of them; told are the least and the median time of pieces of a few steps.
+Rewrites docs/scaling.md, docs/scaling.json and docs/scaling.svg.  Runs on one process and on two
+ranks go in turns, so that a busy moment of the machine meets all of them.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import subprocess
 import sys
-import time
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 import typer
+from implicit_common import Section
+from memory import spent
+from scaling_model import NEIGHBOURS, Network, Step, as_it_is, in_trees, picture
+from scaling_ranks import PIECES, STEPPERS
+from sections import DOCS, write_page
 
-from swe_sphere import Simulation
-from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import partition
-from swe_sphere.parallel import Alone, world
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
-STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
-"""Steps [s], and how many of them are timed at once."""
-PIECES = 12
-SIZES = (8, 1024, 16384, 131072)
-"""Of messages between two ranks [bytes]."""
-ROUND_TRIPS = 200
+YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
+"""Ranks of MPICH that wait leave their core to others: there may be more of them than cores."""
+ROUNDS = 3
+NE, WEAK, TINY, SMALL = 30, 21, 4, 6
+"""Meshes of the timings: 5400 elements, half as many, few; and one for more ranks than cores."""
+BUSY = 1.5
+"""Medians of times are not so many times the least of them where nothing else runs."""
+LARGE = 1024
+SUPPOSED = Network(latency=2e-6, bandwidth=1e9)
+"""Of a large machine: an assumption, in the range that vendors of networks give (one to two
+microseconds; 25 GB/s a node, shared by its ranks)."""
+GROWTH = {"rk4": (4, 8, 16, 30, 60, 120), "tr-bdf2": (4, 8, 16, 30, 60)}
+HEAD = """# Scaling over ranks
+
+Made by `python benchmarks/scaling.py`. How a run is shared is told in
+[Several processes](parallel.md). All of it is williamson5, np 4, float64; steps are 200 s (rk4),
+900 s (semi-implicit) and 1800 s (tr-bdf2) on ne 30, and go with 1/ne."""
 
 
-def measure(stepper: str, ne: int) -> dict[str, Any]:
-    """Seconds a step, piece by piece; halo bytes and reductions a step."""
-    dt, at_once = STEPPERS[stepper]
-    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt)
-    for _ in range(3):
-        sim.step()
-    mesh, gathered = sim.model.device_mesh, _counted(sim.comm)
-    sent, times = mesh.bytes_sent, []
-    for _ in range(PIECES):
-        start = time.perf_counter()
-        for _ in range(at_once):
-            sim.step()
-        times.append((time.perf_counter() - start) / at_once)
-    steps = PIECES * at_once
-    sent = sum(sim.comm.tell_all(mesh.bytes_sent - sent)) / steps
-    return {"times": times, "bytes": sent, "reductions": len(gathered) / steps}
-
-
-def _counted(comm: Alone) -> list[int]:
-    """Grows by one at every message of all to all."""
-    calls, gather = list[int](), comm.gather
-
-    def counting(*arguments: Any) -> Any:
-        calls.append(1)
-        return gather(*arguments)
-
-    comm.gather = counting  # type: ignore[method-assign]
-    return calls
-
-
-def ping_pong() -> dict[int, float]:
-    """Least seconds that a message takes from one rank to the next, by its size."""
-    comm, found = world(), {}
-    for size in SIZES:
-        mine, theirs = np.zeros(size, np.int8), np.zeros(size, np.int8)
-        other = 1 - comm.rank
-        back, forth = comm.channel({other: mine}, {}), comm.channel({}, {other: theirs})
-        times = []
-        for _ in range(ROUND_TRIPS):
-            start = time.perf_counter()
-            for channel in (back, forth) if comm.rank == 0 else (forth, back):
-                channel.start()
-                channel.wait()
-            times.append(0.5 * (time.perf_counter() - start))
-        found[size] = min(times)
-    return found
-
-
-def child(ranks: int, *arguments: str) -> dict[str, Any]:
-    """What this script says on so many ranks; 0: without MPI."""
-    command = [sys.executable, __file__, *arguments]
+def child(ranks: int, job: str, ne: int = 0, pieces: int = PIECES) -> Any:
+    """What scaling_ranks.py says on so many ranks; 0: without MPI."""
+    script = str(Path(__file__).with_name("scaling_ranks.py"))
+    command = [sys.executable, script, job, str(ne), str(pieces)]
     command = [str(MPIEXEC), "-n", str(ranks), *command] if ranks else command
-    told = subprocess.check_output(command, text=True)
-    found: dict[str, Any] = json.loads(told.splitlines()[-1])
+    crowd = YIELD if ranks > (os.cpu_count() or 1) else {}
+    told = subprocess.check_output(command, text=True, env=os.environ | crowd)
+    return json.loads(told.splitlines()[-1])
+
+
+@cache
+def timed() -> dict[tuple[int, int], dict[str, Any]]:
+    """By mesh and ranks: what was found in all rounds."""
+    found: dict[tuple[int, int], dict[str, Any]] = {}
+    for _ in range(ROUNDS):
+        for which in ((NE, 0), (NE, 2), (WEAK, 0), (TINY, 0)):
+            ne, ranks = which
+            for name, told in child(ranks, "steps", ne).items():
+                of = found.setdefault(which, {})
+                before = of.get(name, {"times": []})
+                of[name] = told | {"times": before["times"] + told["times"]}
     return found
 
 
-def predicted_bytes(mesh: Mesh, ranks: int) -> int:
-    """Sent by all ranks for one right-hand side of three fields in float64.
+@cache
+def network() -> Network:
+    """Of this machine, between two ranks."""
+    pings = {int(size): seconds for size, seconds in child(2, "ping").items()}
+    small, large = min(pings), max(pings)
+    return Network(pings[small], (large - small) / (pings[large] - pings[small]))
 
-    Counted from the mesh: an element node at a node that other ranks hold goes to each of them.
+
+def disturbed() -> str:
+    """What to say where other programs were at work."""
+    of_all = (told["times"] for of in timed().values() for told in of.values())
+    busy = any(statistics.median(times) > BUSY * min(times) for times in of_all)
+    return " The machine was busy with other programs: the times here are rough." if busy else ""
+
+
+def on_the_rim(ne: int, ranks: int) -> tuple[int, float]:
+    """Element nodes that go out from all ranks for one right-hand side, and neighbours of a rank.
+
+    Counted from the mesh: one at a node that other ranks hold goes to each of them.
     """
-    owner = np.empty(mesh.elements, dtype=int)
+    mesh = Mesh.build(ne, 4)
+    owner, neighbours = np.empty(mesh.elements, dtype=int), []
     for rank in range(ranks):
-        owner[partition(mesh, rank, ranks).elements] = rank
+        part = partition(mesh, rank, ranks)
+        owner[part.elements] = rank
+        neighbours.append(len(part.sends))
     of_entry = owner[mesh.gather_entries // mesh.np**2]
     pieces = np.split(of_entry, mesh.gather_offsets[1:-1])
-    return 24 * sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
+    sent = sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
+    return sent, float(np.mean(neighbours))
 
 
-def model(
-    elements: float, ranks: np.ndarray, seconds: float, latency: float, bandwidth: float
-) -> np.ndarray:
-    """Seconds of a right-hand side, of `seconds` an element, on so many ranks.
-
-    A compact piece of n elements has 4 sqrt(n) edges on its rim, and eight neighbours.
-    """
-    mine = elements / ranks
-    halo = np.where(ranks > 1, 8.0 * latency + 4.0 * np.sqrt(mine) * 4 * 24 / bandwidth, 0.0)
-    return mine * seconds + halo
+@cache
+def rim() -> float:
+    """Element nodes that a rank of many sends, over the square root of its elements."""
+    ranks = 32
+    return on_the_rim(NE, ranks)[0] / ranks / (6 * NE**2 / ranks) ** 0.5
 
 
-def picture(path: Path, seconds: float, latency: float, bandwidth: float) -> None:
-    """Parallel efficiency of a right-hand side by the model, for several meshes."""
-    ranks = np.logspace(0, 5, 200)
-    figure, axes = plt.subplots(figsize=(6.0, 3.6), layout="constrained")
-    for ne in (30, 120, 512, 1024):
-        elements = 6.0 * ne**2
-        there = ranks[ranks <= elements]
-        took = model(elements, there, seconds, latency, bandwidth)
-        axes.semilogx(there, took[0] / (there * took), label=f"ne {ne}")
-    axes.set(xlabel="ranks", ylabel="parallel efficiency", ylim=(0.0, 1.05))
-    axes.legend(frameon=False)
-    figure.savefig(path, metadata={"Date": None})
-
-
-def page(found: dict[tuple[str, int], dict[str, Any]], ne: int, pings: dict[int, float]) -> str:
-    """Tables of what was measured."""
-    rows = [
-        "| stepper | ranks | least [ms] | median [ms] | over one process, least (median)"
-        " | halo [kB a step] | reductions a step |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for (stepper, ranks), each in found.items():
-        times, alone = each["times"], found[stepper, 0]["times"]
-        least, median = min(times), statistics.median(times)
-        ratio = f"{min(alone) / least:.2f} ({statistics.median(alone) / median:.2f})"
-        rows.append(
-            f"| {stepper} | {ranks or 'no MPI'} | {1e3 * least:.2f} | {1e3 * median:.2f} | {ratio}"
-            f" | {each['bytes'] / 1e3:.1f} | {each['reductions']:.1f} |"
-        )
-    told = ", ".join(f"{1e6 * t:.1f} µs for {size} bytes" for size, t in pings.items())
-    return (
-        f"Measured on: {machine()}.  williamson5, ne {ne} np 4.\n\n" + "\n".join(rows)
-        + f"\n\nA message from one rank to the other takes, at the least, {told}.\n"
+def step(name: str) -> Step:
+    """What a step does: seconds of one process, counts of two ranks."""
+    alone, two = timed()[NE, 0][name], timed()[NE, 2][name]
+    did = {key: two["traffic"].get(key, 0.0) for key in (
+        "exchanges", "bytes", "sums", "sums bytes", "coarse", "coarse bytes",
+    )}  # fmt: skip
+    of_rank = {key: did[key] / 2 for key in ("exchanges", "sums", "coarse")}
+    sent, _ = on_the_rim(NE, 2)
+    large, tiny = min(alone["times"]), min(timed()[TINY, 0][name]["times"])
+    fixed = max(0.0, tiny - TINY**2 * (large - tiny) / (NE**2 - TINY**2))
+    return Step(
+        6 * NE**2, large, fixed, alone["coarse seconds"], of_rank["exchanges"],
+        did["bytes"] / sent / of_rank["exchanges"], of_rank["sums"],
+        did["sums bytes"] / max(of_rank["sums"], 1.0), of_rank["coarse"],
+        did["coarse bytes"] / max(of_rank["coarse"], 1.0),
     )  # fmt: skip
 
 
-def main(
-    rounds: int = 5,
-    ne: int = 30,
-    write: Path | None = None,
-    job: Annotated[str, typer.Option(hidden=True)] = "",
-) -> None:
-    if job:
-        told = ping_pong() if job == "ping" else measure(job, ne)
-        if world().rank == 0:
-            sys.stdout.write(json.dumps(told) + "\n")
-        return
-    found: dict[tuple[str, int], dict[str, Any]] = {}
-    for _ in range(rounds):
-        for stepper in STEPPERS:
-            for ranks in (0, 1, 2):
-                told = child(ranks, "--job", stepper, "--ne", str(ne))
-                before = found.setdefault((stepper, ranks), {"times": []})
-                found[stepper, ranks] = told | {"times": before["times"] + told["times"]}
-    pings = {int(size): t for size, t in child(2, "--job", "ping").items()}
-    text = page(found, ne, pings)
-    expected, counted = 4 * predicted_bytes(Mesh.build(ne, 4), 2), found["rk4", 2]["bytes"]
-    text += f"\nHalo of rk4 on two ranks: {counted:.0f} bytes a step, {expected} predicted.\n"
-    sys.stdout.write(text)
-    if write is not None:
-        small, large = SIZES[0], SIZES[-1]
-        bandwidth = (large - small) / (pings[large] - pings[small])
-        seconds = min(found["rk4", 1]["times"]) / 4 / (6 * ne**2)
-        picture(write.with_suffix(".svg"), seconds, pings[small], bandwidth)
-        write.write_text(text)
+def counts() -> Section:
+    """Messages of a step, by number of ranks."""
+    rows, bits = [], {}
+    for ranks in (1, 2, 4, 8):
+        sent, neighbours = on_the_rim(SMALL, ranks)
+        for name, told in child(ranks, "steps", SMALL, 4).items():
+            did = told["traffic"]
+            same = bits.setdefault(name, told["bits"]) == told["bits"]
+            expected = f"{96 * sent / 1e3:.1f}" if name == "rk4" else ""
+            rows.append([
+                name, str(ranks), f"{neighbours:.1f}",
+                *(f"{did.get(key, 0.0) / ranks:.1f}" for key in ("exchanges", "messages")),
+                f"{did.get('bytes', 0.0) / 1e3:.1f}", expected,
+                *(f"{did.get(key, 0.0) / ranks:.1f}" for key in ("sums", "coarse")),
+                "the same" if same else "OTHERS",
+            ])  # fmt: skip
+    rows.sort(key=lambda row: [*STEPPERS].index(row[0]))
+    return Section(
+        "What a step does",
+        f"Counted in the run, ne {SMALL}, by a communicator that counts: exchanges, messages and"
+        " sums of a rank, bytes of all ranks. Expected: four right-hand sides of three fields, "
+        "counted from the mesh. Ranks beyond the cores of the machine are there for the counts "
+        "and for the bits of the state.",
+        ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [kB]", "expected [kB]",
+         "sums", "coarse residuals to all", "bits"],
+        rows,
+    )  # fmt: skip
+
+
+def measured() -> Section:
+    """Two ranks beside one process, and what the model says of it."""
+    found, net, rows = timed(), network(), []
+    for name in STEPPERS:
+        one, two, half = (found[which][name]["times"] for which in ((NE, 0), (NE, 2), (WEAK, 0)))
+        of, two_ranks = step(name), np.array([2.0])
+        model = as_it_is(of, of.elements, two_ranks, net, rim())[0]
+        by_model = of.fixed + (of.seconds - of.fixed) * WEAK**2 / NE**2
+        usual = statistics.median(one) / statistics.median(two)
+        rows.append([
+            name, *(f"{1e3 * min(t):.2f} ({1e3 * statistics.median(t):.2f})" for t in (one, two)),
+            f"{min(one) / min(two):.2f} × ({usual:.2f} ×)",
+            f"{of.seconds / model:.2f} ×", f"{min(half) / min(two):.2f}",
+            f"{by_model / model:.2f}",
+        ])  # fmt: skip
+    return Section(
+        "Two ranks, measured and by the model",
+        f"Least time of a step in {ROUNDS} rounds of {PIECES} pieces, median in brackets; ne "
+        f"{NE}. Weak: time of a step on ne {WEAK} with one process over that on ne {NE} with two"
+        " ranks; half as many elements less 2 %, so 0.98 were no loss. A message between the "
+        f"two ranks takes {1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s."
+        + disturbed(),
+        ["stepper", "one process [ms]", "two ranks [ms]", "gain", "by the model", "weak",
+         "by the model"],
+        rows,
+    )  # fmt: skip
+
+
+def model() -> Section:
+    """Many ranks."""
+    steps = {name: step(name) for name in STEPPERS}
+    picture(DOCS / "scaling.svg", steps, LARGE, SUPPOSED, rim())
+    rows = []
+    for name, of in steps.items():
+        for ranks in (1, 64, 512, 4096, 32768, 100_000):
+            given = of, 6.0 * LARGE**2, np.array([float(ranks)]), SUPPOSED, rim()
+            trees, is_now = in_trees(*given)[0], as_it_is(*given)[0]
+            alone = in_trees(of, 6.0 * LARGE**2, np.array([1.0]), SUPPOSED, rim())[0]
+            rows.append([
+                name, str(ranks), f"{6 * LARGE**2 / ranks:.0f}",
+                f"{is_now:.3g}" if ranks <= 512 else "", f"{trees:.3g}",
+                f"{100 * alone / ranks / trees:.0f} %",
+            ])  # fmt: skip
+    return Section(
+        f"Many ranks on ne {LARGE}: a model",
+        "Not measured. A step takes what one on a tiny mesh takes here, which is Python's and does "
+        "not get less with ranks, and its elements times what one more element takes; for "
+        f"each exchange the latency of {NEIGHBOURS} messages and the bytes on the rim of a compact "
+        f"piece, {rim():.0f} √n element nodes for n elements (counted on ne {NE}, 32 ranks); for "
+        "each "
+        f"sum the latency along a tree. Supposed are {1e6 * SUPPOSED.latency:.0f} µs and "
+        f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, memory bandwidth for all cores as for one "
+        "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
+        "every rank gets all partial sums and solves the whole coarse level, which ends the "
+        "gain of implicit steps early, and there are 512 pieces at the most. The last columns "
+        "are what trees of sums and a coarse level that is dealt out, with two visits to each "
+        "of its levels, would make of it." + disturbed(),
+        ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
+         "efficiency in trees"],
+        rows,
+        figure="scaling.svg",
+    )  # fmt: skip
+
+
+def growth() -> Section:
+    """One process on larger and larger meshes."""
+    rows = []
+    for name, meshes in GROWTH.items():
+        tiny, _ = spent("--ne", "2", "--np", "4", "--stepper", name, "--days", "0.03")
+        for ne in meshes:
+            days = str(0.03 * 30 / max(ne, 30))
+            memory, seconds = spent("--ne", str(ne), "--np", "4", "--stepper", name, "--days", days)
+            nodes = 6 * (4 * ne) ** 2
+            rows.append([
+                name, str(ne), f"{nodes}", f"{1e3 * seconds:.3g}", f"{1e9 * seconds / nodes:.0f}",
+                f"{(memory - tiny) / nodes:.0f}" if ne >= 30 else "",
+            ])  # fmt: skip
+    return Section(
+        "One process, larger and larger meshes",
+        "Steps as `--dt auto` has them, some few of them; peak memory beyond that of a tiny "
+        "run, set-up included. What a machine with so much memory takes follows; a run that "
+        "needs more than there is says so first ([Memory](memory.md)).",
+        ["stepper", "ne", "element nodes", "a step [ms]", "ns an element node",
+         "bytes an element node"],
+        rows,
+    )  # fmt: skip
+
+
+def main(sections: Annotated[list[str] | None, typer.Argument()] = None) -> None:
+    """Measure, and rewrite the page."""
+    made = {"counts": counts, "measured": measured, "model": model, "growth": growth}
+    write_page("scaling", HEAD, made, sections or [])
 
 
 if __name__ == "__main__":

@@ -1,0 +1,117 @@
+"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from swe_sphere import Simulation
+from swe_sphere.parallel import Alone, Channel, world
+from swe_sphere.studies.modelled_time import Stopwatch, difference, modelled_seconds
+
+STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
+"""Steps [s] on ne 30, and how many of them are timed at once."""
+PIECES = 12
+SIZES = (8, 1024, 16384, 131072)
+"""Of messages between two ranks [bytes]."""
+ROUND_TRIPS = 300
+LOOKED_AT = 3
+"""Steps whose solves of the coarse level are timed."""
+
+
+def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
+    """Seconds a step, piece by piece; what all ranks do in a step; a hash of the state."""
+    dt, at_once = STEPPERS[stepper]
+    traffic = counted(world())
+    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne)
+    for _ in range(3):
+        sim.step()
+    traffic.clear()
+    times = []
+    for _ in range(pieces):
+        start = time.perf_counter()
+        for _ in range(at_once):
+            sim.step()
+        times.append((time.perf_counter() - start) / at_once)
+    steps = pieces * at_once
+    totals = sum(map(Counter, sim.comm.tell_all(dict(traffic))), Counter())
+    state = np.concatenate([sim.state.h, sim.state.u, sim.state.v])
+    return {
+        "times": times,
+        "traffic": {name: count / steps for name, count in totals.items()},
+        "coarse seconds": coarse_seconds(sim) if pieces == PIECES else 0.0,
+        "bits": hashlib.sha256(state.tobytes()).hexdigest(),
+    }
+
+
+def coarse_seconds(sim: Simulation) -> float:
+    """What solves of the coarse level take in a step [s]: products with sparse matrices."""
+    work = sim.model.launch.work
+    before, work.timer = work.counts(), Stopwatch(time.perf_counter)
+    for _ in range(LOOKED_AT):
+        sim.step()
+    prices, did = work.timer.prices(), difference(work.counts(), before)
+    work.timer = None
+    solves = {name: count for name, count in did.items() if name.startswith("sparse_kernels")}
+    return modelled_seconds(solves, prices) / LOOKED_AT if solves else 0.0
+
+
+def counted(comm: Alone) -> Counter[str]:
+    """Grows by what this rank does from now on; channels made before are not seen."""
+    found, channel, gather = Counter[str](), comm.channel, comm.gather
+
+    def counting_channel(outgoing: Any, incoming: Any) -> Channel:
+        made = channel(outgoing, incoming)
+        start, sent = made.start, sum(array.nbytes for array in outgoing.values())
+
+        def starting() -> None:
+            found.update(exchanges=1, messages=len(outgoing), bytes=sent)
+            start()
+
+        made.start = starting  # type: ignore[method-assign]
+        return made
+
+    def counting_gather(mine: Any, counts: Any) -> Any:
+        kind = "coarse" if mine.dtype == np.float32 else "sums"
+        found.update({kind: 1, f"{kind} bytes": mine.nbytes})
+        return gather(mine, counts)
+
+    comm.channel, comm.gather = counting_channel, counting_gather  # type: ignore[method-assign]
+    return found
+
+
+def ping_pong() -> dict[int, float]:
+    """Least seconds that a message takes from one rank to the next, by its size."""
+    comm, found = world(), {}
+    for size in SIZES:
+        mine, theirs = np.zeros(size, np.int8), np.zeros(size, np.int8)
+        other = 1 - comm.rank
+        back, forth = comm.channel({other: mine}, {}), comm.channel({}, {other: theirs})
+        times = []
+        for _ in range(ROUND_TRIPS):
+            start = time.perf_counter()
+            for channel in (back, forth) if comm.rank == 0 else (forth, back):
+                channel.start()
+                channel.wait()
+            times.append(0.5 * (time.perf_counter() - start))
+        found[size] = min(times)
+    return found
+
+
+def main(job: str, ne: str, pieces: str) -> None:
+    """Measure all steppers, or the messages; rank 0 writes JSON."""
+    told: Any = ping_pong() if job == "ping" else {
+        name: measure(name, int(ne), int(pieces)) for name in STEPPERS
+    }  # fmt: skip
+    if world().rank == 0:
+        sys.stdout.write(json.dumps(told) + "\n")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
