@@ -37,8 +37,8 @@ runs too: `swe-sphere verify --launch node` puts them through the whole verifica
 Explicit steps of scenes whose wind and forcing do not change in time are captured once as a graph
 and then launched as a whole.  No step copies a
 state to the host, nor does the check whether a solution still makes sense; but the set-up of a
-preconditioner reads the depth, and each application of it what is left for its coarse solve, which
-is less than a field.  Winds and forcings that change in time are evaluated by numpy and sent.
+preconditioner reads the depth.  Winds and forcings that change in time are evaluated by numpy and
+sent.
 Tracer steps that are longer than those of the flow
 hold an element's values in memory of a thread's own (the stack in the table).
 Made by `python benchmarks/gpu.py`."""
