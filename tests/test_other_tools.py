@@ -6,10 +6,15 @@ import subprocess
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
 
 from swe_sphere import open_run
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.mesh import Mesh
+from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.plot import draw_state
 from swe_sphere.sphere import position
 
 
@@ -120,3 +125,28 @@ def test_uxarray_takes_areas_and_zonal_means(run):
     )
     np.testing.assert_allclose(means.values, ours.values, rtol=2e-3)
     assert np.ptp(ours.values) > 1000.0 * 2e-3
+
+
+@pytest.mark.parametrize("seen", ["NorthPolarStereo", "Mollweide"])
+def test_fields_are_drawn_on_axes_of_cartopy(seen):
+    crs = pytest.importorskip("cartopy.crs")
+    mesh = Mesh.build(3, 8)
+    x, y, z = mesh.xyz.T
+    axes = Figure().add_subplot(projection=getattr(crs, seen)(20.0))
+    if seen == "NorthPolarStereo":
+        axes.set_extent([-180, 180, 30, 90], crs.PlateCarree())
+    fields = {"h": 7.0 + x + 2.0 * y * z, "b": 0.0 * x}
+    draw_state(mesh, fields, 0.0, {"scene": "hills"}, "h", axes)
+    image = next(c for c in axes.collections if isinstance(c, QuadMesh))
+    places = image.get_coordinates().reshape(-1, 2).T
+    degrees = crs.Geodetic().transform_points(axes.projection, *places).T[:2]
+    back = axes.projection.transform_points(crs.Geodetic(), *degrees).T[:2]
+    inside = np.abs(back - places).max(axis=0) < 1.0  # metre: there and back again
+    lon, lat = np.radians(degrees)
+    assert inside.mean() > 0.7
+    a, b, c = position(lon[inside], lat[inside]).T
+    drawn = image.get_array().ravel()[inside]
+    # cartopy's outline is a polygon within the map's own
+    assert np.mean(np.abs(drawn - (7.0 + a + 2.0 * b * c)) > 1e-4) < 1e-3
+    with pytest.raises(ConfigError, match="not of cartopy"):
+        draw_state(mesh, fields, 0.0, {}, "h", axes, Look(mesh=True))

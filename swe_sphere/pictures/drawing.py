@@ -16,11 +16,12 @@ from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.mesh import Interpolator, interpolators
 from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.geo_axes import GeoMap
 from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.levels import contours, drawable, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.overlays import draw_mesh, draw_winds
-from swe_sphere.pictures.projections import Disc
+from swe_sphere.pictures.projections import Disc, Map
 from swe_sphere.planet import DAY
 
 NARROW = 1e-3
@@ -33,7 +34,7 @@ class Drawing:
     """A field of a source, or its difference from another, to be drawn at any time.
 
     rows: of the grid on which the field is evaluated.  keep: the matrices of its evaluation, for
-    many times.
+    many times.  on: the map, that of the look by default.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class Drawing:
         against: Source | Exact | None = None,
         rows: int = 361,
         keep: bool = False,
+        on: Map | None = None,
     ) -> None:
         self.source, self.field, self.look, self.against = source, field, look, against
-        self.on, kind = look.map(), describe(field)
+        self.on, kind = on or look.map(), describe(field)
         if against is not None:
             what = "error" if isinstance(against, Exact) else "difference"
             kind = replace(kind, title=f"{what} of {kind.title}", colours="balance", diverging=True)
@@ -56,9 +58,12 @@ class Drawing:
         lon, lat, self._x, self._y = self.on.grid(rows)
         self._points = lon.ravel(), lat.ravel()
         self._keep, self._kept = keep, list[Interpolator]()
-        if isinstance(source, Nodal) or not (look.mesh or look.winds):
+        if not (look.mesh or look.winds):
             return
-        raise ConfigError("mesh and winds are drawn of files of runs, not of a lat-lon reference")
+        if not isinstance(source, Nodal):
+            raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
+        if isinstance(self.on, GeoMap):
+            raise ConfigError("mesh and winds are drawn on maps of this package, not of cartopy")
 
     def values(self, time: float | None) -> Array:
         """The field on the grid of the map."""

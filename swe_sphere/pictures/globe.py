@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from swe_sphere.pictures.geo_axes import GeoMap
 from swe_sphere.pictures.projections import Disc, Map, Rounded
 
 STEPS = (60, 30, 20, 10, 5, 2, 1)
@@ -17,6 +18,9 @@ LABELS = 8.0
 
 def draw_graticule(axes: Axes, on: Map) -> None:
     """Outline, thin parallels and meridians with their labels; no frame and no ticks."""
+    if isinstance(on, GeoMap):
+        on.draw_graticule()
+        return
     axes.set_axis_off()
     axes.set_aspect("equal")
     axes.plot(*on.outline(), color="0.25", linewidth=0.9, clip_on=False, zorder=5)

@@ -22,6 +22,7 @@ from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.drawing import Drawing
 from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.geo_axes import map_of
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.planet import DAY
@@ -110,13 +111,15 @@ def draw_state(
 ) -> Axes:
     """Draw a state in memory: fields (N,) at the nodes at time [s]; into ax, or a new figure.
 
+    ax may be axes of cartopy, whose projection then takes the place of that of the look.
+
     Raises ConfigError for a field that is not there.
     """
     source = Frame(mesh, fields, time, attributes)
     field = field or default_field(source)
     if field not in fields:
         field = check_field(field)
-    drawing = Drawing(source, field, look or Look(), against, ROWS)
+    drawing = Drawing(source, field, look or Look(), against, ROWS, on=map_of(ax))
     if ax is None:
         from matplotlib import pyplot
 
