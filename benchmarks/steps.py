@@ -48,10 +48,9 @@ def forward_backward() -> Section:
         "Explicit steppers at their automatic steps",
         "l2 of the surface height against the independent spectral reference.  An evaluation of "
         "`forward-backward` is a pass for the depth and one for the wind; each loads the metric "
-        "terms and the wind anew, which costs more at np 8.  In the strong winds of williamson6 "
-        "and galewsky (U/c about 0.3) its limit is a quarter shorter than in williamson5, and "
-        "that of the other sets of coefficients in `benchmarks/forward_backward.py` is no longer. "
-        "These runs shared the machine with others.",
+        "terms and the wind anew.  In the strong winds of williamson6 and galewsky (U/c about 0.3) "
+        "its limit is a quarter shorter than in williamson5, and that of the other sets of "
+        "coefficients in `benchmarks/forward_backward.py` is no longer.",
         ["scene", "mesh", "stepper", "Δt [s]", "evaluations", "l2", "l2 / rk4", "CPU [s]",
          "median", "CPU / rk4", "µs an evaluation"],
         rows,
