@@ -9,7 +9,6 @@ libraries, compiled kernels) is subtracted.  There are 6 ne^2 np^2 element nodes
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import subprocess
 import sys
@@ -23,24 +22,20 @@ from rich.console import Console
 STEPPERS = "rk4,leapfrog,semi-implicit,bdf2,tr-bdf2,esdirk4"
 
 
-def spent(*arguments: str) -> tuple[int, float]:
-    """Most memory [bytes] that `swe-sphere run williamson5` held, and the time of a step [s]."""
-    command = [sys.executable, "-m", "swe_sphere", "run", "williamson5", "--json", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        told = process.stdout.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+def peak(*arguments: str) -> int:
+    """Most memory [bytes] that `swe-sphere run williamson5` of those arguments held resident."""
+    command = [sys.executable, "-m", "swe_sphere", "run", "williamson5", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{' '.join(command)} ended with status {process.returncode}")
-    summary = json.loads(told)
-    memory = usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return memory, summary["wall_seconds"] / summary["steps"]
+    return usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def per_node(ne: int, np: int, arguments: list[str]) -> float:
     """Peak memory of a run beyond that of a tiny one, over the element nodes [bytes]."""
-    tiny, whole = (spent("--ne", str(n), "--np", str(np), *arguments)[0] for n in (2, ne))
+    tiny, whole = (peak("--ne", str(n), "--np", str(np), *arguments) for n in (2, ne))
     return (whole - tiny) / (6 * (ne * np) ** 2)
 
 
