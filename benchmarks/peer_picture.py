@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from swe_sphere.studies.report.palette import COLOURS
 
@@ -25,6 +25,9 @@ def draw(tables: Mapping[str, Sequence[Sequence[str]]], path: Path) -> None:
                 _points(axis, rows, model, numbers, (colour, marker))
         axis.set(title=scene, xscale="log", yscale="log", xlabel="CPU time [s]")
         axis.yaxis.set_minor_formatter(NullFormatter())
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        axis.xaxis.set_major_formatter("{x:g}")
         axis.grid(alpha=0.3)
     axes[0, 0].set_ylabel("l2 of the free surface")
     handles = {line.get_label(): line for axis in axes[0] for line in axis.lines}
