@@ -180,8 +180,8 @@ def _tracers(centres: Centres) -> dict[str, Scalar]:
 
 
 def _gaussian_hills(centres: Centres, lon: Array, lat: Array) -> Array:
-    offsets = (position(lon, lat) - position(*centre) for centre in centres)
-    hills: Array = 0.95 * sum(np.exp(-5.0 * np.sum(offset**2, axis=-1)) for offset in offsets)
+    offsets = [position(lon, lat) - position(*centre) for centre in centres]
+    hills: Array = 0.95 * np.sum(np.exp(-5.0 * np.sum(np.square(offsets), axis=-1)), axis=0)
     return hills
 
 
