@@ -75,6 +75,7 @@ def _unit(vector: Array, out: Float32) -> float:
 
 def _restart(basis: Float32, small: Array, least: float) -> int:
     """Keep the Schur vectors of Ritz values of that modulus or more; returns how many these are."""
+    least *= 1.0 - INVARIANT  # both solvers round
     upper, turn, kept = scipy.linalg.schur(
         small[:BASIS], "real", sort=lambda re, im=0.0: abs(re + 1j * im) >= least
     )
