@@ -4,11 +4,18 @@ Points are given by longitude and latitude [rad]. Everything is written so that 
 smooth at the poles and at the longitude where angles wrap around.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from swe_sphere.equations.scene import Array
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.sphere import angle, position
+
+
+def at_rest(depth: float) -> Callable[[Array, Array], tuple[Array, Array, Array]]:
+    """No wind, and the same depth [m] everywhere."""
+    return lambda lon, lat: (0.0 * lon, 0.0 * lat, depth + 0.0 * lat)
 
 
 def tilted_latitude(lon: Array, lat: Array, alpha: float) -> Array:

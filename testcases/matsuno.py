@@ -10,7 +10,7 @@ from swe_sphere.equations.effects import DYNAMICS, Linearised, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, Planet
-from swe_sphere.testcases.flows import coriolis
+from swe_sphere.testcases.flows import at_rest, coriolis
 
 Wave = Literal["rossby", "eig", "wig"]
 PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
@@ -58,7 +58,7 @@ def matsuno(
         effects=(*DYNAMICS, Rotation(), *((Linearised(),) if linear else ())),
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state,
-        base=_rest if linear else None,
+        base=at_rest(DEPTH) if linear else None,
         coriolis=lambda lon, lat: coriolis(lon, lat, PLANET),
         planet=PLANET,
         report="speed of the pattern against ω / k; shape after a period",
@@ -74,10 +74,6 @@ NAMES = {
     "eig": "eastward inertia-gravity",
     "wig": "westward inertia-gravity",
 }
-
-
-def _rest(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    return 0.0 * lon, 0.0 * lat, DEPTH + 0.0 * lat
 
 
 @dataclass(frozen=True)

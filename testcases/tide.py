@@ -19,7 +19,7 @@ from swe_sphere.equations.effects import DYNAMICS, Forcing, Linearised, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import coriolis
+from swe_sphere.testcases.flows import at_rest, coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 
 Constituent = Literal["m2", "s2", "k1", "o1"]
@@ -104,7 +104,7 @@ def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = 
         initial=lambda lon, lat: response.state(lon, lat, 0.0),
         exact=response.state,
         forcing=forcing,
-        base=(lambda lon, lat: (0.0 * lon, 0.0 * lat, depth + 0.0 * lat)) if linear else None,
+        base=at_rest(depth) if linear else None,
         coriolis=coriolis,
         report="elevation and currents after ten tides; phase against the Moon",
         ne=4,
@@ -238,7 +238,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         effects=(*DYNAMICS, Rotation(), *((Linearised(),) if linear else ())),
         initial=lambda lon, lat: wave.state(lon, lat, 0.0),
         exact=wave.state if linear else None,
-        base=(lambda lon, lat: (0.0 * lon, 0.0 * lat, DEPTH + 0.0 * lat)) if linear else None,
+        base=at_rest(DEPTH) if linear else None,
         coriolis=coriolis,
         report="speed of the wave; gravity waves that a step too long leaves out or lets loose",
         ne=8,
