@@ -69,11 +69,8 @@ def run_kernels(unknowns: int, real: type, rotation: bool) -> SimpleNamespace:
     """
     t = kernel_types(2, real, "element", direct=True, rotation=rotation, done=levels_struct(real))
     lanes, numbers, winds, pair = t.lanes, t.index, t.struct("Winds", ["u", "v"]), t.rows(2)
-    gather, load, first = (
-        gather_run(t.value, Contributors, real, lanes),
-        t.ops.load_run,
-        unknowns - 1,
-    )
+    gather = gather_run(t.value, Contributors, real, lanes)
+    load, first = t.ops.load_run, unknowns - 1
     mass, wind = finish_mass(t, unknowns == 3), finish_wind(t, winds)
     place, local, levels = wp.array(dtype=Contributors), t.vector, t.done
 

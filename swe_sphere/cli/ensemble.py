@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.options import given, names_in, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -47,6 +47,6 @@ def _seeds(text: str) -> list[int]:
     try:
         if dash:
             return list(range(int(first), int(last) + 1))
-        return [int(part) for part in text.split(",") if part.strip()]
+        return [int(part) for part in names_in(text)]
     except ValueError:
         raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, not {text!r}") from None

@@ -73,10 +73,8 @@ class CoarseCorrection:
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
         exact = np.linalg.pinv((longest.T @ smooth @ longest).toarray(), 1e-10, hermitian=True)
         self._exact = self._sliced(exact)
-        self._smooth, self._matrix = (
-            self._sliced(_filled(smooth, matrix.shape)),
-            self._sliced(matrix),
-        )
+        self._smooth = self._sliced(_filled(smooth, matrix.shape))
+        self._matrix = self._sliced(matrix)
         self._per_diagonal = vector(self._operator.mesh, inverse.size)
         self._operator.mesh.write(inverse, self._per_diagonal.flat)
 
