@@ -12,6 +12,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import gather_run, scratch
 from swe_sphere.kernels.assembly import OPTIONS, Contributors
+from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.levels import finish_mass, finish_wind, levels_struct
 from swe_sphere.kernels.terms import kernel_types
@@ -27,7 +28,7 @@ def carrying_kernel(np_: int, real: type, moves: bool) -> SimpleNamespace:
     t = kernel_types(np_, real, "element", direct=True, done=levels_struct(real))
     value, last, (d1, d2, _, _) = t.value, np_ - 1, line_sums(t, t.value)
     geometry, vector, local = t.geometry, t.vector, t.local
-    load, mul, wedge, finish = t.ops.load, t.ops.mul, t.ops.wedge, finish_mass(t, moves)
+    load, wedge, flux, finish = t.ops.load, t.ops.wedge, mass_flux(t, False), finish_mass(t, moves)
     _, at_2, _ = scratch(np_, value, value)
 
     @no_type_check
@@ -43,8 +44,9 @@ def carrying_kernel(np_: int, real: type, moves: bool) -> SimpleNamespace:
                     n = i * np_ + j
                     node = geo.nodes[e, n]
                     m = load(x, at, node)
-                    fu = mul(m, load(a, 0, node))
-                    fv = mul(m, load(a, geo.size, node))
+                    u = load(a, 0, node)
+                    v = load(a, geo.size, node)
+                    fu, fv = flux(u, v, m, u, v, m)
                     f1[i, j] = wedge(fu, fv, geo.basis[e, n, 2], geo.basis[e, n, 3])
                     f2[i, j] = wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], fu, fv)
             for i in range(np_):
