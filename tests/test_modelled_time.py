@@ -167,6 +167,20 @@ def test_without_noise_the_modelled_time_is_exact():
     assert seconds == pytest.approx(right, rel=1e-9)
 
 
+def test_no_price_is_negative_where_long_calls_were_disturbed_more_than_short_ones():
+    clock, work = [0.0], Work()
+    watch = Stopwatch(clock=lambda: clock[0])
+
+    def project(rows):
+        clock[0] += {3: 2e-6, 4: 9e-6}[rows]
+
+    project = work.counted("project", project, int)
+    work.timer = watch
+    for rows in (3, 4):
+        project(rows)
+    assert watch.prices()["project"] == pytest.approx((0.0, 2e-6 / 3))
+
+
 def test_prices_of_several_times_are_the_lowest_of_each_kind():
     assert lowest([{"a": (2.0, 0.0), "b": (1.0, 0.5)}, {"a": (1.0, 0.5)}]) == {
         "a": (1.0, 0.5), "b": (1.0, 0.5)

@@ -127,7 +127,10 @@ def _tangent(by_rows: Mapping[int, _Shortest]) -> tuple[float, float]:
 
 
 def _line(a: tuple[int, float], b: tuple[int, float]) -> tuple[float, float]:
+    """The line through `a` and not above `b`; neither a call nor a row costs less than nothing."""
     slope = max((b[1] - a[1]) / (b[0] - a[0]), 0.0)
+    if slope * a[0] > a[1]:  # few calls, and the long ones disturbed more than the short ones
+        return 0.0, a[1] / a[0]
     return a[1] - slope * a[0], slope
 
 
