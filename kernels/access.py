@@ -10,6 +10,8 @@ from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.registers import run_type
+
 
 @functools.cache
 def entry_of(real: type) -> Any:
@@ -37,9 +39,7 @@ def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any,
 
     The branch chooses between registers and not, as Warp's would, between `lanes` numbers each.
     """
-    kind = f"wp::{real.__name__}"
-    attributes = f"ext_vector_type({lanes}), aligned(sizeof({kind}))"
-    register = f"typedef {kind} run __attribute__(({attributes}));"
+    kind, register = run_type(real, lanes)
     begin = "x.data + (offset + ~node.c[0])"
     each = ", ".join(f"at[node.c[{lane}]]" for lane in range(lanes))
     answer = f"wp::vec_t<{lanes}, {kind}> v; __builtin_memcpy(&v, &r, sizeof v); return v;"
@@ -67,15 +67,13 @@ def step_run(value: type, index: type, real: type, lanes: int) -> Any:
     """Warp function (now, past, offset, node, rate, tau, weights, out, mixed): a run's own step.
 
     out = now + tau rate and mixed = the weights' sum of (out, now, past), of which any may be one
-    array.  In registers by name: of Warp's own vectors the compiler makes single numbers here.  A
-    statement has one operation, so that none are contracted.
+    array.  A statement has one operation, so that none are contracted.
     """
-    kind = f"wp::{real.__name__}"
-    attributes = f"ext_vector_type({lanes}), aligned(sizeof({kind}))"
+    _, register = run_type(real, lanes)
     vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
 
     @wp.func_native(f"""
-        typedef {kind} run __attribute__(({attributes}));
+        {register}
         const auto at = offset + ~node.c[0];
         run change, sum, more;
         __builtin_memcpy(&change, &rate, sizeof rate);
@@ -105,7 +103,7 @@ def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
 
     place: what the array `places` holds for a node.
     """
-    kind = f"wp::{real.__name__}"
+    kind, register = run_type(real, lanes)
     each = ", ".join(f"sum({lane})" for lane in range(lanes))
 
     vector, array = wp.array(dtype=real), wp.array(dtype=place)
@@ -121,7 +119,7 @@ def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
             }}
             return total;
         }};
-        typedef {kind} run __attribute__((ext_vector_type({lanes})));
+        {register}
         const run r = {{{each}}};
         wp::vec_t<{lanes}, {kind}> v;
         __builtin_memcpy(&v, &r, sizeof v);

@@ -4,6 +4,7 @@ Each SIMD lane holds one element, so that every product of the tensor derivative
 for `lanes` elements; the work arrays of a group stay in the first-level cache.
 """
 
+import functools
 from types import SimpleNamespace
 from typing import no_type_check
 
@@ -15,6 +16,7 @@ from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.formulas import Formula, keep_fields
 from swe_sphere.kernels.levels import finish_wind
+from swe_sphere.kernels.registers import line_sum
 
 
 def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
@@ -266,38 +268,11 @@ def element_divergence(t: SimpleNamespace, kind: str) -> wp.Kernel:
 
 def line_sums(t: SimpleNamespace, rows: type) -> tuple[wp.Function, ...]:
     """Derivatives of an element's rows along each coordinate (d1, d2), and transposes (t1, t2)."""
-    np_, matrix, field = t.np, wp.array2d(dtype=t.real), wp.array2d(dtype=rows)
-
-    @no_type_check
-    @wp.func
-    def d1(d: matrix, f: field, i: int, j: int):
-        r = rows()
-        for m in range(np_):
-            r += d[i, m] * f[m, j]
-        return r
-
-    @no_type_check
-    @wp.func
-    def d2(d: matrix, f: field, i: int, j: int):
-        r = rows()
-        for m in range(np_):
-            r += d[j, m] * f[i, m]
-        return r
-
-    @no_type_check
-    @wp.func
-    def t1(d: matrix, f: field, i: int, j: int):
-        r = rows()
-        for m in range(np_):
-            r += d[m, i] * f[m, j]
-        return r
-
-    @no_type_check
-    @wp.func
-    def t2(d: matrix, f: field, i: int, j: int):
-        r = rows()
-        for m in range(np_):
-            r += d[m, j] * f[i, m]
-        return r
-
-    return d1, d2, t1, t2
+    along, across = f"m * {t.np} + j", f"i * {t.np} + m"
+    of = functools.partial(line_sum, rows, t.real, t.lanes, t.np)
+    return (
+        of(f"i * {t.np} + m", along),
+        of(f"j * {t.np} + m", across),
+        of(f"m * {t.np} + i", along),
+        of(f"m * {t.np} + j", across),
+    )

@@ -16,6 +16,7 @@ from typing import no_type_check
 import warp as wp
 
 from swe_sphere.kernels.access import lanes_access
+from swe_sphere.kernels.registers import product_of
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Formula:
 
 def algebra(value: type, index: type, real: type, lanes: int) -> SimpleNamespace:
     """Loads and products for the number type `value`: a scalar (`lanes` 1) or a vector of lanes."""
-    mul = wp.cw_mul if lanes > 1 else wp.mul
+    mul = product_of(value, real, lanes) if lanes > 1 else wp.mul
 
     @no_type_check
     @wp.func

@@ -75,8 +75,7 @@ def divergence_kernel(np_: int, real: type, lanes: int) -> wp.Kernel:
     what `contravariant` makes of F.
     """
     value, matrix = wp.types.vector(lanes, real), wp.array2d(dtype=real)
-    types = SimpleNamespace(np=np_, real=real)
-    d1, d2, _, _ = line_sums(types, value)
+    d1, d2, _, _ = line_sums(SimpleNamespace(np=np_, real=real, lanes=lanes), value)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

@@ -50,13 +50,13 @@ class Code:
         return re.search(rf"\b{name}\b", self.text) is not None
 
     def count(self, *calls: str) -> int:
-        """How often any of these functions of Warp, or of `kernels/access.py`, is called."""
+        """How often any of these functions of Warp, or in C++ of ours, is called."""
         names = rf"(?:wp::|= \w+__locals__|  \w+__locals__)(?:{'|'.join(calls)})(?:_\d+)?\("
         return len(re.findall(names, self.text))
 
     @property
     def arithmetic(self) -> int:
-        return self.count("add", "sub", "mul", "cw_mul", "neg")
+        return self.count("add", "sub", "mul", "product", "line_sum", "neg")
 
     @property
     def loads(self) -> int:

@@ -1,0 +1,69 @@
+"""Arithmetic of SIMD registers in C++, which the compiler would take apart as Warp writes it.
+
+Of the loops over lanes in Warp's vectors it makes whole registers in most places, but pieces in
+others.  A statement has one operation, so that none are contracted.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+
+def run_type(real: type, lanes: int) -> tuple[str, str]:
+    """C++ of a register: the name of its number type, and what makes `run` its own name."""
+    kind = f"wp::{real.__name__}"
+    attributes = f"__attribute__((ext_vector_type({lanes}), aligned(sizeof({kind}))))"
+    return kind, f"typedef {kind} run {attributes if lanes > 1 else ''};"
+
+
+@functools.cache
+def product_of(value: type, real: type, lanes: int) -> Any:
+    """Warp function (p, q): the product of two registers, lane by lane."""
+    kind, register = run_type(real, lanes)
+
+    @wp.func_native(f"""
+        {register}
+        run r, s;
+        __builtin_memcpy(&r, &p, sizeof p);
+        __builtin_memcpy(&s, &q, sizeof q);
+        r *= s;
+        wp::vec_t<{lanes}, {kind}> v;
+        __builtin_memcpy(&v, &r, sizeof v);
+        return v;
+    """)
+    def product(p: value, q: value) -> value: ...
+
+    return product
+
+
+@functools.cache
+def line_sum(rows: type, real: type, lanes: int, np_: int, factor: str, node: str) -> Any:
+    """Warp function (d, f, i, j): the sum over m of d at `factor` times f at `node`.
+
+    The indices are C++ in i, j and m.
+    """
+    _, register = run_type(real, lanes)
+    count = wp.types.type_size_in_bytes(rows) // wp.types.type_size_in_bytes(real) // lanes
+    matrix, field = wp.array2d(dtype=real), wp.array2d(dtype=rows)
+
+    @wp.func_native(f"""
+        {register}
+        run sums[{count}];
+        #pragma unroll
+        for (int m = 0; m < {np_}; ++m) {{
+            const auto a = d.data[{factor}];
+            const auto at = reinterpret_cast<const run*>(f.data + ({node}));
+            #pragma unroll
+            for (int k = 0; k < {count}; ++k) {{
+                const run product = a * at[k];
+                sums[k] = m > 0 ? sums[k] + product : product;
+            }}
+        }}
+        auto r = *f.data;
+        __builtin_memcpy(&r, sums, sizeof r);
+        return r;
+    """)
+    def line_sum(d: matrix, f: field, i: int, j: int) -> rows: ...
+
+    return line_sum
