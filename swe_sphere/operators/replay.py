@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
@@ -9,23 +10,14 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.work import Tally
 
 
 @dataclass(frozen=True)
 class _Recorded:
-    """Graphs of launches, with the work between them, and what they add to the counts."""
+    """What launches it all, counted as one kind of work, and what it adds to other counters."""
 
-    parts: list[Any]
-    work: list[tuple[Tally, int]]
+    launch: Callable[[], None]
     counters: dict[str, int]
-
-    def __call__(self) -> None:
-        for part in self.parts:
-            if isinstance(part, wp.Graph):
-                wp.capture_launch(part)
-            else:
-                part()
 
 
 class Replay:
@@ -51,28 +43,39 @@ class Replay:
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if self._launch.work.timer is not None:  # which wants to see each of them
-            function()
-        elif (known := self._recorded.get(key)) is not None:
-            known()
-            self._count(known)
+        if (known := self._recorded.get(key)) is not None:
+            known.launch()
+            for name, calls in known.counters.items():
+                self._counters[name] += calls
             instead()
-        elif key in self._seen:
-            self._recorded[key] = self._record(function)
-            self._recorded[key]()
+        elif key in self._seen and self._launch.records:
+            record = self._launch.work.section("recording", self._record)
+            self._recorded[key] = record(function)
+            self._recorded[key].launch()
         else:
             self._seen.add(key)
             function()
 
     def _record(self, function: Callable[[], None]) -> _Recorded:
-        work, counters = self._launch.work, self._counters
-        before, counted = work.counts(), dict(counters)
+        """Work of the same launches is of one kind, whichever run it is recorded in."""
+        work, counted = self._launch.work, dict(self._counters)
+        before = work.counts()
         parts = self._capture(function)
-        calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
+        launches = sorted(
+            (name, n - before.get(name, (0,))[0]) for name, (n, _) in work.counts().items()
+        )
+        named = zlib.crc32(repr([each for each in launches if each[1]]).encode())
+
+        def launch() -> None:
+            for part in parts:
+                if isinstance(part, wp.Graph):
+                    wp.capture_launch(part)
+                else:
+                    part()
+
         return _Recorded(
-            parts,
-            [(work.tally(name), n) for name, n in calls.items() if n],
-            {name: n - counted[name] for name, n in counters.items()},
+            work.counted(f"recorded {named:08x}", launch),
+            {name: n - counted[name] for name, n in self._counters.items()},
         )
 
     def _capture(self, function: Callable[[], None]) -> list[Any]:
@@ -91,9 +94,3 @@ class Replay:
             comm.recorder = None
             parts.append(wp.capture_end(device))
         return parts
-
-    def _count(self, known: _Recorded) -> None:
-        for tally, calls in known.work:
-            tally.calls += calls
-        for name, calls in known.counters.items():
-            self._counters[name] += calls
