@@ -15,7 +15,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import converting_load
+from swe_sphere.kernels.access import converting_load, entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 from swe_sphere.kernels.terms import kernel_types
 
@@ -135,7 +135,8 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
             d[e, n, 0] = step
             x[e, n, 0] = x[e, n, 0] + beta * step
 
-    gather, places = gather_sum(real), wp.array(dtype=Contributors)
+    gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
+    entry, given_entry, put = entry_of(real), entry_of(given), put_of(given)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -153,13 +154,15 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         out: state,
     ):
         node = wp.tid()
-        at = places_1[node]
-        scale = tau_g * inverse_area[node]
-        u = real(r[node]) - scale * gather(east, at, 0)
-        v = real(r[size + node]) - scale * gather(north, at, 0)
-        out[node] = given(same[node] * u + cross[node] * v)
-        out[size + node] = given(same[node] * v - cross[node] * u)
-        out[2 * size + node] = given(h[at[0]])
+        at = place(places_1, node)
+        scale = tau_g * entry(inverse_area, node)
+        u = real(given_entry(r, node)) - scale * gather(east, at, 0)
+        v = real(given_entry(r, size + node)) - scale * gather(north, at, 0)
+        s = entry(same, node)
+        c = entry(cross, node)
+        put(out, node, given(s * u + c * v))
+        put(out, size + node, given(s * v - c * u))
+        put(out, 2 * size + node, given(entry(h, at[0])))
 
     return SimpleNamespace(
         gradient=gradient,
