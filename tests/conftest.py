@@ -15,4 +15,4 @@ compiling.PATIENCE = 1e6  # what a test finds on stderr must not depend on Warp'
 @pytest.fixture(scope="session")
 def small_mesh() -> Mesh:
     """Stretched and turned, so that no symmetry hides a mistake: 24 elements of np 4."""
-    return Mesh.build(2, 4, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build(2, 4, stretch=1.5, centre=(40.0, 23.0), spin=17.0)

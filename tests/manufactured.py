@@ -11,7 +11,7 @@ from support import EXPLICIT, make_scene
 from swe_sphere.equations.effects import Forcing, Hyperviscosity
 from swe_sphere.mesh import Mesh
 
-MESH = Mesh.build(2, 4, spin=0.3)
+MESH = Mesh.build(2, 4, spin=17.0)
 OMEGA = 2.0 * np.pi / 14400.0
 DURATION = 5400.0
 STEPS = {

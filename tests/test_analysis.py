@@ -52,7 +52,7 @@ def rotation(mesh):
 
 @pytest.fixture(scope="module")
 def mesh():
-    return Mesh.build(4, 8, stretch=1.3, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build(4, 8, stretch=1.3, centre=(40.0, 23.0), spin=17.0)
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ SHAPES = ("element", "node")
 
 @pytest.fixture(scope="module")
 def mesh():
-    return Mesh.build(2, 4, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build(2, 4, stretch=1.5, centre=(40.0, 23.0), spin=17.0)
 
 
 def rough(size: int, seed: int) -> np.ndarray:

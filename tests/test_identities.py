@@ -17,9 +17,9 @@ from swe_sphere.testcases import get_scene
 FULL = ("advection", "pressure", "rotation", "orography")
 MESHES = {
     "ne2np4": Mesh.build(2, 4),
-    "ne3np3": Mesh.build(3, 3, spin=1.0),
+    "ne3np3": Mesh.build(3, 3, spin=57.0),
     "ne1np7": Mesh.build(1, 7),
-    "stretched": Mesh.build(2, 4, stretch=3.0, centre=(2.0, -0.8), spin=0.5),
+    "stretched": Mesh.build(2, 4, stretch=3.0, centre=(115.0, -46.0), spin=29.0),
 }
 
 

@@ -13,9 +13,9 @@ from swe_sphere.sphere import frame, longitude_latitude, position
 
 PLACEMENTS = [
     {},
-    {"centre": (0.7, 0.4), "spin": 0.3},
-    {"stretch": 2.5, "centre": (-1.9, 0.8), "spin": -0.2},
-    {"stretch": 1.5, "centre": (0.0, -math.pi / 2)},
+    {"centre": (40.0, 23.0), "spin": 17.0},
+    {"stretch": 2.5, "centre": (-109.0, 46.0), "spin": -11.0},
+    {"stretch": 1.5, "centre": (0.0, -90.0)},
 ]
 
 

@@ -22,7 +22,7 @@ NAMES = ("h", "u", "v", "vorticity", "divergence")
 
 @pytest.fixture(scope="module")
 def mesh():
-    return Mesh.build(3, 4, stretch=1.5, centre=(0.1, 0.2), spin=0.3)
+    return Mesh.build(3, 4, stretch=1.5, centre=(6.0, 11.0), spin=17.0)
 
 
 def frame(mesh, seed):

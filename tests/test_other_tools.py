@@ -20,7 +20,7 @@ from swe_sphere.sphere import position
 
 @pytest.fixture(scope="module")
 def mesh():
-    return Mesh.build(6, 6, spin=0.3)
+    return Mesh.build(6, 6, spin=17.0)
 
 
 @pytest.fixture(scope="module")

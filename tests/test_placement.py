@@ -14,9 +14,9 @@ from swe_sphere.sphere import frame, position
 
 @settings(max_examples=60, deadline=None)
 @given(
-    lon=st.floats(-7.0, 7.0),
-    lat=st.floats(-math.pi / 2, math.pi / 2),
-    spin=st.floats(-4.0, 4.0),
+    lon=st.floats(-400.0, 400.0),
+    lat=st.floats(-90.0, 90.0),
+    spin=st.floats(-230.0, 230.0),
     stretch=st.floats(1.0, 100.0),
 )
 def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretch: float) -> None:
@@ -26,20 +26,20 @@ def test_any_placement_can_be_undone(lon: float, lat: float, spin: float, stretc
     assert np.abs(np.linalg.norm(placed, axis=-1) - 1.0).max() < 1e-15
     # a round trip loses at most the s^2 between refined and coarsened side
     assert np.abs(placement.lift(placed) - points).max() < 1e-14 * stretch**2
-    centre = position(np.asarray(lon), np.asarray(lat))
+    centre = position(*np.radians((lon, lat)))
     assert np.abs(placement.place(np.array([1.0, 0.0, 0.0])) - centre).max() < 1e-14
 
 
-@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.5, -0.4)])
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (29.0, -23.0)])
 def test_spin_turns_the_cube_anticlockwise_about_its_centre(centre: tuple[float, float]) -> None:
-    ahead = Placement(centre, spin=0.3).place(np.array([0.0, 1.0, 0.0]))
-    east, north = frame(*map(np.asarray, centre))
-    assert math.atan2(ahead @ north, ahead @ east) == pytest.approx(0.3, abs=1e-14)
+    ahead = Placement(centre, spin=17.0).place(np.array([0.0, 1.0, 0.0]))
+    east, north = frame(*np.radians(centre))
+    assert math.degrees(math.atan2(ahead @ north, ahead @ east)) == pytest.approx(17.0)
 
 
 @pytest.mark.parametrize(
     "placement",
-    [Placement(), Placement((0.7, 0.4), 0.3), Placement((-1.9, 0.8), -0.2, 3.0)],
+    [Placement(), Placement((40.0, 23.0), 17.0), Placement((-109.0, 46.0), -11.0, 3.0)],
 )
 def test_tangents_are_the_derivative_of_the_placed_points(placement: Placement) -> None:
     points = Mesh.build(2, 4).xyz

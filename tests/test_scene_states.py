@@ -212,7 +212,7 @@ GRIDS = {
 @pytest.mark.parametrize("grid", GRIDS)
 def test_analysis_is_read_and_interpolated(tmp_path: Path, grid: str) -> None:
     scene = get_scene("williamson7", file=str(analysis(tmp_path / "a.nc", **GRIDS[grid])))
-    mesh = Mesh.build(4, 5, spin=0.3)
+    mesh = Mesh.build(4, 5, spin=17.0)
     expected = get_scene("williamson6").initial(mesh.lon, mesh.lat)
     for ours, theirs in zip(scene.initial(mesh.lon, mesh.lat)[:2], expected[:2], strict=True):
         np.testing.assert_allclose(ours, theirs, atol=0.02)

@@ -30,7 +30,7 @@ SHAPES = ("element", "node")
 @functools.cache
 def mesh_of(np_: int):
     """Few elements of that many nodes, stretched and turned."""
-    return Mesh.build({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(0.7, 0.4), spin=0.3)
+    return Mesh.build({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(40.0, 23.0), spin=17.0)
 
 
 def matrix_of(mesh) -> SchurMatrix:

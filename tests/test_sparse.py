@@ -14,9 +14,9 @@ from swe_sphere.operators import diagnose, sparse
 
 MESHES = {
     "ne2np4": Mesh.build(2, 4),
-    "ne3np3": Mesh.build(3, 3, spin=1.0),
+    "ne3np3": Mesh.build(3, 3, spin=57.0),
     "ne1np8": Mesh.build(1, 8),
-    "stretched": Mesh.build(2, 4, stretch=3.0, centre=(2.0, -0.8), spin=0.5),
+    "stretched": Mesh.build(2, 4, stretch=3.0, centre=(115.0, -46.0), spin=29.0),
 }
 
 
@@ -63,7 +63,7 @@ def test_gradient_is_minus_the_adjoint_of_the_divergence(mesh) -> None:
 
 def harmonic_errors(ne: int, name: str) -> np.ndarray:
     """Relative l2 errors of gradient and Laplacian of a harmonic, and of its Rayleigh quotient."""
-    mesh = Mesh.build(ne, 4, centre=(0.7, 0.4), spin=0.3)
+    mesh = Mesh.build(ne, 4, centre=(40.0, 23.0), spin=17.0)
     degree, value, gradient, _ = harmonic(mesh, name)
     eigenvalue = -degree * (degree + 1) / mesh.radius**2
     slope = sparse.gradient(mesh) @ value

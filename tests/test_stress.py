@@ -123,7 +123,7 @@ def test_fourfold_sees_what_is_off_the_wave() -> None:
 
 def test_a_mesh_without_the_symmetry_is_refused() -> None:
     with pytest.raises(ValueError, match="does not have this symmetry"):
-        SYMMETRIES["fourfold"](Mesh.build(2, 4, spin=0.3))
+        SYMMETRIES["fourfold"](Mesh.build(2, 4, spin=17.0))
 
 
 # --- random states

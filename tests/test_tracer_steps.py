@@ -28,7 +28,7 @@ ROUND = 1e-13
 
 @pytest.fixture(scope="module")
 def mesh():
-    return Mesh.build(3, 4, centre=(0.3, 0.2), spin=0.1)
+    return Mesh.build(3, 4, centre=(17.0, 11.0), spin=6.0)
 
 
 def over_hill(limiter=False):

@@ -15,7 +15,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 METAVARS = {
     "stepper": "NAME|FILE.py", "preconditioner": "NAME|FILE.py", "tolerance": "T",
     "dt": "SECONDS|auto", "adaptive": "TOL", "days": "D", "ne": "N", "np": "N", "stretch": "S",
-    "centre_lon": "RADIANS", "centre_lat": "RADIANS", "spin": "RADIANS", "alpha": "RADIANS",
+    "centre_lon": "DEGREES", "centre_lat": "DEGREES", "spin": "DEGREES", "alpha": "RADIANS",
     "device": "cpu|cuda:0", "settings": "EFFECT.PARAMETER=VALUE", "diagnostics": "FILE.py",
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",

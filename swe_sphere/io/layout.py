@@ -86,7 +86,7 @@ DIAGNOSTICS = {
 """Long names and units of the series of diagnostics; others are plain numbers."""
 
 MESH_ATTRIBUTES = ("ne", "np", "radius", "stretch", "centre", "spin")
-"""Global attributes [m, rad] from which `Mesh.build` makes the mesh of the file again."""
+"""Global attributes [m, degrees] from which `Mesh.build` makes the mesh of the file again."""
 
 SERIES = "diagnostic_time"
 """The dimension of the series of diagnostics, and the variable with its times."""

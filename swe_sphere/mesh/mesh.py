@@ -46,9 +46,9 @@ class Mesh:
     stretch: float
     """Schmidt refinement factor at the centre (1 = uniform)."""
     centre: tuple[float, float]
-    """Longitude and latitude [rad] of the centre of face 0."""
+    """Longitude and latitude [degrees] of the centre of face 0."""
     spin: float
-    """Turn of the cube about the centre [rad], anticlockwise."""
+    """Turn of the cube about the centre [degrees], anticlockwise."""
     gll_points: Array
     """(np,) points on [-1, 1]."""
     gll_weights: Array
@@ -89,9 +89,10 @@ class Mesh:
     ) -> Mesh:
         """The cubed sphere of 6 ne^2 elements with np x np GLL nodes each.
 
-        radius [m]; centre = (lon, lat) [rad] is where the centre of cube face 0 goes; spin [rad]
-        turns the cube anticlockwise about that point; stretch refines the mesh there (and coarsens
-        it at the antipode) by that factor.  Raises ConfigError for a number out of range.
+        radius [m]; centre = (lon, lat) [degrees] is where the centre of cube face 0 goes; spin
+        [degrees] turns the cube anticlockwise about that point; stretch refines the mesh there
+        (and coarsens it at the antipode) by that factor.  Raises ConfigError for a number out of
+        range.
         """
         ne, np = _check_counts(ne, np)
         placement = _check_placement(radius, stretch, centre, spin)
@@ -166,12 +167,12 @@ def _check_placement(
         raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
     if not 1.0 <= stretch <= LARGEST_STRETCH:
         raise ConfigError(f"stretch={stretch}: the factor must be 1 to {LARGEST_STRETCH:g}")
-    if not (math.isfinite(lon) and abs(lat) <= 0.5 * math.pi):
+    if not (math.isfinite(lon) and abs(lat) <= 90.0):
         raise ConfigError(
-            f"centre={(lon, lat)}: give longitude and latitude in radians, |latitude| <= pi/2"
+            f"centre={(lon, lat)}: give longitude and latitude in degrees, |latitude| <= 90"
         )
     if not math.isfinite(spin):
-        raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle in radians")
+        raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle in degrees")
     return Placement((lon, lat), float(spin), float(stretch))
 
 

@@ -45,8 +45,8 @@ def _sides(n: Array, centre: Array, stretch: float) -> tuple[Array, Array]:
 class Placement:
     """The map from the plain cubed sphere to the sphere of the mesh, and its inverse.
 
-    The centre (+x) of face 0 goes to `centre` = (lon, lat) [rad], the cube is turned by `spin`
-    [rad] anticlockwise about that point, then refined there by the factor `stretch`.
+    The centre (+x) of face 0 goes to `centre` = (lon, lat) [degrees], the cube is turned by
+    `spin` [degrees] anticlockwise about that point, then refined there by the factor `stretch`.
     """
 
     centre: tuple[float, float] = (0.0, 0.0)
@@ -61,13 +61,14 @@ class Placement:
     @property
     def point(self) -> Array:
         """Unit vector (3,) of the centre."""
-        return position(*map(np.asarray, self.centre))
+        return position(*np.radians(self.centre))
 
     @property
     def rotation(self) -> Array:
         """Rotation matrix (3, 3): its columns are the images of x, y and z."""
-        east, north = frame(*map(np.asarray, self.centre))
-        cos, sin = np.cos(self.spin), np.sin(self.spin)
+        east, north = frame(*np.radians(self.centre))
+        spin = np.radians(self.spin)
+        cos, sin = np.cos(spin), np.sin(spin)
         return np.stack([self.point, cos * east + sin * north, cos * north - sin * east], axis=1)
 
     def place(self, n: Array) -> Array:

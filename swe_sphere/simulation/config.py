@@ -91,11 +91,11 @@ class SharedConfig(BaseModel):
     stretch: Number = 1.0
     """Schmidt refinement: refine the mesh so many times at the centre."""
     centre_lon: Number = 0.0
-    """Longitude of the centre [rad]."""
+    """Longitude of the centre [degrees]."""
     centre_lat: Number = 0.0
-    """Latitude of the centre [rad]."""
+    """Latitude of the centre [degrees]."""
     spin: Number = 0.0
-    """Turn of the cube about the centre [rad]."""
+    """Turn of the cube about the centre [degrees]."""
     alpha: Number | None = None
     """Scene parameter alpha: angle between the flow and the equator [rad]."""
     device: str = "cpu"

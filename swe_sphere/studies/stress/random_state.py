@@ -42,9 +42,9 @@ def random_setting(seed: int) -> tuple[dict[str, Any], Length]:
         "np": nodes,
         "ne": int(draw.integers(2, 5 if nodes == 6 else 7)),
         "stretch": float(draw.choice([1.0, 1.0, 2.0, 4.0])),
-        "centre_lon": float(draw.uniform(0.0, 2.0 * np.pi)),
-        "centre_lat": float(draw.uniform(-1.5, 1.5)),
-        "spin": float(draw.uniform(0.0, 1.5)),
+        "centre_lon": float(draw.uniform(0.0, 360.0)),
+        "centre_lat": float(draw.uniform(-86.0, 86.0)),
+        "spin": float(draw.uniform(0.0, 86.0)),
     }
     return mesh, Length(float(draw.uniform(0.3, 0.95)), float(10.0 ** draw.uniform(0.0, 1.5)))
 
