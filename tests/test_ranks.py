@@ -12,6 +12,8 @@ import pytest
 import xarray as xr
 from ranks import fingerprint
 
+from swe_sphere.cli.ranks import PROCESS, start_ranks
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.curve import curve
 from swe_sphere.mesh.numbering import BLOCK
@@ -200,6 +202,13 @@ def fails_on_day(sim):
     with xr.open_dataset(out) as frames:
         assert frames.sizes["time"] == 4
     assert program(*run, "--restart", out, "--out", out, "--ranks", 2).returncode == 0
+
+
+def test_more_ranks_than_there_is_memory_for_are_not_started(mpi, monkeypatch):
+    monkeypatch.setattr("swe_sphere.cli.ranks.available_memory", lambda: 10.5 * PROCESS)
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))
+    with pytest.raises(ConfigError, match="ranks=100000: there is memory for about 10 processes"):
+        start_ranks(100_000, ["run", "williamson2"])
 
 
 def test_other_commands_refuse_ranks(mpi):

@@ -13,21 +13,28 @@ from typing import TextIO
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.parallel import Alone, world
+from swe_sphere.simulation.memory_guard import available_memory
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
     "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
 )  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
+PROCESS = 100 * 2**20
+"""Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 
 
 def start_ranks(ranks: int, arguments: Sequence[str]) -> int:
     """Run the same command line in that many processes; returns the exit status of all.
 
-    Raises ConfigError where there is no MPI to start them.
+    Raises ConfigError where there is no MPI to start them, or no memory for so many.
     """
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
+    there = available_memory()
+    if there is not None and ranks * PROCESS > there:
+        most = max(int(there / PROCESS), 1)
+        raise ConfigError(f"ranks={ranks}: there is memory for about {most} processes: take fewer")
     beside = Path(sys.executable).with_name("mpiexec")
     starter = str(beside) if beside.exists() else shutil.which("mpiexec")
     if starter is None or find_spec("mpi4py") is None:
