@@ -27,7 +27,7 @@ from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
-from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.diffusion import Diffusion, legendre_stages
 from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.testcases import get_scene
 
@@ -72,6 +72,12 @@ def test_every_mode_decays_by_the_polynomial_of_the_method(reach: float) -> None
     slow = np.abs(values) < 0.02
     assert np.abs(decayed(values, reach) - np.exp(-values))[slow].max() < 1e-5
     assert np.abs(decayed(values, reach))[np.abs(values) > 0.5 * reach].max() < 0.8
+
+
+@pytest.mark.parametrize("reach", [4e5, 1e25, np.inf, np.nan])
+def test_coefficients_that_no_step_would_end_with_are_refused(reach: float) -> None:
+    with pytest.raises(ConfigError, match=r"stages a step: take a smaller coefficient"):
+        legendre_stages(reach)
 
 
 @pytest.mark.parametrize("name", [*SOME, "tr-bdf2"])

@@ -19,7 +19,7 @@ from swe_sphere.simulation.snapshot import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.discretisation import Discretisations
-from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.studies.sweep.record import command_line, runs_of
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
@@ -410,3 +410,16 @@ def test_a_search_says_when_there_is_no_such_step():
     assert "the error stays at" in notes[0]
     errors = last(rows(dataset, role="target"), "total")
     assert np.isfinite(errors).all() and (errors > 1e-9).all()
+
+
+def test_the_command_is_told_without_the_folders_of_its_machine(monkeypatch):
+    words = [
+        "/home/me/bin/swe-sphere",
+        "sweep",
+        "--recipe",
+        "/home/me/my waves.toml",
+        "--out",
+        "a/b",
+    ]
+    monkeypatch.setattr(sys, "argv", words)
+    assert command_line() == "swe-sphere sweep --recipe 'my waves.toml' --out a/b"

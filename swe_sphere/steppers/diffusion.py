@@ -5,14 +5,19 @@ damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Asl
 doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order).
 """
 
+import math
+
 import warp as wp
 
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.diffusive_stage import diffusive_stage_kernel
 
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
 damped at its end."""
+MOST_STAGES = 1000
+"""So many even out whole elements in a step."""
 
 Stage = tuple[float, float, float, float]
 
@@ -21,10 +26,16 @@ def legendre_stages(reach: float) -> list[Stage]:
     """Coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
 
     For the changes d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
+
+    Raises ConfigError for so many that no step would ever end.
     """
-    stages = 2
-    while 0.5 * REACH * (stages**2 + stages - 2) < reach:
-        stages += 1
+    needed = 0.5 * (math.sqrt(9.0 + 8.0 * reach / REACH) - 1.0)
+    if not needed <= MOST_STAGES:
+        raise ConfigError(
+            f"diffusion would take {needed:.2g} stages a step: take a smaller coefficient of"
+            " viscosity or hyperviscosity, or a shorter step"
+        )
+    stages = max(math.ceil(needed), 2)
     unit = 4.0 / (stages**2 + stages - 2)
     b = [1 / 3, 1 / 3, *((j**2 + j - 2) / (2 * j * (j + 1)) for j in range(2, stages + 1))]
     found = [(0.0, 0.0, unit / 3.0, 0.0)]

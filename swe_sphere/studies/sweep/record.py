@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
 import sys
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
@@ -111,13 +112,18 @@ class Header(Record):
 
 def header_of(plan: SweepPlan, scene: Scene, sources: Mapping[str, str]) -> Header:
     """The header of a sweep that begins now."""
-    program = Path(sys.argv[0]).name if sys.argv else ""
     return Header(
         scene=scene.name, title=scene.title, plan=plan.changes(), sources=dict(sources),
         machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        command=" ".join([program, *sys.argv[1:]]),
+        command=command_line(),
     )  # fmt: skip
+
+
+def command_line() -> str:
+    """The command of this process, without the folders of its machine: pages show it to all."""
+    words = [Path(word).name if Path(word).is_absolute() else word for word in sys.argv]
+    return shlex.join(words)
 
 
 def read_header(folder: Path) -> Header | None:
