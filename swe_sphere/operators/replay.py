@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
@@ -10,14 +9,23 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.work import Tally
 
 
 @dataclass(frozen=True)
 class _Recorded:
-    """What launches it all, counted as one kind of work, and what it adds to other counters."""
+    """Graphs of launches, with the work between them, and what they add to the counts."""
 
-    launch: Callable[[], None]
+    parts: list[Any]
+    work: list[tuple[Tally, int]]
     counters: dict[str, int]
+
+    def __call__(self) -> None:
+        for part in self.parts:
+            if isinstance(part, wp.Graph):
+                wp.capture_launch(part)
+            else:
+                part()
 
 
 class Replay:
@@ -43,39 +51,28 @@ class Replay:
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if (known := self._recorded.get(key)) is not None:
-            known.launch()
-            for name, calls in known.counters.items():
-                self._counters[name] += calls
+        if self._launch.work.timer is not None:  # which wants to see each of them
+            function()
+        elif (known := self._recorded.get(key)) is not None:
+            known()
+            self._count(known)
             instead()
-        elif key in self._seen and self._launch.records:
-            record = self._launch.work.section("recording", self._record)
-            self._recorded[key] = record(function)
-            self._recorded[key].launch()
+        elif key in self._seen:
+            self._recorded[key] = self._record(function)
+            self._recorded[key]()
         else:
             self._seen.add(key)
             function()
 
     def _record(self, function: Callable[[], None]) -> _Recorded:
-        """Work of the same launches is of one kind, whichever run it is recorded in."""
-        work, counted = self._launch.work, dict(self._counters)
-        before = work.counts()
+        work, counters = self._launch.work, self._counters
+        before, counted = work.counts(), dict(counters)
         parts = self._capture(function)
-        launches = sorted(
-            (name, n - before.get(name, (0,))[0]) for name, (n, _) in work.counts().items()
-        )
-        named = zlib.crc32(repr([each for each in launches if each[1]]).encode())
-
-        def launch() -> None:
-            for part in parts:
-                if isinstance(part, wp.Graph):
-                    wp.capture_launch(part)
-                else:
-                    part()
-
+        calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
         return _Recorded(
-            work.counted(f"recorded {named:08x}", launch),
-            {name: n - counted[name] for name, n in self._counters.items()},
+            parts,
+            [(work.tally(name), n) for name, n in calls.items() if n],
+            {name: n - counted[name] for name, n in counters.items()},
         )
 
     def _capture(self, function: Callable[[], None]) -> list[Any]:
@@ -94,3 +91,9 @@ class Replay:
             comm.recorder = None
             parts.append(wp.capture_end(device))
         return parts
+
+    def _count(self, known: _Recorded) -> None:
+        for tally, calls in known.work:
+            tally.calls += calls
+        for name, calls in known.counters.items():
+            self._counters[name] += calls

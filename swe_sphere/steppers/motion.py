@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.vector_space import VectorSpace
 
-SHARE = 0.9
+SHARE = 0.45
 """Part of the least truncation error of a step that the solver may add to it."""
 PROBE = 1e-2
 """Part of a time step after which the slope is looked at again to know its rate of change."""

@@ -37,7 +37,7 @@ def _edits(kind: str, *edits: tuple[str, str, tuple[str, ...], str, str]) -> tup
 
 TOLERANCE = _edits(
     "tolerance",
-    ("share of the truncation error × 10", MOTION, _MIDPOINT, "SHARE = 0.9", "SHARE = 9.0"),
+    ("share of the truncation error × 10", MOTION, _MIDPOINT, "SHARE = 0.45", "SHARE = 4.5"),
     ("one power of the step less", MOTION, _MIDPOINT, "** (order - 1)", "** (order - 2)"),
     ("error constant of BDF2 × 10", BDF2, _OF_BDF2, "2.0 / 9.0", "20.0 / 9.0"),
     (
