@@ -266,6 +266,8 @@ What the kernels do for it:
   one place in 16 elements follow one another; where they do, one load takes the place of 8 or 16.
 - Work arrays of a group of elements lie on cache lines, stay in the first-level cache and are
   never set to zero.
+- Sums along lines and products at a node are taken in whole registers: of the last field of a sum
+  the compiler made four pieces, a sixth of the time.
 - Nodes inside elements ({inner4:.0f} % of all at np 4, {inner8:.0f} % at np 8) need no DSS: the
   kernel over elements finishes them, unless there is diffusion or a term other than rotation acts
   at a point. DSS begins behind them.
