@@ -20,7 +20,7 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
     (groups, np*np / `shares[1]`): adds to a field the functions times the coefficients, those of an
     element at its `numbers` (groups, k).
     """
-    t = kernel_types(np_, real, shape)
+    t = kernel_types(np_, real, shape, whole=False)
     load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
     few, many = (functions, points) if shape == "element" else (1, 1)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
@@ -64,7 +64,7 @@ def sparse_kernels(real: type, shape: str) -> SimpleNamespace:
     `product`: out = M x, or out + M x if `add`.  `sweep`: a Chebyshev step, r -= M d,
     after = keep d + take r/diagonal, x = before + beta after; `after` is another array than d.
     """
-    t = kernel_types(1, real, shape)
+    t = kernel_types(1, real, shape, whole=False)
     mul, value, register = t.ops.mul, t.value, register_of(t.value, real, t.lanes)
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
 

@@ -27,7 +27,7 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
     Those on elements take a `geometry` and are launched over (groups, np*np / `share`) threads;
     `substituted` is launched over the N nodes.
     """
-    t = kernel_types(np_, real, shape)
+    t = kernel_types(np_, real, shape, whole=False)
     value, field, on_nodes, state = t.value, t.local, wp.array(dtype=real), wp.array(dtype=given)
     mul, dot, wedge = t.ops.mul, t.ops.dot, t.ops.wedge
     share = np_ * np_ if shape == "element" else 1
@@ -207,7 +207,7 @@ def load_state(t: SimpleNamespace, given: type) -> wp.Function:
 @functools.cache
 def passage_kernels(np_: int, real: type, given: type, shape: str) -> SimpleNamespace:
     """`spread` of a nodal vector (N,) of `given` to a field, and `collect` of it from there."""
-    t = kernel_types(np_, real, shape)
+    t = kernel_types(np_, real, shape, whole=False)
     load, share = load_state(t, given), np_ * np_ if shape == "element" else 1
     vector, field, nodes, places = (
         wp.array(dtype=given), t.local, wp.array2d(dtype=t.index), wp.array(dtype=Contributors)

@@ -118,10 +118,12 @@ def kernel_types(
     direct: bool = False,
     rotation: bool = False,
     done: type | None = None,
+    whole: bool = True,
 ) -> SimpleNamespace:
     """Types of kernels on element nodes.
 
     done: where `direct` kernels put what they finish, if not in a vector.
+    whole: see `algebra`.
 
     `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
     `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
@@ -156,7 +158,7 @@ def kernel_types(
         direct=direct,
         rotation=rotation,
         done=done or vector,
-        ops=algebra(value, index, real, lanes),
+        ops=algebra(value, index, real, lanes, whole),
         rows=rows,
         struct=struct,
     )
