@@ -9,7 +9,6 @@ What was measured before is kept in docs/imex_steps.json; delete it to measure a
 from __future__ import annotations
 
 import json
-import math
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 import warp as wp
+from implicit_common import MOUNTAIN
 from rich.console import Console
 
 from swe_sphere.equations import Model
@@ -35,7 +35,6 @@ SCENES = ("williamson2", "williamson5", "williamson6", "galewsky")
 MESHES = ("8x4", "16x4", "6x8")
 OTHERS = ("lauter 8x4", "williamson5@5 12x4", "williamson5@2 16x4", "williamson5@2 8x4x4")
 """Deep valleys, and slow winds over the mountain."""
-MOUNTAIN = (1.5 * math.pi, math.pi / 6.0)
 NAMES = ("semi-implicit", "ark2", "ars343")
 DAYS, NEARNESS, MUCH, FAST = 5.0, 1.06, 3.0, 20.0
 WIND = 5.0

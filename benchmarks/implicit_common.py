@@ -21,7 +21,8 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.time_plan import TimePlan
 
 DAYS = 15.0
-MOUNTAIN = (1.5 * np.pi, np.pi / 6.0)
+MOUNTAIN = (270.0, 30.0)
+"""Longitude and latitude [degrees] of that of williamson5."""
 
 
 @dataclass

@@ -13,6 +13,7 @@ from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
+from swe_sphere.sphere import position
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 
@@ -120,8 +121,7 @@ def drift_figure(drifts: dict[str, list[float]], out: Path) -> None:
 def _near(mesh: Mesh, fields: dict[str, np.ndarray]) -> float:
     """l2 of the surface height within 30 degrees of the mountain."""
     reference = Reference(SHIPPED / "williamson5_day15.nc")
-    lon, lat = MOUNTAIN
-    centre = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    centre = position(*np.radians(MOUNTAIN))
     area = mesh.area * (mesh.xyz @ centre > np.cos(np.radians(30.0)))
     exact = reference.at("surface", mesh.lon, mesh.lat)
     return norms(area, fields["h"] + fields["b"], exact)["l2"]

@@ -134,12 +134,12 @@ def test_an_unfit_value_is_named_in_one_line(values, word):
 def test_a_file_says_all_that_flags_can(tmp_path):
     file = tmp_path / "run.toml"
     file.write_text(
-        'scene = "galewsky"\ndt = "auto"\ncentre-lon = 0.5\njson = true\n'
+        'scene = "galewsky"\ndt = "auto"\ncentre-lon = 30.0\njson = true\n'
         "[set.viscosity]\nnu = 1e5\n[set.scene]\nperturbed = false\n"
     )
     config = make_config(load_config(file))
     assert config.settings == ("viscosity.nu=100000.0", "scene.perturbed=False")
-    assert (config.centre_lon, config.as_json, config.dt) == (0.5, True, "auto")
+    assert (config.centre_lon, config.as_json, config.dt) == (30.0, True, "auto")
 
 
 # --- runs

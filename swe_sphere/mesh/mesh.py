@@ -32,7 +32,7 @@ class Mesh:
 
     Examples:
         >>> from swe_sphere import Mesh
-        >>> mesh = Mesh.build(ne=4, np=6, stretch=2.0, centre=(1.5, 0.5))
+        >>> mesh = Mesh.build(ne=4, np=6, stretch=2.0, centre=(90.0, 30.0))
         >>> mesh.elements, mesh.size
         (96, 2402)
     """
