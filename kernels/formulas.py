@@ -52,8 +52,9 @@ def algebra(value: type, index: type, real: type, lanes: int, whole: bool) -> Si
     whole: products of whole registers; not of what was gathered lane by lane, which takes half as
     long again with them.
     """
-    by_lanes = product_of(value, real, lanes) if whole else wp.cw_mul
-    mul = by_lanes if lanes > 1 else wp.mul
+    mul = wp.mul
+    if lanes > 1:
+        mul = product_of(value, real, lanes) if whole else wp.cw_mul
 
     @no_type_check
     @wp.func

@@ -412,14 +412,9 @@ def test_a_search_says_when_there_is_no_such_step():
     assert np.isfinite(errors).all() and (errors > 1e-9).all()
 
 
-def test_the_command_is_told_without_the_folders_of_its_machine(monkeypatch):
-    words = [
-        "/home/me/bin/swe-sphere",
-        "sweep",
-        "--recipe",
-        "/home/me/my waves.toml",
-        "--out",
-        "a/b",
-    ]
-    monkeypatch.setattr(sys, "argv", words)
-    assert command_line() == "swe-sphere sweep --recipe 'my waves.toml' --out a/b"
+@pytest.mark.parametrize("program", ["/home/me/bin/swe-sphere", ".venv/bin/swe-sphere"])
+def test_the_command_is_told_without_the_folders_of_its_machine(monkeypatch, program):
+    words = ["sweep", "--recipe", "/home/me/my waves.toml", "--scene=/data/a.py", "--out", "a/b"]
+    monkeypatch.setattr(sys, "argv", [program, *words])
+    told = "swe-sphere sweep --recipe 'my waves.toml' --scene=a.py --out a/b"
+    assert command_line() == told

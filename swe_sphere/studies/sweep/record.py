@@ -122,8 +122,14 @@ def header_of(plan: SweepPlan, scene: Scene, sources: Mapping[str, str]) -> Head
 
 def command_line() -> str:
     """The command of this process, without the folders of its machine: pages show it to all."""
-    words = [Path(word).name if Path(word).is_absolute() else word for word in sys.argv]
-    return shlex.join(words)
+    program, *words = sys.argv or [""]
+    return shlex.join([Path(program).name, *map(_without_folders, words)])
+
+
+def _without_folders(word: str) -> str:
+    """Of an absolute path the name, also behind a flag and its equals sign."""
+    flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    return flag + equals + (Path(value).name if Path(value).is_absolute() else value)
 
 
 def read_header(folder: Path) -> Header | None:
