@@ -11,7 +11,7 @@ gradient need only the adjugate of a, so that no division is needed (formulas: T
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
@@ -52,7 +52,7 @@ def algebra(value: type, index: type, real: type, lanes: int, whole: bool) -> Si
     whole: products of whole registers; not of what was gathered lane by lane, which takes half as
     long again with them.
     """
-    mul = wp.mul
+    mul: Any = wp.mul
     if lanes > 1:
         mul = product_of(value, real, lanes) if whole else wp.cw_mul
 

@@ -61,7 +61,8 @@ def line_sum(rows: type, real: type, lanes: int, np_: int, factor: str, node: st
             }}
         }}
         auto r = *f.data;
-        __builtin_memcpy(&r, sums, sizeof r);
+        #pragma unroll
+        for (int k = 0; k < {count}; ++k) reinterpret_cast<run*>(&r)[k] = sums[k];
         return r;
     """)
     def line_sum(d: matrix, f: field, i: int, j: int) -> rows: ...

@@ -28,6 +28,7 @@ from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise, pointwise_kernel
+from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
@@ -88,6 +89,7 @@ def kernels(real: type) -> list[wp.Kernel]:
         *vars(pointwise_kernels(real)).values(),
         element_limiter(4, real, "node").limit,
         *vars(sphere_limiter(real)).values(),
+        divergence_kernel(4, real, 1),
     ]
 
 
