@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from swe_sphere import Simulation
+from swe_sphere.operators.work import difference
 from swe_sphere.parallel import Alone, Channel, world
-from swe_sphere.studies.modelled_time import Stopwatch, difference, modelled_seconds
+from swe_sphere.studies.modelled_time import Stopwatch, modelled_seconds
 
 STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
 """Steps [s] on ne 30, and how many of them are timed at once."""
@@ -53,11 +54,12 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
 def coarse_seconds(sim: Simulation) -> float:
     """What solves of the coarse level take in a step [s]: products with sparse matrices."""
     work = sim.model.launch.work
+    sim.model.launch.records = False  # which would be counted as whole cycles
     before, work.timer = work.counts(), Stopwatch(time.perf_counter)
     for _ in range(LOOKED_AT):
         sim.step()
     prices, did = work.timer.prices(), difference(work.counts(), before)
-    work.timer = None
+    work.timer, sim.model.launch.records = None, True
     solves = {name: count for name, count in did.items() if name.startswith("sparse_kernels")}
     return modelled_seconds(solves, prices) / LOOKED_AT if solves else 0.0
 

@@ -7,18 +7,19 @@ import pytest
 
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators.work import Work
+from swe_sphere.operators.work import Work, difference
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.modelled_time import Stopwatch, difference, lowest, modelled_seconds
+from swe_sphere.studies.modelled_time import Stopwatch, lowest, modelled_seconds
 from swe_sphere.testcases import get_scene
 
 # counts
 
 
-def work_of(name, steps, dt=600.0):
+def work_of(name, steps, dt=600.0, records=False):
     """The stepper after so many steps, and what these steps have done."""
     model = Model(Mesh.build(2, 4), get_scene("williamson5"))
+    model.launch.records = records
     stepper = get_stepper(name)(model, dt)
     stepper.start(model.initial_state())
     before = model.launch.work.counts()
@@ -46,6 +47,25 @@ def test_counts_are_the_same_each_time_and_in_proportion_to_the_steps():
     assert work_of("tr-bdf2", 3)[1] == work_of("tr-bdf2", 3)[1]
     short, long = work_of("rk4", 2)[1], work_of("rk4", 6)[1]
     assert {name: (3 * a, 3 * b) for name, (a, b) in short.items()} == long
+
+
+def test_a_recorded_step_is_one_kind_of_work_whatever_its_length():
+    """Those before it is recorded count as such too, so that cost is in proportion to the steps."""
+    ((kind, count),) = work_of("rk4", 7, records=True)[1].items()
+    assert kind.startswith("recorded") and count == (7, 0)
+    assert work_of("rk4", 3, dt=300.0, records=True)[1] == {kind: (3, 0)}
+    assert kind not in work_of("kg5", 7, records=True)[1]
+
+
+def test_a_recorded_cycle_of_the_preconditioner_stands_for_its_launches():
+    apart = work_of("tr-bdf2", 3, dt=3600.0)[1]
+    merged = work_of("tr-bdf2", 3, dt=3600.0, records=True)[1]
+    ((kind, (cycles, _)),) = [item for item in merged.items() if item[0].startswith("recorded")]
+    assert cycles == calls(apart, "prolong") > calls(merged, "prolong") == 0
+    gone = {each: number - merged.get(each, (0, 0))[0] for each, (number, _) in apart.items()}
+    assert set(merged) == {kind} | {each for each in apart if apart[each][0] > gone[each]}
+    assert all(number % cycles == 0 for number in gone.values())
+    assert any(0 < number < apart[each][0] for each, number in gone.items())
 
 
 def test_products_solves_and_vector_operations_of_an_implicit_step_are_counted():
@@ -204,5 +224,6 @@ def test_a_stopwatch_changes_no_result():
         for _ in range(4):
             stepper.step()
         ends.append(stepper.state.numpy().copy())
+    assert any(name.startswith("recorded") for name in timer.prices())
     assert np.array_equal(*ends)
     assert min(map(sum, timer.prices().values())) > 0.0

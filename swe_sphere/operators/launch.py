@@ -32,6 +32,8 @@ class Launcher:
         """Wall time spent compiling or loading kernels [s]."""
         self.work = Work()
         """Counts of the launches, by kernel and size, and of what else goes on around them."""
+        self.records = True
+        """Whether launches that repeat are recorded, to be made as a whole, see `Replay`."""
         self.kernels: dict[str, Any] = {}
         """Those it has loaded or launched, by the name of their module."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else 256

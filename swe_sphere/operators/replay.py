@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
@@ -9,23 +10,15 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.work import Tally
+from swe_sphere.operators.work import Counts, difference
 
 
 @dataclass(frozen=True)
 class _Recorded:
-    """Graphs of launches, with the work between them, and what they add to the counts."""
+    """What launches it all, counted as one kind of work, and what it adds to other counters."""
 
-    parts: list[Any]
-    work: list[tuple[Tally, int]]
+    launch: Callable[[], None]
     counters: dict[str, int]
-
-    def __call__(self) -> None:
-        for part in self.parts:
-            if isinstance(part, wp.Graph):
-                wp.capture_launch(part)
-            else:
-                part()
 
 
 class Replay:
@@ -37,7 +30,8 @@ class Replay:
     def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
         """counters: what the functions count beside the launches, if anything."""
         self._launch, self._counters = launch, {} if counters is None else counters
-        self._seen: set[Hashable] = set()
+        self._seen: dict[Hashable, Counts] = {}
+        """What doing it once has added to the counts of work."""
         self._recorded: dict[Hashable, _Recorded] = {}
 
     def __call__(
@@ -51,28 +45,43 @@ class Replay:
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if self._launch.work.timer is not None:  # which wants to see each of them
+        if not self._launch.records:
             function()
         elif (known := self._recorded.get(key)) is not None:
-            known()
-            self._count(known)
+            known.launch()
+            for name, calls in known.counters.items():
+                self._counters[name] += calls
             instead()
         elif key in self._seen:
-            self._recorded[key] = self._record(function)
-            self._recorded[key]()
+            self._recorded[key] = self._record(function, self._seen.pop(key))
+            self._recorded[key].launch()
         else:
-            self._seen.add(key)
+            before = self._launch.work.counts()
             function()
+            self._seen[key] = difference(self._launch.work.counts(), before)
 
-    def _record(self, function: Callable[[], None]) -> _Recorded:
-        work, counters = self._launch.work, self._counters
-        before, counted = work.counts(), dict(counters)
-        parts = self._capture(function)
-        calls = {name: n - before.get(name, (0, 0))[0] for name, (n, _) in work.counts().items()}
+    def _record(self, function: Callable[[], None], launches: Counts) -> _Recorded:
+        """Work of the same launches is of one kind, whichever run it is recorded in.
+
+        Having done it once, to load kernels, then counts as one piece of that kind, and recording
+        as no work: what long runs cost does not hang on how they begin.
+        """
+        work, counted = self._launch.work, dict(self._counters)
+        parts = work.uncounted(self._capture, function)
+
+        def launch() -> None:
+            for part in parts:
+                if isinstance(part, wp.Graph):
+                    wp.capture_launch(part)
+                else:
+                    part()
+
+        named = zlib.crc32(repr(sorted(launches.items())).encode())
+        name = f"recorded {named:08x}"
+        work.merge(launches, name)
         return _Recorded(
-            parts,
-            [(work.tally(name), n) for name, n in calls.items() if n],
-            {name: n - counted[name] for name, n in counters.items()},
+            work.counted(name, launch),
+            {each: n - counted[each] for each, n in self._counters.items()},
         )
 
     def _capture(self, function: Callable[[], None]) -> list[Any]:
@@ -91,9 +100,3 @@ class Replay:
             comm.recorder = None
             parts.append(wp.capture_end(device))
         return parts
-
-    def _count(self, known: _Recorded) -> None:
-        for tally, calls in known.work:
-            tally.calls += calls
-        for name, calls in known.counters.items():
-            self._counters[name] += calls

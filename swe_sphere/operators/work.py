@@ -6,11 +6,14 @@ costs where nothing else disturbs it (see `swe_sphere.studies.modelled_time`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Tally", "Timer", "Work"]
+__all__ = ["Counts", "Tally", "Timer", "Work", "difference"]
+
+Counts = Mapping[str, tuple[int, int]]
+"""(calls, rows) by kind of work, see `Tally`."""
 
 
 @dataclass(slots=True, eq=False)
@@ -64,14 +67,31 @@ class Work:
     def section(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """The function with its calls counted, and what is counted inside of it left out."""
 
-        def alone(*arguments: Any) -> Any:
-            before = {each: (each.calls, each.rows) for each in self._tallies.values()}
-            timer, self.timer = self.timer, None
-            try:
-                return function(*arguments)
-            finally:
-                self.timer = timer
-                for each in self._tallies.values():
-                    each.calls, each.rows = before.get(each, (0, 0))
+        return self.counted(name, lambda *arguments: self.uncounted(function, *arguments))
 
-        return self.counted(name, alone)
+    def uncounted(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """What the function returns, with nothing counted nor timed that it does."""
+        before = {each: (each.calls, each.rows) for each in self._tallies.values()}
+        timer, self.timer = self.timer, None
+        try:
+            return function(*arguments)
+        finally:
+            self.timer = timer
+            for each in self._tallies.values():
+                each.calls, each.rows = before.get(each, (0, 0))
+
+    def merge(self, counts: Counts, name: str) -> None:
+        """Count work that was counted one by one as one call of the kind `name` instead."""
+        for each, (calls, rows) in counts.items():
+            self._tallies[each].calls -= calls
+            self._tallies[each].rows -= rows
+        self.tally(name).calls += 1
+
+
+def difference(after: Counts, before: Counts) -> dict[str, tuple[int, int]]:
+    """The work between two moments."""
+    return {
+        name: (calls - before.get(name, (0, 0))[0], rows - before.get(name, (0, 0))[1])
+        for name, (calls, rows) in after.items()
+        if calls > before.get(name, (0, 0))[0]
+    }

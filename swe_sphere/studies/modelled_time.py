@@ -17,10 +17,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from swe_sphere.operators.work import Tally
+from swe_sphere.operators.work import Counts, Tally
 
-Counts = Mapping[str, tuple[int, int]]
-"""(calls, rows) by kind of work, see `Tally`."""
 Prices = Mapping[str, tuple[float, float]]
 """Seconds (a call, a row) by kind of work."""
 Context = tuple[str, str, int]
@@ -141,15 +139,6 @@ def lowest(several: Iterable[Prices]) -> dict[str, tuple[float, float]]:
         for name, price in prices.items():
             found[name] = min(price, found.get(name, price), key=sum)
     return found
-
-
-def difference(after: Counts, before: Counts) -> dict[str, tuple[int, int]]:
-    """The work between two moments."""
-    return {
-        name: (calls - before.get(name, (0, 0))[0], rows - before.get(name, (0, 0))[1])
-        for name, (calls, rows) in after.items()
-        if calls > before.get(name, (0, 0))[0]
-    }
 
 
 def modelled_seconds(counts: Counts, prices: Prices) -> float:

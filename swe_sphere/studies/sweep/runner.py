@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import DRIFTS
+from swe_sphere.operators.work import difference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import Ended, attempt, in_one_line, stepped
-from swe_sphere.studies.modelled_time import Stopwatch, difference
+from swe_sphere.studies.modelled_time import Stopwatch
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
