@@ -27,8 +27,8 @@ from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper
-from swe_sphere.steppers.diffusion import Diffusion, legendre_stages
 from swe_sphere.steppers.leapfrog import Leapfrog
+from swe_sphere.steppers.split_diffusion import Diffusion, legendre_stages
 from swe_sphere.testcases import get_scene
 
 NU = 1e19

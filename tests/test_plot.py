@@ -18,9 +18,9 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import animate, plot
+from swe_sphere.pictures.contours import contours, limits
 from swe_sphere.pictures.drawing import Drawing
 from swe_sphere.pictures.exact import Exact
-from swe_sphere.pictures.levels import contours, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file

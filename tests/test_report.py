@@ -20,9 +20,9 @@ from swe_sphere.studies.report import (
     write_markdown,
     write_report,
 )
+from swe_sphere.studies.report.axes import save_svg
 from swe_sphere.studies.report.content import read_sections
-from swe_sphere.studies.report.drawing import save_svg
-from swe_sphere.studies.report.figures import error_diagrams, render
+from swe_sphere.studies.report.diagrams import error_diagrams, render
 from swe_sphere.studies.report.rows import metrics, read_rows
 
 ROOT = Path(__file__).parents[1]

@@ -14,10 +14,10 @@ from swe_sphere.cli.show import tell_of_compiling
 from swe_sphere.compiling import on_compile
 
 COMMANDS = {
-    "list": "look:list_all", "run": "run:run", "sweep": "sweep:sweep", "advise": "advise:advise",
-    "plot": "pictures:plot", "animate": "pictures:animate", "compare": "look:compare",
-    "regrid": "regrid:regrid", "scrip": "regrid:scrip", "verify": "verify:verify",
-    "stress": "stress:stress", "ensemble": "ensemble:ensemble",
+    "list": "list_compare:list_all", "run": "run:run", "sweep": "sweep:sweep",
+    "advise": "advise:advise", "plot": "pictures:plot", "animate": "pictures:animate",
+    "compare": "list_compare:compare", "regrid": "regrid:regrid", "scrip": "regrid:scrip",
+    "verify": "verify:verify", "stress": "stress:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""
 

@@ -15,10 +15,10 @@ from swe_sphere.io.compare import Source
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.mesh import Interpolator, interpolators
+from swe_sphere.pictures.contours import contours, drawable, limits
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.geo_axes import GeoMap
 from swe_sphere.pictures.globe import draw_graticule
-from swe_sphere.pictures.levels import contours, drawable, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.overlays import draw_mesh, draw_winds
 from swe_sphere.pictures.projections import Disc, Map

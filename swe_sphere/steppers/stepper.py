@@ -15,7 +15,7 @@ from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.operators.replay import Replay
 from swe_sphere.registry import Registry
-from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.user_file import users_code
 
 RECOMMENDED = "tr-bdf2"

@@ -16,7 +16,7 @@ from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep
 from swe_sphere.operators.transport_operator import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.diffusion import Diffusion
+from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import Stepper
 from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
 

@@ -21,7 +21,7 @@ from swe_sphere.equations.effects.dynamics import (
     Tracers,
 )  # fmt: skip
 from swe_sphere.equations.effects.effect import MASSES, Effect
-from swe_sphere.equations.effects.pointwise import Drag, PointwiseEffect, Relaxation
+from swe_sphere.equations.effects.pointwise_effect import Drag, PointwiseEffect, Relaxation
 
 __all__ = [
     "DYNAMICS", "EFFECTS", "MASSES", "Drag", "Effect", "Forcing", "Hyperviscosity", "Linearised",

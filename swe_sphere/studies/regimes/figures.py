@@ -15,7 +15,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.regimes.points import BASE, OTHERS, Point, Series, ratio
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.drawing import INK, PAPER, STYLE, finish
+from swe_sphere.studies.report.axes import INK, PAPER, STYLE, finish
 from swe_sphere.studies.report.palette import LINES, look
 
 COLOURS = "RdBu_r"

@@ -25,7 +25,7 @@ from swe_sphere.studies.regimes.points import (
     series,
 )
 from swe_sphere.studies.report import words
-from swe_sphere.studies.report.drawing import save_svg
+from swe_sphere.studies.report.axes import save_svg
 from swe_sphere.studies.sweep.record import read_header, runs_of
 
 ERRORS = (1e-2, 3e-3, 1e-3)

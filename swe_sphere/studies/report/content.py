@@ -15,7 +15,7 @@ from xarray import Dataset
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.answer import Ranking, rankings
-from swe_sphere.studies.report.figures import Diagram, diagrams, error_diagrams
+from swe_sphere.studies.report.diagrams import Diagram, diagrams, error_diagrams
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import (
     MADE_FOR_OTHERS,

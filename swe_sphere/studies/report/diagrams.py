@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.report.drawing import (
+from swe_sphere.studies.report.axes import (
     FAINT,
     INK,
     PAPER,
