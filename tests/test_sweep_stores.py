@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+from dataclasses import replace
 from functools import reduce
 from operator import getitem
 from pathlib import Path
@@ -16,6 +17,7 @@ from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.record import runs_of
+from swe_sphere.testcases import get_scene
 
 TINY = {"ne": 2, "np": 4, "days": 0.25, "repeats": 1, "dt": [3600]}
 FLAGS = ("--steppers", "rk4", "--dt", "3600", "--ne", "2", "--np", "4", "--days", "0.25",
@@ -94,10 +96,27 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
         assert second.sizes["run"] == 4 and len(finished(tmp_path)) == 7
         assert fields.isdisjoint({*(tmp_path / "converged").iterdir()} - fields)
         sources = json.loads(second.attrs["sources"])
-        assert sources == {"the code of swe_sphere": "other"}
+        assert sources == {"the code of swe_sphere": "other", "the scene": "the package"}
     third = sweep("lauter", "rk4", **options)  # the code is again what it was first
     assert len(finished(tmp_path)) == 7
     assert_same_rows(third, first)
+
+
+def test_two_scenes_of_one_name_are_never_mixed(tmp_path):
+    """One of the package, one in a file, one given as an object."""
+    file = tmp_path / "own.py"
+    file.write_text(
+        "from dataclasses import replace\n"
+        "from swe_sphere.testcases import get_scene\n"
+        "def scene():\n"
+        "    return replace(get_scene('williamson2'), name='lauter')\n"
+    )
+    for scene in ("lauter", file, replace(get_scene("williamson6"), name="lauter")):
+        notes = Notes()
+        found = sweep(scene, "rk4", watcher=notes, out=tmp_path / "d", finer=0, **TINY)
+        assert [*found["role"].values] == ["converged", "converged", "grid"]
+        assert len(notes.told) == (scene != "lauter")
+        assert all("the scene changed since" in note for note in notes.told)
 
 
 def test_another_reference_does_not_share_a_dataset_with_the_first(tmp_path):

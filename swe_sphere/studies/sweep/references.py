@@ -11,7 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.setup import make_scene, scene_sources
+from swe_sphere.simulation.setup import SCENE_FILE, make_scene, scene_sources
 from swe_sphere.studies.sweep.runspec import users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
@@ -58,10 +58,13 @@ def sweep_sources(
 ) -> dict[str, str]:
     """Fingerprints of all that every row of a sweep is made of but its settings, by what it is.
 
-    own: the scene, where it was given as an object.
+    own: the scene, where it was given as an object.  Scenes of one name are told apart by where
+    they come from: the package, a file or an object.
     """
-    found = {CODE: code_fingerprint(), **scene_sources(plan.scene, scene), **total.sources}
-    return found if own is None else found | {"the scene": users_fingerprint(own.initial)}
+    files = scene_sources(plan.scene, scene)
+    place = "a file" if SCENE_FILE in files else "the package"
+    origin = place if own is None else users_fingerprint(own.initial)
+    return {CODE: code_fingerprint(), "the scene": origin, **files, **total.sources}
 
 
 def choose_reference(
