@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show import table_of
+from swe_sphere.cli.show import print_table
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.settings import validated
@@ -35,7 +35,7 @@ def advise(**values: Any) -> None:
     console.print(_situation(advice), soft_wrap=True)
     least = advice.candidates[0].cost
     lines = [_line(one, least) for one in _shown(advice)]
-    console.print(table_of(HEADS, lines, plain=True))
+    print_table(HEADS, lines)
     console.print(_reason(advice), soft_wrap=True)
     typer.echo(f"  {advice.command}")
 

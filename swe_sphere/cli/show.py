@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
 COMPILING = "compiling kernels, the first time only ..."
 GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""
+UNBOUNDED = 10_000
+"""Columns that no table has."""
 
 
 def terminal(config: RunConfig) -> Watcher:
@@ -60,23 +59,31 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
 
 def _print_table(summary: Summary, config: RunConfig) -> None:
     from rich.console import Console
+    from rich.table import Table
 
     files = {"frames": config.out, "picture": config.plot}
     written = [(name, str(path)) for name, path in files.items() if path is not None]
-    table = table_of((), (*summary.rows(), *written), show_header=False, title=summary.title)
+    table = Table(show_header=False, title=summary.title)
+    for line in (*summary.rows(), *written):
+        table.add_row(*line)
     Console(markup=False, highlight=False).print(table)
 
 
-def table_of(
-    heads: Iterable[str], lines: Iterable[Iterable[str]], plain: bool = False, **look: Any
-) -> Table:
-    """A table for a terminal, its cells in one line; plain: without a frame.  look: as of rich."""
+def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:
+    """A table as wide as its cells: where the terminal is narrower, its lines wrap.
+
+    look: as of rich.
+    """
     from rich import box
+    from rich.console import Console
+    from rich.measure import measure_renderables
     from rich.table import Column, Table
 
-    if plain:
-        look |= {"box": box.SIMPLE_HEAD, "pad_edge": False}
-    table = Table(*(Column(head, no_wrap=True) for head in heads), **look)
+    columns = [Column(head, no_wrap=True) for head in heads]
+    table = Table(*columns, box=box.SIMPLE_HEAD, pad_edge=False, padding=0, **look)
     for line in lines:
         table.add_row(*line)
-    return table
+    console = Console(markup=False, highlight=False)
+    wide = console.options.update(max_width=UNBOUNDED)
+    console.width = max(console.width, measure_renderables(console, wide, [table]).maximum)
+    console.print(table)

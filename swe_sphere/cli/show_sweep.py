@@ -7,7 +7,7 @@ import sys
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.cli.show import table_of
+from swe_sphere.cli.show import print_table
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
 
 if TYPE_CHECKING:
@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.record import RunRecord
     from swe_sphere.studies.sweep.runspec import RunSpec
-
-WIDE = 160
-"""Columns of the screen where there is none."""
 
 
 class SweepTerminal(SweepWatcher):
@@ -77,14 +74,11 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
     from swe_sphere.studies.report import sweep_rankings
 
     console = Console(markup=False, highlight=False)
-    if not console.is_terminal:
-        console.width = WIDE
     found = sweep_rankings(dataset) if search is None else _searched(dataset, search)
     for ranking in found:
         console.print(ranking.headline, soft_wrap=True)
         if any(ranking.winners(i) for i in range(len(ranking.targets))):
-            look = {"padding": 0, "collapse_padding": True}
-            console.print(table_of(ranking.heads, ranking.body, plain=True, **look))
+            print_table(ranking.heads, ranking.body)
     if found:
         console.print(found[-1].caption, soft_wrap=True)
     if not found:

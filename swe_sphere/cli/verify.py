@@ -12,7 +12,7 @@ import typer
 
 from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import AsJson, Jobs, names_in
-from swe_sphere.cli.show import show_line, table_of
+from swe_sphere.cli.show import print_table, show_line
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
@@ -121,27 +121,12 @@ def _run(
         rows = list(run_cases(mine, quick, runs, known))
         found += rows
         if rows and not quiet:
-            _print(title, rows)
+            styles = ["" if row.passed else "bold red" for row in rows]
+            print_table(HEADS, map(_cells, rows), title=title, row_styles=styles)
     return found
 
 
-def _print(title: str, rows: Sequence[Row]) -> None:
-    """A table of the rows, as wide as its numbers: where the terminal is narrower, it wraps."""
-    from rich.console import Console
-    from rich.measure import measure_renderables
-
-    table = table_of(("case", *HEADS, ""), map(_cells, rows), title=title)
-    for line, row in zip(table.rows, rows, strict=True):
-        line.style = "" if row.passed else "bold red"
-    console = Console(markup=False, highlight=False)
-    wide = console.options.update(max_width=UNBOUNDED)
-    console.width = max(console.width, measure_renderables(console, wide, [table]).maximum)
-    console.print(table)
-
-
-HEADS = ("ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound")
-UNBOUNDED = 10_000
-"""Columns that no table has."""
+HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "")
 
 
 def _cells(row: Row) -> Iterator[str]:
