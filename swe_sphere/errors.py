@@ -59,6 +59,11 @@ class _Short(reprlib.Repr):
             return "a number of thousands of digits"
 
 
+def in_one_line(text: object) -> str:
+    """The text without line breaks."""
+    return " ".join(str(text).split())
+
+
 def shown(value: object) -> str:
     """The value as an error message shows it: in Python's notation, shortened where it is long."""
     return _Short().repr(value)

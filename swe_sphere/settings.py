@@ -25,6 +25,11 @@ _DEFAULT = "default"
 """The word that stands for None, where None is a choice."""
 
 
+def names_in(text: str | None) -> list[str]:
+    """Those of a list A,B,..."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
+
+
 def by_owner(settings: Iterable[str]) -> dict[str, dict[str, str]]:
     """Values, as text, by the names of owners and of their parameters.
 
@@ -121,6 +126,12 @@ def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
     """Values by the names of fields, from those by the names of flags."""
     fields = {flag: field for field, flag in _FLAGS.items()}
     return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}
+
+
+def place_and_complaint(error: ValidationError) -> str:
+    """Where in a file's tables the first thing is wrong, and what."""
+    where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
+    return f"{where}: {complaint(error)}" if where else complaint(error)
 
 
 def read_toml(path: Path) -> dict[str, Any]:

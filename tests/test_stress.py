@@ -246,7 +246,7 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     [
         ("remedied", "remedy_for", "remedy_for: Extra inputs"),
         ('"imex", "rk4"', '"imx"', "unknown stepper 'imx'"),
-        ('method = "seeds"', 'method = "seed"', "method: Input should be"),
+        ('method = "seeds"', 'method = "seed"', "method: must be"),
         ("min_depth = {low", "min_depth = {lowest", "bounds.min_depth"),
     ],
 )

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from swe_sphere.cli.options import given, names_in, with_flags
+from swe_sphere.cli.options import given, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
+from swe_sphere.settings import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 
 WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")

@@ -5,7 +5,7 @@ import traceback
 
 import typer
 
-from swe_sphere.errors import SweError
+from swe_sphere.errors import SweError, in_one_line
 
 DEBUG = "SWE_SPHERE_DEBUG"
 """Environment variable that asks for the traceback of an error."""
@@ -20,7 +20,7 @@ class Stopped(SweError):
 def explain(error: Exception) -> tuple[str, int]:
     """What to tell the user, in one line, and the exit status."""
     line, status = _explain(error)
-    return " ".join(line.split()), status
+    return in_one_line(line), status
 
 
 def show_traceback() -> None:

@@ -61,11 +61,6 @@ def with_flags(
     return give
 
 
-def names_in(text: str | None) -> list[str]:
-    """Those of a list A,B,..."""
-    return [name.strip() for name in (text or "").split(",") if name.strip()]
-
-
 def given(values: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
     """The fields of the model that the user gave."""
     absent: tuple[object, ...] = (None, [], ())

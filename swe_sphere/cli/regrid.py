@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from swe_sphere.cli.options import names_in
+from swe_sphere.settings import names_in
 
 
 def regrid(

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from swe_sphere.errors import in_one_line
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
@@ -46,7 +47,7 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
     if summary.reason is not None:
         named = config.out is None or str(config.out) in summary.reason
         kept = "" if named else f"; {config.out} keeps what was written"
-        sys.stderr.write(f"swe-sphere: {' '.join(summary.reason.split())}{kept}\n")
+        sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
     told = config.out is not None and not (config.quiet or config.as_json)
     if told and summary.status in GOES_ON:
         rest = f"--restart {config.out} --out {config.out} --days {summary['days_planned']:g}"

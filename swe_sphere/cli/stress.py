@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swe_sphere.cli.explain import Stopped
-from swe_sphere.cli.options import AsJson, Jobs, names_in
+from swe_sphere.cli.options import AsJson, Jobs
 from swe_sphere.cli.show import show_line
+from swe_sphere.settings import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from swe_sphere.planet import DAY
 Array = NDArray[np.float64]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe and Ito's palette, told apart by colour-blind readers too."""
+"""Okabe and Ito's palette, told apart by colour-blind readers too, without black and yellow, which
+vanish on dark or on light paper."""
 STYLES = ("-", "--", "-.", ":", "-", "--")
 ERRORS = {
     "l2_h": "$l_2$ height",

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.settings import by_field, read_toml, validated
+from swe_sphere.settings import by_field, names_in, read_toml, validated
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:
@@ -61,9 +61,7 @@ def _nameable(path: Path) -> Path:
 
 def _names(value: object) -> object:
     """A text "h,u,v" is a list of names."""
-    if isinstance(value, str):
-        return tuple(filter(None, (name.strip() for name in value.split(","))))
-    return value
+    return tuple(names_in(value)) if isinstance(value, str) else value
 
 
 FileName = Annotated[Path, AfterValidator(_nameable)]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, cast
 
-from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Callback, Observer, Scheduled
 from swe_sphere.simulation.health import HealthCheck
@@ -153,11 +153,11 @@ def _watched(sim: Running, watcher: Watcher) -> Iterator[None]:
 
 
 def _ended_by(error: Exception, sim: Running) -> Outcome:
-    sim.comm.agree_to_fail(" ".join(str(error).split()))
+    text = in_one_line(error)
+    sim.comm.agree_to_fail(text)
     if isinstance(error, Interrupted):
         reason = f"interrupted by {error} at day {sim.time / DAY:.4g}"
         return Outcome("interrupted", reason, INTERRUPTED)
-    text = " ".join(str(error).split())
     if not isinstance(error, SweError):
         return Outcome("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
     # of what the scene's own functions raise late it is too late to refuse the run

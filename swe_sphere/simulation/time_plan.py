@@ -52,6 +52,12 @@ class TimePlan:
         return step % self.frame_steps == 0 or step == self.steps
 
 
+def free_steps(days: float, dt: float) -> TimePlan:
+    """Steps of exactly dt [s] to the end or a little beyond, with no frame before it."""
+    count = max(1, math.ceil(days * DAY / dt - 1e-9))
+    return TimePlan(dt, count, count, dt)
+
+
 def time_plan(
     days: float,
     every: float | None,

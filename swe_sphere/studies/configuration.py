@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import SCENE, by_field, by_owner, read_toml
+from swe_sphere.settings import SCENE, by_field, by_owner, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.supplied import Supplied
@@ -105,6 +105,4 @@ def read_tables(path: Path, name: str, form: type[M]) -> tuple[dict[str, Any], t
     try:
         return whole, tuple(form.model_validate(merged(shared, table)) for table in tables)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise ConfigError(f"{path}: {where}: {first['msg']}") from None
+        raise ConfigError(f"{path}: {place_and_complaint(error)}") from None

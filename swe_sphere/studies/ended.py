@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from swe_sphere.errors import SweError
+from swe_sphere.errors import SweError, in_one_line
 from swe_sphere.simulation.callbacks import Observer
 from swe_sphere.simulation.execution import step_through
 from swe_sphere.simulation.interrupt import Interrupted, Interruption
@@ -71,8 +71,3 @@ def stepped(
     if outcome.status == "interrupted":
         raise Interrupted(outcome.reason)
     return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)
-
-
-def in_one_line(text: object) -> str:
-    """The text in one line."""
-    return " ".join(str(text).split())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from swe_sphere.errors import in_one_line
+
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
     """A template of a study filled in.
@@ -28,4 +30,4 @@ def anchor(title: str) -> str:
 
 def in_table(text: str) -> str:
     """Text that does not end a cell of a Markdown table."""
-    return " ".join(text.split()).replace("|", "\\|")
+    return in_one_line(text).replace("|", "\\|")

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.durable import take_lock, write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.settings import complaint
+from swe_sphere.settings import place_and_complaint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +104,8 @@ def read_record(path: Path, form: type[R]) -> R:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from None
     except ValidationError as error:
         raise ConfigError(
-            f"{path} is no record of this version ({_complaint(error)}): delete it, and its run is"
-            " made again, or choose another folder"
+            f"{path} is no record of this version ({place_and_complaint(error)}): delete it, and"
+            " its run is made again, or choose another folder"
         ) from None
 
 
@@ -117,11 +117,6 @@ def as_netcdf(dataset: xr.Dataset) -> bytes:
     file = Dataset("memory.nc", "w", memory=0)
     dataset.dump_to_store(NetCDF4DataStore(file))  # type: ignore[no-untyped-call]
     return bytes(file.close())
-
-
-def _complaint(error: ValidationError) -> str:
-    where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
-    return f"{where}: {complaint(error)}" if where else complaint(error)
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from swe_sphere.simulation.config import (
     Whole,
     make_config,
 )
+from swe_sphere.simulation.time_plan import stepper_options
 from swe_sphere.studies.advice.method import Method, Setting, setting_of
 from swe_sphere.studies.sweep.discretisation import Discretisation
 
@@ -65,9 +66,11 @@ class Advice:
     @property
     def config(self) -> RunConfig:
         """The configuration of the run that is advised."""
+        from swe_sphere.steppers import STEPPERS
+
         best = self.candidates[0]
         stepper = best.method.stepper
-        options = self.space.options(self.question.run_config(stepper=stepper))
+        options = stepper_options(STEPPERS[stepper], self.question.run_config(stepper=stepper))
         chosen: dict[str, Any] = {"stepper": stepper, "dt": float(f"{best.dt:.4g}")}
         if "preconditioner" in options:
             chosen["preconditioner"] = options["preconditioner"]

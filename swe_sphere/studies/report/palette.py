@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies.report.rows import Row
@@ -18,8 +19,7 @@ class Look:
     marker: Marker
 
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F")
-"""Okabe and Ito's palette without black and yellow, which vanish on dark or on light paper."""
+GREY = "#7F7F7F"
 MARKERS = ("8", "H", "d", "*", "X")
 LINES = ("-", "--", ":", "-.")
 """Styles of the variants of a stepper (preconditioner, precision, device, settings)."""
@@ -28,7 +28,7 @@ STATUS = {
     "unstable": Look("#D55E00", "X"),
     "timed-out": Look("#E69F00", "s"),
     "solver-failed": Look("#CC79A7", "v"),
-    "refused": Look("#7F7F7F", "_"),
+    "refused": Look(GREY, "_"),
     "failed": Look("#56B4E9", "P"),
 }
 """How the ends of runs are drawn."""
@@ -40,7 +40,8 @@ def look(stepper: str) -> Look:
     if style is not None:
         return Look(*style)
     place = sum((i + 1) * byte for i, byte in enumerate(stepper.encode()))
-    return Look(COLOURS[place % len(COLOURS)], MARKERS[place // 7 % len(MARKERS)])
+    colours = (*COLOURS, GREY)
+    return Look(colours[place % len(colours)], MARKERS[place // 7 % len(MARKERS)])
 
 
 @dataclass(frozen=True, eq=False)

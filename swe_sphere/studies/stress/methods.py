@@ -16,7 +16,7 @@ from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.simulation.time_plan import TimePlan, free_steps
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.stress.random_state import random_setting
@@ -83,11 +83,10 @@ def _plan(trial: Trial, sim: Simulation) -> TimePlan | None:
         return None
     own = trial.part is not None and math.isfinite(sim.stable_dt)
     dt = (trial.part or 1.0) * sim.stable_dt if own else _implicit_step(trial, sim)
-    length = sim.days * DAY
-    count = max(1, math.ceil(length / dt - 1e-9))
-    if trial.steps is not None:
-        whole = max(1, math.floor(length / dt))
-        count = trial.steps if sim.config.days is None else min(trial.steps, whole)
+    if trial.steps is None:
+        return free_steps(sim.days, dt)
+    whole = max(1, math.floor(sim.days * DAY / dt))
+    count = trial.steps if sim.config.days is None else min(trial.steps, whole)
     return TimePlan(dt, count, count, dt)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from swe_sphere.simulation.setup import identity, make_mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.snapshot import Fields, state_integrals
 from swe_sphere.simulation.supplied import Supplied
-from swe_sphere.simulation.time_plan import stepper_options
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
@@ -112,16 +111,6 @@ class Discretisation:
             self._radii[how] = spectrum
         return kind.limit(self._radii[how])
 
-    def order(self, kind: type[Stepper]) -> int:
-        """Order in time of a stepper here."""
-        return kind.order_in(self.model)
-
-    def options(self, config: RunConfig) -> dict[str, Any]:
-        """What the stepper of a run is built with."""
-        from swe_sphere.steppers import get_stepper
-
-        return stepper_options(get_stepper(config.stepper), config)
-
     @cached_property
     def _state(self) -> tuple[wp.array, wp.array]:
         """The start, and room for a tendency."""
@@ -135,11 +124,13 @@ class Discretisation:
         return self._time_batch()
 
     def _time_batch(self) -> float:
+        import warp as wp
+
         (state, out), model = self._state, self.model
         began = time.perf_counter()
         for _ in range(self._batch):
             model.tendency(state, 0.0, out)
-        _synchronize(model.device)
+        wp.synchronize_device(model.device)
         return (time.perf_counter() - began) / self._batch
 
 
@@ -164,9 +155,3 @@ class Discretisations:
         """Those that the plan asks for."""
         precisions = self._plan.precision
         return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]
-
-
-def _synchronize(device: str) -> None:
-    import warp as wp
-
-    wp.synchronize_device(device)

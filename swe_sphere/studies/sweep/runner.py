@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, RunFailed, in_one_line
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.operators.work import difference
 from swe_sphere.planet import DAY
@@ -16,7 +16,7 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.studies.ended import Ended, attempt, in_one_line, stepped
+from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.modelled_time import Stopwatch
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store

@@ -13,12 +13,17 @@ from functools import cached_property, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.fingerprints import file_fingerprint, fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
-from swe_sphere.studies.ended import in_one_line
+from swe_sphere.simulation.time_plan import (
+    TimePlan,
+    common_measure,
+    free_steps,
+    stepper_options,
+    time_plan,
+)
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
@@ -63,12 +68,6 @@ class Schedule:
         return time_plan(self.days, self.interval / 3600.0, dt)
 
 
-def free_steps(days: float, dt: float) -> TimePlan:
-    """Steps of exactly dt [s] to the end or a little beyond, for runs that meet no report times."""
-    count = max(1, math.ceil(days * DAY / dt - 1e-9))
-    return TimePlan(dt, count, count, dt)
-
-
 @dataclass(frozen=True)
 class Integrator:
     """Everything of a run but its step; two are equal where they ask for the same."""
@@ -102,7 +101,7 @@ class Integrator:
     def refusal(self) -> str | None:
         """Why the stepper cannot run this scene, if it cannot."""
         try:
-            self.space.options(self.config)
+            stepper_options(self.kind, self.config)
             _ = self.stable_dt
         except ConfigError as error:
             return in_one_line(error)
@@ -113,7 +112,7 @@ class Integrator:
         """What the stepper is built with; as asked for where it cannot be."""
         if self.refusal is not None:
             return {"preconditioner": self.config.preconditioner}
-        return self.space.options(self.config)
+        return stepper_options(self.kind, self.config)
 
     @cached_property
     def sources(self) -> dict[str, str]:

@@ -105,7 +105,7 @@ class Evaluator:
             for day in self._schedule.report_days
             if day in ours and day in right
         }
-        gain = 2.0 ** fine.space.order(fine.integrator.kind)
+        gain = 2.0 ** fine.integrator.kind.order_in(fine.space.model)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             errors = Errors.of("time", apart, share)
             snapshots = results[spec].snapshots

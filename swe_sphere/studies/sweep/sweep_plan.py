@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import by_field, read_toml, validated
+from swe_sphere.settings import by_field, names_in, read_toml, validated
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -38,7 +38,7 @@ from swe_sphere.user_file import is_user_file
 def _listed(value: object) -> tuple[object, ...]:
     """A comma-separated list, one value or several of them, as a tuple."""
     if isinstance(value, str):
-        return tuple(part.strip() for part in value.split(",") if part.strip())
+        return tuple(names_in(value))
     if not isinstance(value, list | tuple):
         return (value,)
     parts = (_listed(item) if isinstance(item, str) else (item,) for item in value)
