@@ -11,7 +11,8 @@ from support import make_scene, random_state, relative
 from swe_sphere.equations import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.forward_backward import ForwardBackward, ForwardBackwardRK3
+from swe_sphere.steppers.flow_limit import wind_share
+from swe_sphere.steppers.forward_backward import STRONG, ForwardBackward, ForwardBackwardRK3
 from swe_sphere.testcases import get_scene
 
 SCENES = {
@@ -53,7 +54,8 @@ def ab(b: float, levels: list[np.ndarray]) -> np.ndarray:
 def test_forward_backward_is_what_its_formulas_say(small_mesh, effects) -> None:
     """Shchepetkin & McWilliams (2005), from whole right-hand sides, after two steps of rk4."""
     model, dt = Model(small_mesh, make_scene(*effects)), 100.0
-    plain, w = Plain(model), ForwardBackward.waves
+    plain, share = Plain(model), wind_share(model, model.initial_state())
+    w = ForwardBackward.weights_in(share)
     stepper, starter = ForwardBackward(model, dt), STEPPERS["rk4"](model, dt)
     start = model.device_mesh.upload(random_state(model))
     stepper.start(start, 50.0)
@@ -123,6 +125,13 @@ def test_limit_falls_with_the_wind(name: str) -> None:
     assert limits[0] == cls.stable_dt(1.0) and limits[2] < limits[1] < limits[0]
     alone = {"forward-backward": 0.724, "fb-rk3": 3.0**0.5}
     assert cls.stable_dt(1.0, 0.0, 1.0) == pytest.approx(alone[name], rel=1e-2)
+
+
+def test_coefficients_for_strong_winds_are_taken_where_they_allow_longer_steps() -> None:
+    """At their border both sets have the same limit; beyond, the weak ones' falls below 1.25."""
+    weak, strong = (ForwardBackward.stable_dt(1.0, 0.0, STRONG + d) for d in (0.0, 1e-6))
+    assert weak == pytest.approx(strong, rel=1e-2)
+    assert ForwardBackward.stable_dt(1.0, 0.0, 0.22) > 1.35
 
 
 def test_limits_in_a_flow_are_neither_unsafe_nor_wasteful() -> None:

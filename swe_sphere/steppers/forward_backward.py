@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.passes import Passes
-from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, columns
+from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, columns, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
+
+STRONG = 0.139
+"""Share of the wind in the speed of waves from which coefficients for strong winds allow longer
+steps."""
 
 
 class SplitExplicit(FlowLimited):
@@ -69,6 +73,8 @@ class ForwardBackward(SplitExplicit):
     repeats_from: ClassVar[int] = 2
     style = ("#080123", (9, 1, 0))
     waves: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 3, gamma=3 / 20)
+    strong: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 5, gamma=1 / 5)
+    """In strong winds, those of the initial state of the scene."""
     advection: ClassVar[LevelWeights] = LevelWeights(wind=5 / 12, mass=5 / 12, gamma=0.0)
     """Where there are no gravity waves."""
 
@@ -76,8 +82,8 @@ class ForwardBackward(SplitExplicit):
         super().__init__(model, dt)
         self._past, self._older = model.zeros(), model.zeros()
         self._starter = RK4(model, dt)
-        still = model.scene.effect("pressure-gradient") is None
-        mine, weights = self._of(NOTHING_BUT_WIND if still else 0.0), self._passes.weights
+        mine = self.weights_in(wind_share(model, model.initial_state()))
+        weights = self._passes.weights
         self._masses, self._winds = (
             weights(*mine.extrapolation(b)) for b in (mine.mass, mine.wind)
         )
@@ -89,8 +95,11 @@ class ForwardBackward(SplitExplicit):
         return 1 if model.diffusive else cls.order
 
     @classmethod
-    def _of(cls, share: float) -> LevelWeights:
-        return cls.advection if share == NOTHING_BUT_WIND else cls.waves
+    def weights_in(cls, share: float) -> LevelWeights:
+        """The coefficients for a wind that has so much of the speed of waves on it."""
+        if share == NOTHING_BUT_WIND:
+            return cls.advection
+        return cls.strong if share > STRONG else cls.waves
 
     def _advance(self) -> None:
         if self.steps < self.repeats_from:
@@ -145,7 +154,7 @@ class ForwardBackward(SplitExplicit):
     def _matrix(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
-        mine = cls._of(share)
+        mine = cls.weights_in(share)
         mass, turn = (np.array(mine.extrapolation(b)) for b in (mine.mass, mine.wind))
         wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
         step = np.zeros((*wave.shape[:-1], 6, 6), complex)
