@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import register_of
-from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.access import entry_of, register_of
+from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -16,12 +16,14 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
     """Kernels for `functions` coarse functions on an element, with nodal `values` (k, np*np).
 
     `restrict`, over (groups, k / `shares[0]`) threads: integrals (groups, k) over each element of a
-    field times each function, with the weights `mass` (groups, np*np) [m2].  `prolong`, over
-    (groups, np*np / `shares[1]`): adds to a field the functions times the coefficients, those of an
-    element at its `numbers` (groups, k).
+    field times each function, with the weights `mass` (groups, np*np) [m2].  `assembled`, over the
+    functions: their sums, of up to four places and of more.  `prolong`, over (groups, np*np /
+    `shares[1]`): adds to a field the functions times the coefficients, those of an element at its
+    `numbers` (groups, k); with the same bits for a node in each of its elements.
     """
     t = kernel_types(np_, real, shape, whole=False)
     load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
+    first = functions - 12
     few, many = (functions, points) if shape == "element" else (1, 1)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
 
@@ -46,12 +48,29 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
         for k in range(functions):
             mine[k] = load(coefficients, 0, numbers[e, k])
         for n in range(part * many, part * many + many):
-            total = x[e, n, 0]
-            for k in range(functions):
-                total += values[k, n] * mine[k]
-            x[e, n, 0] = total
+            smooth = value(real(0.0))
+            for k in range(first):
+                smooth += values[k, n] * mine[k]
+            modes = value(real(0.0))
+            for k in range(first, first + 4):
+                along = values[k + 4, n] * mine[k + 4] + values[k + 8, n] * mine[k + 8]
+                modes += values[k, n] * mine[k] + along
+            x[e, n, 0] = x[e, n, 0] + (smooth + modes)
 
-    return SimpleNamespace(restrict=restrict, prolong=prolong, shares=(few, many))
+    gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def assembled(four: places, more: places, local: t.vector, out: t.vector):
+        row = wp.tid()
+        total = gather(local, place(four, row), 0)
+        if place(more, row)[0] >= 0:
+            total += gather(local, place(more, row), 0)
+        out[row] = total
+
+    return SimpleNamespace(
+        restrict=restrict, assembled=assembled, prolong=prolong, shares=(few, many)
+    )
 
 
 @functools.cache

@@ -136,12 +136,14 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
             x[e, n, 0] = x[e, n, 0] + beta * step
 
     gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
+    numbers, number = wp.array(dtype=wp.int32), entry_of(wp.int32)
     entry, given_entry, put = entry_of(real), entry_of(given), put_of(given)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def substituted(
         places_1: places,
+        of_own: numbers,
         inverse_area: on_nodes,
         same: on_nodes,
         cross: on_nodes,
@@ -162,7 +164,7 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         c = entry(cross, node)
         put(out, node, given(s * u + c * v))
         put(out, size + node, given(s * v - c * u))
-        put(out, 2 * size + node, given(entry(h, at[0])))
+        put(out, 2 * size + node, given(entry(h, number(of_own, node))))
 
     return SimpleNamespace(
         gradient=gradient,
@@ -210,7 +212,7 @@ def passage_kernels(np_: int, real: type, given: type, shape: str) -> SimpleName
     t = kernel_types(np_, real, shape, whole=False)
     load, share = load_state(t, given), np_ * np_ if shape == "element" else 1
     vector, field, nodes, places = (
-        wp.array(dtype=given), t.local, wp.array2d(dtype=t.index), wp.array(dtype=Contributors)
+        wp.array(dtype=given), t.local, wp.array2d(dtype=t.index), wp.array(dtype=wp.int32)
     )  # fmt: skip
 
     @no_type_check
@@ -222,8 +224,8 @@ def passage_kernels(np_: int, real: type, given: type, shape: str) -> SimpleName
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def collect(places_1: places, flat: wp.array(dtype=real), out: vector):
+    def collect(of_own: places, flat: wp.array(dtype=real), out: vector):
         node = wp.tid()
-        out[node] = given(flat[places_1[node][0]])
+        out[node] = given(flat[of_own[node]])
 
     return SimpleNamespace(spread=spread, collect=collect)

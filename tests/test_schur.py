@@ -30,7 +30,9 @@ SHAPES = ("element", "node")
 @functools.cache
 def mesh_of(np_: int):
     """Few elements of that many nodes, stretched and turned."""
-    return Mesh.build({3: 3, 4: 2, 8: 1}[np_], np_, stretch=1.5, centre=(40.0, 23.0), spin=17.0)
+    return Mesh.build(
+        {3: 3, 4: 2, 6: 2, 8: 1}[np_], np_, stretch=1.5, centre=(40.0, 23.0), spin=17.0
+    )
 
 
 def matrix_of(mesh) -> SchurMatrix:
@@ -251,3 +253,17 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     weighted = mesh.area[:, None] * np.stack(columns, axis=1)
     assert np.abs(weighted - weighted.T).max() < 1e-5 * np.abs(weighted).max()
     assert np.linalg.eigvalsh(weighted + weighted.T)[0] > 0.0
+
+
+@pytest.mark.parametrize(("np_", "precision"), [(4, "float64"), (6, "float32"), (8, "float32")])
+def test_all_elements_of_a_node_hold_the_same_bits(np_: int, precision: str) -> None:
+    """After coarse corrections and smoothing, so that ranks need not ask whose is the first."""
+    system = System(np_, precision, "element")
+    inner = Multilevel(system.operator)
+    inner.prepare(TAU, system.depth)
+    x, mesh = system.operator.field(), system.operator.mesh
+    inner.solve(system.field(rough(mesh.size, 8)), x)
+    places, numbers = mesh.places(1).numpy(), x.flat.numpy()
+    first, empty = numbers[places[:, :1]], mesh.groups * mesh.points * mesh.lanes
+    assert np.ptp(first) > 0.0
+    assert np.all((numbers[places] == first) | (places < 0) | (places == empty))

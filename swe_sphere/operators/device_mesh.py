@@ -18,6 +18,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.chunks import Chunks
+from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.parallel import Alone
 
@@ -140,19 +141,29 @@ class DeviceMesh:
         return wp.array(places, dtype=Contributors, device=self.device)
 
     @functools.cached_property
+    def of_own(self) -> wp.array:
+        """(N,) where each node stands in a local field, in the first of this rank's elements."""
+        part = self.part
+        mine = np.flatnonzero(part.contributors >= 0)
+        node = np.repeat(np.arange(self.size), part.counts)[mine]
+        first = part.contributors[mine[np.unique(node, return_index=True)[1]]]
+        places = self._positions(first, self.lanes)
+        return wp.array(places, dtype=wp.int32, device=self.device)
+
+    @functools.cached_property
     def others(self) -> wp.array:
         """Places of the contributors of each element node but its own, in a local field.
 
         (groups, np*np, 3): one of an element's edge has one, a corner three; what it lacks stands
-        in the empty group.
+        in the empty group.  The first is the one that DSS adds the own to, before the other two, so
+        that (own + first) + (second + third) has the same bits in every element.
         """
         own = self._positions(np.arange(self.elements * self.points), self.lanes)
         around = self.places(1).numpy()[self.part.node_of.ravel()]
+        mine = np.argmax(around == own[:, None], axis=1)[:, None]
+        others = np.take_along_axis(around, mine ^ np.array([1, 2, 3]), axis=1)
         empty = self.groups * self.points * self.lanes
-        not_there = (around < 0) | (around == empty) | (around == own[:, None])
-        order = np.argsort(not_there, axis=1, kind="stable")[:, :3]
-        around = np.where(not_there, empty, around)
-        return self.on_elements(np.take_along_axis(around, order, axis=1), (3,), wp.int32)
+        return self.on_elements(np.where(others < 0, empty, others), (3,), wp.int32)
 
     def geometry(self, kind: Any, given: Mapping[str, Any] | None = None) -> Any:
         """A structure of that kind: members by name from those given, else from the mesh."""
@@ -198,6 +209,13 @@ class DeviceMesh:
                 {rank: self._positions(e, width)[:, None] + offsets for rank, e in each.items()}
                 for each in (part.sends, entries)
             )
+            self.share_places(flat, sends, receives)
+
+    def share_places(
+        self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]
+    ) -> None:
+        """Have `exchange` serve an array (n,): places (...) of what each neighbour gets and has."""
+        if sends or receives:
             self._halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
 
     def share_blocks(self, local: wp.array, lanes: int) -> wp.array:
@@ -213,6 +231,16 @@ class DeviceMesh:
     @property
     def _received(self) -> int:
         return sum(self.part.receives.values())
+
+    def fields(self, count: int, value: Any) -> tuple[list[Field], wp.array]:
+        """Room for local fields of one unknown, and a flat view of all: they are exchanged at once.
+
+        See `local`.
+        """
+        room = self._aligned((count, self.rows // self.points, self.points, 1), value)
+        flat = self.flat(room)
+        self.share(flat, self.rows * self.lanes * np.arange(count), self.lanes)
+        return [Field(room[i], self.flat(room[i])) for i in range(count)], flat
 
     def exchange(self, flat: wp.array) -> None:
         """Fetch from other ranks what their elements have left for nodes that this one has too.
@@ -255,40 +283,6 @@ class DeviceMesh:
         if not self.comm.shared:
             return values
         return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
-
-    def collect_elements(self, values: wp.array) -> NDArray[Any]:
-        """Numbers (groups, k) of the elements of all ranks, in one order: flat, (groups, k, lanes).
-
-        Of lanes that are no element too.
-        """
-        mine: NDArray[Any] = values.numpy()
-        count = mine.size // (self.groups * self.lanes)
-        joined = self.comm.gather(mine, [n * count * self.lanes for n in self._all_groups])
-        if self._filled_lanes[-1] == self.mesh.elements - 1:
-            return joined
-        rows = joined.reshape(-1, count, self.lanes).swapaxes(1, 2).reshape(-1, count)
-        moved = np.zeros((-(-self.mesh.elements // self.lanes) * self.lanes, count), rows.dtype)
-        moved[: self.mesh.elements] = rows[self._filled_lanes]
-        return moved.reshape(-1, self.lanes, count).swapaxes(1, 2).ravel()
-
-    @functools.cached_property
-    def collected_order(self) -> NDArray[np.int64]:
-        """(E,) places of the elements of the whole mesh there: those of ranks, along the curve."""
-        places = np.empty(self.mesh.elements, dtype=np.int64)
-        places[np.concatenate(self.comm.tell_all(self.part.elements))] = np.arange(places.size)
-        return places
-
-    @functools.cached_property
-    def _all_groups(self) -> list[int]:
-        """How many groups each rank has."""
-        return self.comm.tell_all(self.groups)
-
-    @functools.cached_property
-    def _filled_lanes(self) -> NDArray[np.int64]:
-        """(E,) places in the lanes of all groups that are an element."""
-        counts = self.comm.tell_all(self.elements)
-        begins = self.lanes * np.cumsum([0, *self._all_groups])
-        return np.concatenate([b + np.arange(n) for b, n in zip(begins, counts, strict=False)])
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""

@@ -49,7 +49,8 @@ class SchurOperator:
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
         self._known_passages: dict[Any, Any] = {}
         self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
-        self._east, self._north, self._local, self._f1, self._f2 = (self.field() for _ in range(5))
+        self._local, self._f1, self._f2 = (self.field() for _ in range(3))
+        (self._east, self._north), self._slopes = mesh.fields(2, self._kernels.value)
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
@@ -70,10 +71,9 @@ class SchurOperator:
         self.launch(kernel, self.dim, self.mesh.nodes, x, out.values)
 
     def collect(self, x: Field, out: wp.array) -> None:
-        """A field to a nodal vector (N,) of any number type."""
-        self.mesh.exchange(x.flat)
+        """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
         kernel = self._passages(out).collect
-        self.launch(kernel, self.size, self.mesh.places(1), x.flat, out)
+        self.launch(kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
         """Values (N,) from the host to a field."""
@@ -115,11 +115,10 @@ class SchurOperator:
         if self.damping is not None:
             r = self.damping.state
         self._differentiate(h)
-        self.mesh.exchange(h.flat)
         self.launch(
-            self._kernels.substituted, self.size, self.mesh.places(1), self.mesh.inverse_area,
-            self._same, self._cross, self.size, self._east.flat, self._north.flat, h.flat, r,
-            self.tau * self.gravity, out,
+            self._kernels.substituted, self.size, self.mesh.places(1), self.mesh.of_own,
+            self.mesh.inverse_area, self._same, self._cross, self.size, self._east.flat,
+            self._north.flat, h.flat, r, self.tau * self.gravity, out,
         )  # fmt: skip
         if self.damping is not None:
             self.damping.damp_depth(h, out)
@@ -173,8 +172,7 @@ class SchurOperator:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
         self._launch(self._kernels.gradient, x.values, self._east.values, self._north.values)
-        self.mesh.exchange(self._east.flat)
-        self.mesh.exchange(self._north.flat)
+        self.mesh.exchange(self._slopes)
 
     def _diverge(self) -> None:
         fluxes = self._f1.values, self._f2.values

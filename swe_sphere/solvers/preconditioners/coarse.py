@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import scipy
 import warp as wp
-from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.kernels.assembly import Contributors
 from swe_sphere.kernels.coarse import coarse_kernels
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
@@ -19,6 +19,7 @@ from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
+from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
@@ -47,18 +48,27 @@ class CoarseCorrection:
         mesh, spaces = schur.mesh, coarse_spaces(schur.mesh)
         self._schur, self._operator, self._symmetric = schur, operator, symmetric
         self._hats = spaces[0]
-        self._transfer = Transfer(spaces, operator)
         area = scipy.sparse.diags_array(mesh.area)
         bases = [interpolation(mesh, space) for space in spaces]
         self._mass, *masses = [(basis.T @ (area @ basis)).tocsr() for basis in bases]
         slopes = [sparse.slopes(mesh, space).astype(np.float32) for space in spaces[1:]]
         self._modes = list(zip(masses, slopes, strict=True))
         self._longest = longest_waves(mesh, bases[0])
-        count, few = sum(basis.shape[1] for basis in bases), self._longest.shape[1]
-        self._r, self._d, self._new = (vector(operator.mesh, count) for _ in range(3))
+        count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
+        numbers = _numbers(spaces)
+        self._part = CoarsePart(
+            operator.mesh, numbers, _reach(spaces[0], slopes), SWEEPS + symmetric
+        )
+        self._transfer = Transfer(spaces, numbers, self._part, operator)
+        size = self._part.functions.size
+        self._b, self._r, self._d, self._new = (vector(operator.mesh, size) for _ in range(4))
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         self._gather = self._sliced(self._longest.T)
-        self._spread = self._sliced(_filled(self._longest, (count, few)))
+        self._spread = self._sliced(self._part.rows(_filled(self._longest, (count, few))))
+        self._smooth_r = self._r
+        if operator.mesh.comm.shared:
+            self._smooth_r = vector(operator.mesh, smooth)
+            self._owned = operator.mesh.comm.tell_all(self._part.owned(np.arange(smooth)))
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -73,22 +83,24 @@ class CoarseCorrection:
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
         exact = np.linalg.pinv((longest.T @ smooth @ longest).toarray(), 1e-10, hermitian=True)
         self._exact = self._sliced(exact)
-        self._smooth = self._sliced(_filled(smooth, matrix.shape))
-        self._matrix = self._sliced(matrix)
+        self._smooth = self._sliced(self._part.square(_filled(smooth, matrix.shape)))
+        self._matrix = self._sliced(self._part.square(matrix))
+        inverse = inverse[self._part.functions]
         self._per_diagonal = vector(self._operator.mesh, inverse.size)
         self._operator.mesh.write(inverse, self._per_diagonal.flat)
 
     def correct(self, b: Field, x: Field) -> None:
         """Add the correction for the residual b to x."""
         found, d, new = self._transfer.coefficients, self._d, self._new
-        self._transfer.restrict(b, self._r)
+        self._transfer.restrict(b, self._b)
+        wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
         for coefficients in self._coefficients:
             self._sweep(product, coefficients, d, new, before)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
-            self._transfer.restrict(b, self._r)
+            wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)
         self._transfer.prolong(x)
@@ -103,9 +115,18 @@ class CoarseCorrection:
     def _solve_longest(self, out: Field, add: bool) -> None:
         """out = P A^-1 P^T r for the longest waves, or that added to it."""
         once, twice = self._few
-        self._gather(self._r, once)
+        if self._smooth_r is not self._r:
+            self._operator.mesh.comm.do(self._join)
+        self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
+
+    def _join(self) -> None:
+        """The residual of all smooth functions, each from the rank that owns it."""
+        comm = self._operator.mesh.comm
+        mine = self._r.flat.numpy()[self._part.here(self._owned[comm.rank])]
+        joined = comm.gather(mine, [each.size for each in self._owned])
+        self._smooth_r.flat.numpy()[np.concatenate(self._owned)] = joined
 
     def _sliced(self, matrix: Any) -> SlicedMatrix:
         return SlicedMatrix(
@@ -114,46 +135,41 @@ class CoarseCorrection:
 
 
 class Transfer:
-    """Between fields and coefficients of all functions of the spaces, one after the other."""
+    """Between fields and coefficients of the functions that a rank has."""
 
-    def __init__(self, spaces: list[ElementSpace], operator: SchurOperator) -> None:
+    def __init__(
+        self, spaces: list[ElementSpace], numbers: Integers, part: CoarsePart,
+        operator: SchurOperator,
+    ) -> None:  # fmt: skip
+        """numbers: (E, k) of the functions on each element, among those of all spaces."""
         mesh, launch = operator.mesh, operator.launch
         self._mesh, self._launch = mesh, launch
-        starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
-        smooth, both, one, other = (
-            np.where(space.numbers < 0, 0, space.numbers + start)
-            for space, start in zip(spaces, starts[:-1], strict=True)
-        )
-        numbers = np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
         values = np.concatenate([space.values for space in spaces[:3]], axis=1)
         count = numbers.shape[1]
         self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
-        launch.load(self._kernels.restrict, self._kernels.prolong)
+        launch.load(self._kernels.restrict, self._kernels.assembled, self._kernels.prolong)
         self._values = mesh.upload(values.T)
         here = mesh.part.elements
         self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[here])
-        self._numbers = mesh.on_elements(numbers[here], scalar=wp.int32)
-        mine = vector(mesh, mesh.groups * count * mesh.lanes)
-        self._local = mine.values.reshape((mesh.groups, count))
+        self._numbers = mesh.on_elements(part.here(numbers[here]), scalar=wp.int32)
+        self._integrals = vector(mesh, part.size + 1)
+        self._local = self._integrals.values[: mesh.groups * count].reshape((mesh.groups, count))
+        mesh.share_places(self._integrals.flat, *part.traffic())
         few, many = self._kernels.shares
         self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
-        assembly = _assembly(numbers, mesh.collected_order, mesh.lanes)
-        self._assembly = SlicedMatrix(mesh, launch, assembly)
-        self._integrals = vector(mesh, assembly.shape[1]) if mesh.comm.shared else mine
-        self.coefficients = vector(mesh, int(starts[-1]))
-        """Of all functions."""
+        self._contributors = [
+            wp.array(half, dtype=Contributors, device=mesh.device)
+            for half in np.split(part.contributors(), 2, axis=1)
+        ]
+        self.coefficients = vector(mesh, part.functions.size)
 
     def restrict(self, b: Field, out: Field) -> None:
         """Integrals of b times each function [m2]."""
-        mesh = self._mesh
-        kernel, dim = self._kernels.restrict, self._dims[0]
-        self._launch(kernel, dim, self._values, self._mass, b.values, self._local)
-        if mesh.comm.shared:
-            mesh.comm.do(self._join)
-        self._assembly(self._integrals, out)
-
-    def _join(self) -> None:
-        self._mesh.write(self._mesh.collect_elements(self._local), self._integrals.flat)
+        kernels, launch = self._kernels, self._launch
+        launch(kernels.restrict, self._dims[0], self._values, self._mass, b.values, self._local)
+        self._mesh.exchange(self._integrals.flat)
+        size = self._contributors[0].size
+        launch(kernels.assembled, size, *self._contributors, self._integrals.flat, out.flat)
 
     def prolong(self, x: Field) -> None:
         """Add the functions times their coefficients to x."""
@@ -180,17 +196,21 @@ def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.spa
     return wider
 
 
-def _assembly(
-    numbers: NDArray[np.int32], places: NDArray[np.int64], lanes: int
-) -> scipy.sparse.csr_array:
-    """Sums over the elements (E, k), which stand as (groups, k, lanes) at those places."""
-    count = numbers.shape[1]
-    element, function = np.indices(numbers.shape).reshape(2, -1)
-    group, lane = np.divmod(places[element], lanes)
-    columns = (group * count + function) * lanes + lane
-    shape = (int(numbers.max()) + 1, -(-len(numbers) // lanes) * count * lanes)
-    ones = np.ones(numbers.size, dtype=np.float32)
-    return scipy.sparse.csr_array((ones, (numbers.ravel(), columns)), shape=shape)
+def _numbers(spaces: list[ElementSpace]) -> Integers:
+    """(E, k) of the functions on each element, those of the spaces one after the other."""
+    starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
+    smooth, both, one, other = (
+        np.where(space.numbers < 0, 0, space.numbers + start)
+        for space, start in zip(spaces, starts[:-1], strict=True)
+    )
+    return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
+
+
+def _reach(smooth: ElementSpace, slopes: list[Any]) -> scipy.sparse.csr_array:
+    """Smooth functions meet in an element, others where both have a slope."""
+    element, function = np.indices(smooth.numbers.shape)[0].ravel(), smooth.numbers.ravel()
+    of_elements = scipy.sparse.csr_array((np.ones(element.size), (element, function)))
+    return scipy.sparse.block_diag([of_elements, *slopes], format="csr")
 
 
 def _without_small(matrix: scipy.sparse.coo_array) -> scipy.sparse.csr_array:

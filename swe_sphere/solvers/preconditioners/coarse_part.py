@@ -1,0 +1,114 @@
+"""The coarse functions that a rank works on: those of its elements, and rings of others around.
+
+A sweep over the functions reaches one ring further than the last.  With a ring for each of them no
+messages are needed in between: what is wrong at the edge of what a rank has does not come as far
+as its own (the matrix powers kernel of Demmel, Hoemmen, Mohiyuddin & Yelick 2008, Avoiding
+communication in sparse matrix computations).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from swe_sphere.kernels.assembly import CONTRIBUTORS
+from swe_sphere.operators.device_mesh import DeviceMesh
+
+Integers = NDArray[np.integer]
+MOST = 2 * CONTRIBUTORS
+"""Elements that have a part in a function, with those that have two: six at a cube's corner."""
+
+
+class CoarsePart:
+    """Functions and elements of this rank; a process alone has all.
+
+    numbers: (E, k) the functions on each element; reach: (m, V) matrix, each row of which has
+    entries for functions that see each other in a sweep.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, numbers: Integers, reach: scipy.sparse.csr_array, rings: int
+    ) -> None:
+        self._mesh, self._numbers, self._here = mesh, numbers, mesh.part.elements
+        self.functions = np.unique(numbers)
+        """(n,) those that it has, ascending."""
+        self._away: dict[int, Integers] = {}
+        self._owner = np.zeros(len(numbers), dtype=int)
+        if mesh.comm.shared:
+            self.functions = np.unique(numbers[self._here])
+            seen_by = reach.T.tocsr()
+            for _ in range(rings):
+                rows = np.unique(seen_by[self.functions].indices)
+                self.functions = np.unique(reach[rows].indices)
+            for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
+                self._owner[elements] = rank
+            needed = np.flatnonzero(self._has()[numbers].any(axis=1))
+            others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
+            self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
+
+    def rows(self, matrix: Any) -> scipy.sparse.csr_array:
+        """Those of its functions."""
+        return scipy.sparse.csr_array(matrix)[self.functions]
+
+    def square(self, matrix: Any) -> scipy.sparse.csr_array:
+        """Rows and columns of its functions."""
+        return self.rows(matrix)[:, self.functions]
+
+    def here(self, functions: Integers) -> Integers:
+        """Their numbers among those that it has."""
+        return np.searchsorted(self.functions, functions)
+
+    def owned(self, functions: Integers) -> Integers:
+        """Those of some functions (V',) of which this rank holds the first element."""
+        _, first = np.unique(self._numbers, return_index=True)
+        owner = self._owner[first[functions] // self._numbers.shape[1]]
+        mine: Integers = functions[owner == self._mesh.comm.rank]
+        return mine
+
+    def traffic(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
+        """Places (n, k) of integrals over elements that go to each neighbour, and come from it."""
+        comm, places = self._mesh.comm, self.places()
+        wanted = comm.tell_all(self._away)
+        sends = {r: places[each[comm.rank]] for r, each in enumerate(wanted) if comm.rank in each}
+        return sends, {r: places[elements] for r, elements in self._away.items()}
+
+    def places(self) -> Integers:
+        """(E, k) of integrals: as (groups, k, lanes), and behind these the elements of others."""
+        lanes, k = self._mesh.lanes, self._numbers.shape[1]
+        group, lane = np.divmod(np.arange(self._here.size), lanes)
+        places = np.full(self._numbers.shape, -1)
+        places[self._here] = (group[:, None] * k + np.arange(k)) * lanes + lane[:, None]
+        away = np.concatenate([*self._away.values(), np.zeros(0, dtype=int)])
+        behind = self._mesh.groups * k * lanes
+        places[away] = behind + np.arange(away.size * k).reshape(-1, k)
+        return places
+
+    @property
+    def size(self) -> int:
+        """Of room for these integrals."""
+        elements = self._mesh.groups * self._mesh.lanes + sum(map(len, self._away.values()))
+        return self._numbers.shape[1] * elements
+
+    def contributors(self) -> NDArray[np.int32]:
+        """(n, MOST) places of what adds up to each function, in an order of the whole mesh.
+
+        -1 for what is not there; the fourth of three stands behind all.
+        """
+        element, slot = np.nonzero(self._has()[self._numbers])
+        row = self.here(self._numbers[element, slot])
+        order = np.argsort(row, kind="stable")
+        counts = np.bincount(row)
+        within = np.arange(row.size) - np.repeat(np.cumsum(counts) - counts, counts)
+        table = np.full((counts.size, MOST), -1, dtype=np.int32)
+        table[row[order], within] = self.places()[element, slot][order]
+        odd = np.flatnonzero(counts % CONTRIBUTORS == 3)
+        table[odd, counts[odd]] = self.size
+        return table
+
+    def _has(self) -> NDArray[np.bool_]:
+        has = np.zeros(self._numbers.max() + 1, dtype=bool)
+        has[self.functions] = True
+        return has
