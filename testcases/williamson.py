@@ -166,6 +166,7 @@ def williamson5(speed: float = 20.0) -> Scene:
         dt=600.0,
         days=15.0,
         error_field="surface",
+        sheds_waves=True,
     )
 
 
@@ -196,6 +197,7 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
         coriolis=coriolis,
         report="height at days 7 and 14 against a reference; drift of mass, energy and potential "
         "enstrophy; loss of the fourfold symmetry",
+        sheds_waves=True,
         ne=16,
         np=4,
         dt=360.0,

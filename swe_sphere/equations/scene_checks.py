@@ -20,7 +20,7 @@ LONGEST_DAYS = 1e9
 KINDS: Mapping[str, type] = {
     "name": str, "title": str, "reference": str, "report": str, "error_field": str,
     "effects": tuple, "planet": Planet, "steady_wind": bool, "steady_forcing": bool,
-    "parameters": Mapping,
+    "sheds_waves": bool, "parameters": Mapping,
 }  # fmt: skip
 """Attributes of a scene that are neither numbers nor functions."""
 

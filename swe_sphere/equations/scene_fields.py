@@ -67,5 +67,7 @@ class SceneFields:
     """What is known of the tracers at later times; NaN at those where nothing is."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
+    sheds_waves: bool = False
+    """Whether the start sheds gravity waves, so that depth alone does not rank steppers."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     """The scene parameters (alpha, ...) this scene was made with."""

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from swe_sphere.io.reference_solution import OnGrid
 
 
-SHEDDING = ("williamson5", "williamson6")
-"""Scenes whose start sheds gravity waves, so that depth alone does not rank steppers."""
 LONGEST = 2.8
 """Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
 FINER = ("rk4", 0.85)
@@ -52,8 +50,8 @@ class Evaluator:
     ) -> None:
         self._plan, self._spaces, self._total = plan, spaces, total
         self._runner, self._schedule, self._folder = runner, schedule, folder
-        scene = spaces.all()[0].scene.name
-        self._slow = (scene in SHEDDING) if plan.slow is None else plan.slow
+        sheds = spaces.all()[0].scene.sheds_waves
+        self._slow = sheds if plan.slow is None else plan.slow
         self._converged: dict[tuple[int, int], History] = {}
         self._at_nodes: dict[tuple[str, float], Fields | None] = {}
         self._on_grid: dict[tuple[str, float], OnGrid] = {}
