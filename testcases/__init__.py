@@ -1,45 +1,45 @@
-"""The scenes: one short function each, of data and formulas.
+"""The scenes: one short function each, of data and formulas, found where it is defined.
 
 `get_scene` finds one by name, or in a file of the user: a .py file that defines
 `scene(**parameters)`, or a .toml file that changes another scene.
 """
 
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import unknown_name
-from swe_sphere.testcases.galewsky import galewsky
-from swe_sphere.testcases.lake import lake_at_rest
-from swe_sphere.testcases.lauter import lauter
-from swe_sphere.testcases.matsuno import matsuno
-from swe_sphere.testcases.mcdonald_bates import mcdonald_bates
-from swe_sphere.testcases.modons import modons
-from swe_sphere.testcases.random_flow import turbulence
-from swe_sphere.testcases.relaxed_jet import relaxed_jet
-from swe_sphere.testcases.splash import dam_break, gravity_bumps, splash
-from swe_sphere.testcases.tide import slow_ocean, tide
-from swe_sphere.testcases.transport import deformational, moving_vortices
 from swe_sphere.testcases.user_scenes import SceneFactory, made
-from swe_sphere.testcases.williamson import (
-    williamson1,
-    williamson2,
-    williamson3,
-    williamson5,
-    williamson6,
-)  # fmt: skip
-from swe_sphere.testcases.williamson4 import williamson4
-from swe_sphere.testcases.williamson7 import williamson7
 
 __all__ = ["SCENES", "get_scene", "list_scenes"]
 
-_FACTORIES: tuple[SceneFactory, ...] = (
-    williamson1, williamson2, williamson3, williamson4, williamson5, williamson6, williamson7,
-    galewsky, lauter, moving_vortices, deformational, lake_at_rest, mcdonald_bates, modons, matsuno,
-    turbulence, splash, gravity_bumps, dam_break, tide, slow_ocean, relaxed_jet,
-)  # fmt: skip
 
-SCENES = {factory.__name__.replace("_", "-"): factory for factory in _FACTORIES}
-"""Factories by name; their keyword parameters are the parameters of the scene."""
+def _factories() -> Iterator[tuple[str, SceneFactory]]:
+    """By name the public functions of the files here that make a scene."""
+    for found in pkgutil.iter_modules(__path__, f"{__name__}."):
+        module = importlib.import_module(found.name)
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            own = function.__module__ == found.name and not name.startswith("_")
+            if own and _makes_scene(function):
+                yield name.replace("_", "-"), function
+
+
+def _makes_scene(function: SceneFactory) -> bool:
+    """Whether it returns a scene, called without arguments too."""
+    called = inspect.signature(function)
+    optional = all(each.default is not each.empty for each in called.parameters.values())
+    return optional and called.return_annotation in (Scene, "Scene")
+
+
+def _place(item: tuple[str, SceneFactory]) -> tuple[bool, str]:
+    return not item[0].startswith("williamson"), item[0]
+
+
+SCENES = dict(sorted(_factories(), key=_place))
+"""Factories by name, the standard set first; their keyword parameters are those of the scene."""
 
 
 def get_scene(name: str, **parameters: Parameter) -> Scene:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +28,8 @@ from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.testcases import get_scene
 
-PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "extending.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 EXAMPLES = dict(re.findall(r"```python\n# (\w+\.py)\n(.*?)```", PAGE, re.DOTALL))
 SMALL = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.25, "dt": 1800.0}
@@ -274,3 +278,33 @@ def test_files_without_diagnostics_are_one_line(here, text, word):
 def test_the_callback_of_the_page_is_called():
     callback = next(block for block in BLOCKS if "callbacks=[follow]" in block)
     exec(callback, {})
+
+
+# --- the list of edits
+
+IN_THE_PACKAGE = {
+    "my_flow.py": ("testcases", "swe_sphere.testcases", "SCENES", "scene"),
+    "ralston.py": ("swe_sphere/steppers", "swe_sphere.steppers", "STEPPERS", "ralston"),
+    "rotation.py": ("swe_sphere/solvers/preconditioners", "swe_sphere.solvers.preconditioners",
+                    "PRECONDITIONERS", "rotation"),
+    "friction.py": ("swe_sphere/equations/effects", "swe_sphere.equations.effects", "EFFECTS",
+                    "bottom-friction"),
+}  # fmt: skip
+"""Examples of the page: the folder of their kind, and the name that they have in its register."""
+
+
+def test_in_the_package_too_each_is_one_file(tmp_path):
+    """Nothing else has to be told of a file that is put beside those of its kind."""
+    for name in ("swe_sphere", "kernels", "testcases"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.pyc"))
+    (tmp_path / "pyproject.toml").touch()
+    for file, (folder, *_) in IN_THE_PACKAGE.items():
+        alone = re.sub(r"\n\n\ndef scene\(\):.*|from [\w.]+ import get_scene\n", "", EXAMPLES[file],
+                       flags=re.DOTALL)  # fmt: skip
+        (tmp_path / folder / file).write_text(alone)
+        assert f"`{folder}/NAME.py`" in PAGE
+    found = [f"'{name}' in {module}.{of}" for _, module, of, name in IN_THE_PACKAGE.values()]
+    code = f"import {', '.join(module for _, module, *_ in IN_THE_PACKAGE.values())}\n"
+    code += f"print([{', '.join(found)}])"
+    told = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
+    assert told.strip() == str([True] * len(found))

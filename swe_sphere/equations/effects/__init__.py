@@ -5,6 +5,10 @@ the terms of the kernels that they switch on; those without bring their formulas
 may define such of its own (`PointwiseEffect`).
 """
 
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
 from swe_sphere.equations.effects.dissipation import (
     Hyperviscosity,
     Viscosity,
@@ -32,11 +36,16 @@ __all__ = [
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
 """The effects of every scene that steps the wind."""
 
-EFFECTS: dict[str, type[Effect]] = {
-    cls.name: cls
-    for cls in (
-        MomentumAdvection, PressureGradient, Rotation, Orography, PrescribedWind, Forcing, Tracers,
-        Linearised, Viscosity, Hyperviscosity, Drag, Relaxation,
-    )
-}  # fmt: skip
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    importlib.import_module(_module.name)
+
+
+def _named(kind: type[Effect]) -> Iterator[tuple[str, type[Effect]]]:
+    for each in kind.__subclasses__():
+        if "name" in vars(each):
+            yield each.name, each
+        yield from _named(each)
+
+
+EFFECTS = dict(_named(Effect))
 """All effects of the package by name."""

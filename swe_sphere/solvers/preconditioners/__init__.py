@@ -1,19 +1,17 @@
-"""Preconditioners by name, all behind one small interface."""
+"""Preconditioners by name, all behind one small interface; each registers itself."""
 
+import importlib
+import pkgutil
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners import block_elimination, jacobian_direct
 from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
 from swe_sphere.solvers.preconditioners.with_tracers import WithTracers
 
-__all__ = [
-    "PRECONDITIONERS",
-    "Preconditioner",
-    "block_elimination",
-    "jacobian_direct",
-    "make_preconditioner",
-]
+__all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
+
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    importlib.import_module(_module.name)
 
 
 def make_preconditioner(
