@@ -90,7 +90,7 @@ class CoarsePart:
     def size(self) -> int:
         """Of room for these integrals."""
         elements = self._mesh.groups * self._mesh.lanes + sum(map(len, self._away.values()))
-        return self._numbers.shape[1] * elements
+        return int(self._numbers.shape[1] * elements)
 
     def contributors(self) -> NDArray[np.int32]:
         """(n, MOST) places of what adds up to each function, in an order of the whole mesh.
