@@ -2,7 +2,8 @@
 
 import time
 import zlib
-from contextlib import nullcontext, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,15 @@ class Launcher:
             command.launch()
         else:
             self.work.timer(tally, 0, command.launch, ())
+
+    @contextmanager
+    def one_by_one(self) -> Iterator[None]:
+        """While it is entered nothing is recorded."""
+        records, self.records = self.records, False
+        try:
+            yield
+        finally:
+            self.records = records
 
     def forget(self) -> None:
         """Let go of all recorded commands, and of the arrays that only they still hold."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import REMEMBERED, Launcher
 from swe_sphere.operators.work import Counts, difference
 
 
@@ -19,6 +19,14 @@ class _Recorded:
 
     launch: Callable[[], None]
     counters: dict[str, int]
+
+
+def recorded(
+    launch: Launcher, function: Callable[[wp.array, wp.array], None]
+) -> Callable[[wp.array, wp.array], None]:
+    """A function (x, out) that only launches kernels, recorded for each pair of arrays."""
+    replay = Replay(launch)
+    return lambda x, out: replay((x.ptr, out.ptr), lambda: function(x, out))
 
 
 class Replay:
@@ -45,8 +53,8 @@ class Replay:
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if not self._launch.records:
-            function()
+        if not (self._launch.records and self._launch.work.counting):
+            function()  # part of what is recorded or counted as a whole
         elif (known := self._recorded.get(key)) is not None:
             known.launch()
             for name, calls in known.counters.items():
@@ -56,8 +64,12 @@ class Replay:
             self._recorded[key] = self._record(function, self._seen.pop(key))
             self._recorded[key].launch()
         else:
+            if len(self._recorded) + len(self._seen) >= REMEMBERED:
+                self._seen.clear()
+                self._recorded.clear()
             before = self._launch.work.counts()
-            function()
+            with self._launch.one_by_one():
+                function()
             self._seen[key] = difference(self._launch.work.counts(), before)
 
     def _record(self, function: Callable[[], None], launches: Counts) -> _Recorded:

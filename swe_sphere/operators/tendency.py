@@ -10,6 +10,7 @@ from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.pointwise_operator import fill
+from swe_sphere.operators.replay import recorded
 
 NO_POINTWISE = Pointwise()
 
@@ -42,6 +43,7 @@ class TendencyOperator:
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
         self._fill(parameters)
+        self._recorded = recorded(launch, self._evaluate)
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
         self._places = mesh.places(terms.unknowns)
         launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
@@ -53,10 +55,14 @@ class TendencyOperator:
         """
         other = copy.copy(self)
         other._fill(self._parameters | {"base": base})
+        other._recorded = recorded(self._launch, other._evaluate)
         return other
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
+        self._recorded(x, out)
+
+    def _evaluate(self, x: wp.array, out: wp.array) -> None:
         for flux in self._flux_kernels:
             self._launch(flux, self.mesh.dim, self.geometry, x)
         self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local, out)

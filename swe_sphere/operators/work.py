@@ -36,6 +36,8 @@ class Work:
     def __init__(self) -> None:
         self._tallies: dict[str, Tally] = {}
         self.timer: Timer | None = None
+        self.counting = True
+        """Not inside of what is counted as a whole."""
 
     def tally(self, name: str) -> Tally:
         """The tally of that name, a new one where there is none."""
@@ -72,11 +74,11 @@ class Work:
     def uncounted(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """What the function returns, with nothing counted nor timed that it does."""
         before = {each: (each.calls, each.rows) for each in self._tallies.values()}
-        timer, self.timer = self.timer, None
+        timer, counting, self.timer, self.counting = self.timer, self.counting, None, False
         try:
             return function(*arguments)
         finally:
-            self.timer = timer
+            self.timer, self.counting = timer, counting
             for each in self._tallies.values():
                 each.calls, each.rows = before.get(each, (0, 0))
 

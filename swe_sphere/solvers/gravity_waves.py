@@ -20,6 +20,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.operators import TendencyOperator
+from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
@@ -184,6 +185,9 @@ class GravityWaveSolver:
         self.tau = tau
         depth = self.waves.depth
         self.operator.configure(tau, depth, self._inner.prepare(tau, depth))
+        launch = self.operator.launch
+        self._apply = recorded(launch, self._product)
+        self._precondition = recorded(launch, self._inverse)
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
 
@@ -211,13 +215,13 @@ class GravityWaveSolver:
             self.waves.tracers.solve(self.tau, r, out)
         return result
 
-    def _apply(self, d: wp.array, out: wp.array) -> None:
+    def _product(self, d: wp.array, out: wp.array) -> None:
         field, image = self._fields
         self.operator.spread(d, field)
         self.operator.apply(field, image)
         self.operator.collect(image, out)
 
-    def _precondition(self, r: wp.array, z: wp.array) -> None:
+    def _inverse(self, r: wp.array, z: wp.array) -> None:
         rough_r, rough_z = self._rough_fields
         self._rough.spread(r, rough_r)
         self._inner.solve(rough_r, rough_z)

@@ -7,6 +7,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.preconditioners.inner import (
     Direct,
     InnerSolver,
@@ -52,9 +53,16 @@ class BlockElimination(KeptSetup):
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self.inner.prepare(tau, flow)
+        self._recorded = recorded(self.operator.launch, self._apply)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
+        if self.inner.launches:
+            self._recorded(r, out)
+        else:
+            self._apply(r, out)
+
+    def _apply(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)
         self.inner.solve(self._b, self._h)
         self.operator.substitute(r, self._h, out)

@@ -1,7 +1,7 @@
 """Approximate inverses of the Schur complement S, in the number type of the operator."""
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
@@ -12,7 +12,6 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators.damping import Rate
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection
@@ -49,6 +48,9 @@ class InnerSolver(ABC):
 
     Raises ConfigError where it would not fit in memory.
     """
+
+    launches: ClassVar[bool] = False
+    """Whether `solve` only launches kernels, so that it can be recorded."""
 
     def __init__(self, operator: SchurOperator) -> None:
         self.operator = operator
@@ -149,6 +151,8 @@ class Multilevel(InnerSolver):
     `symmetric`, as many steps go before the correction, as conjugate gradients need.
     """
 
+    launches = True
+
     def __init__(
         self, operator: SchurOperator, degree: int | None = None, symmetric: bool = False
     ) -> None:
@@ -166,13 +170,9 @@ class Multilevel(InnerSolver):
         self._steps = self.chebyshev(degree, diagonal)
         self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
-        self._replay = Replay(self.operator.launch)
 
     def solve(self, b: Field, x: Field) -> None:
         """x near S^-1 b; b is overwritten."""
-        self._replay((b.flat.ptr, x.flat.ptr), lambda: self._cycle(b, x))
-
-    def _cycle(self, b: Field, x: Field) -> None:
         for cycle in range(self._cycles):
             if cycle > 0 or self._symmetric:
                 wp.copy(self._rest.values, b.values)
