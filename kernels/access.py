@@ -34,6 +34,16 @@ def put_of(real: type) -> Any:
 
 
 @functools.cache
+def address_of(value: type) -> Any:
+    """Warp function (x, i): the address of the i-th entry of a contiguous array (k, m, n)."""
+
+    @wp.func_native("return wp::uint64(x.data + i);")
+    def address(x: wp.array3d(dtype=value), i: int) -> wp.uint64: ...
+
+    return address
+
+
+@functools.cache
 def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any, Any, Any]:
     """Warp functions (x, offset, node[, values]): load, load of a run of nodes, and store to one.
 

@@ -8,6 +8,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of, register_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.registers import rows_product
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -25,6 +26,7 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
     load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
     first = functions - 12
     few, many = (functions, points) if shape == "element" else (1, 1)
+    integrals = rows_product(value, real, t.lanes, few, points)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
 
     @no_type_check
@@ -34,11 +36,10 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
         weighted = wp.zeros(shape=points, dtype=value)
         for n in range(points):
             weighted[n] = mul(mass[e, n], b[e, n, 0])
-        for k in range(part * few, part * few + few):
-            total = value(real(0.0))
-            for n in range(points):
-                total += values[k, n] * weighted[n]
-            out[e, k] = total
+        sums = wp.zeros(shape=few, dtype=value)
+        integrals(values, part * few, weighted, sums)
+        for k in range(few):
+            out[e, part * few + k] = sums[k]
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

@@ -15,8 +15,9 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import converting_load, entry_of, put_of
+from swe_sphere.kernels.access import address_of, converting_load, entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -25,12 +26,13 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
     """Kernels on fields of `real`, of which some read or write state vectors (3N,) of `given`.
 
     Those on elements take a `geometry` and are launched over (groups, np*np / `share`) threads;
-    `substituted` is launched over the N nodes.
+    `substituted` is launched over the N nodes.  Where `together`, fluxes stand in one row of f1 and
+    f2, in the nearest cache, and a thread takes their divergence too; else that is a kernel.
     """
     t = kernel_types(np_, real, shape, whole=False)
     value, field, on_nodes, state = t.value, t.local, wp.array(dtype=real), wp.array(dtype=given)
     mul, dot, wedge = t.ops.mul, t.ops.dot, t.ops.wedge
-    share = np_ * np_ if shape == "element" else 1
+    share, together = (np_ * np_, True) if shape == "element" else (1, False)
     members = {
         "nodes": wp.array2d(dtype=t.index),
         "others": wp.array3d(dtype=t.index),
@@ -45,17 +47,19 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
     geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
     assembled, load = _assembled(t, geometry), load_state(t, given)
 
+    along, across = line_sums(t, value)[:2]
+    address = address_of(value)
+
     @no_type_check
     @wp.func
     def derivatives(geo: geometry, a: field, b: field, e: int, n: int):
+        """Of a and b, along each coordinate."""
+        at = e * np_ * np_
+        on_1 = wp.array(ptr=address(a, at), shape=(np_, np_), dtype=value)
+        on_2 = wp.array(ptr=address(b, at), shape=(np_, np_), dtype=value)
         i = n // np_
         j = n % np_
-        s1 = value(real(0.0))
-        s2 = value(real(0.0))
-        for m in range(np_):
-            s1 += geo.derivative[i, m] * a[e, m * np_ + j, 0]
-            s2 += geo.derivative[j, m] * b[e, i * np_ + m, 0]
-        return s1, s2
+        return along(geo.derivative, on_1, i, j), across(geo.derivative, on_2, i, j)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -68,22 +72,30 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
             north[e, n, 0] = w * wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], s1, s2)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def divergence(geo: geometry, f1: field, f2: field, out: field):
-        e, part = wp.tid()
-        for n in range(part * share, part * share + share):
-            s1, s2 = derivatives(geo, f1, f2, e, n)
-            out[e, n, 0] = geo.weight[n // np_, n % np_] * (s1 + s2)
+    @wp.func
+    def diverge(geo: geometry, f1: field, f2: field, row: int, e: int, n: int, out: field):
+        s1, s2 = derivatives(geo, f1, f2, row, n)
+        out[e, n, 0] = geo.weight[n // np_, n % np_] * (s1 + s2)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def wind_fluxes(geo: geometry, r: state, f1: field, f2: field):
+    def divergence(geo: geometry, f1: field, f2: field, out: field):
+        e, n = wp.tid()
+        diverge(geo, f1, f2, e, e, n, out)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def wind_fluxes(geo: geometry, r: state, f1: field, f2: field, out: field):
         e, part = wp.tid()
+        row = wp.where(together, 0, e)
         for n in range(part * share, part * share + share):
             u = load(r, 0, geo.nodes[e, n])
             v = load(r, geo.size, geo.nodes[e, n])
-            f1[e, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
-            f2[e, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
+            f1[row, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
+            f2[row, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
+        if wp.static(together):
+            for n in range(share):
+                diverge(geo, f1, f2, row, e, n, out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -95,13 +107,18 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         north_flat: on_nodes,
         f1: field,
         f2: field,
+        out: field,
     ):
         e, part = wp.tid()
+        row = wp.where(together, 0, e)
         for n in range(part * share, part * share + share):
             u = mul(geo.per_area[e, n], assembled(geo, east, east_flat, e, n))
             v = mul(geo.per_area[e, n], assembled(geo, north, north_flat, e, n))
-            f1[e, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
-            f2[e, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
+            f1[row, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
+            f2[row, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
+        if wp.static(together):
+            for n in range(share):
+                diverge(geo, f1, f2, row, e, n, out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -177,6 +194,7 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         geometry=geometry,
         value=value,
         share=share,
+        together=together,
     )
 
 

@@ -68,3 +68,32 @@ def line_sum(rows: type, real: type, lanes: int, np_: int, factor: str, node: st
     def line_sum(d: matrix, f: field, i: int, j: int) -> rows: ...
 
     return line_sum
+
+
+@functools.cache
+def rows_product(value: type, real: type, lanes: int, rows: int, columns: int) -> Any:
+    """Warp function (m, first, x, y): y[k] = sum over n of m[first + k, n] x[n], for k < `rows`.
+
+    Four rows at a time: their sums do not wait for each other.
+    """
+    _, register = run_type(real, lanes)
+    vector, matrix = wp.array(dtype=value), wp.array2d(dtype=real)
+
+    @wp.func_native(f"""
+        {register}
+        const auto from = reinterpret_cast<const run*>(x.data);
+        const auto to = reinterpret_cast<run*>(y.data);
+        for (int k = 0; k < {rows}; k += 4) {{
+            const int count = {rows} - k < 4 ? {rows} - k : 4;
+            const auto row = m.data + (first + k) * {columns};
+            run sums[4] = {{}};
+            const auto add = [&](int r, int n) {{ sums[r] += row[r * {columns} + n] * from[n]; }};
+            for (int n = 0; n < {columns}; ++n)
+                if (count == 4) {{ add(0, n); add(1, n); add(2, n); add(3, n); }}
+                else for (int r = 0; r < count; ++r) add(r, n);
+            for (int r = 0; r < count; ++r) to[k + r] = sums[r];
+        }}
+    """)
+    def product(m: matrix, first: int, x: vector, y: vector): ...
+
+    return product

@@ -56,10 +56,16 @@ class SchurOperator:
         )
         self.damping = None if damping is None else Damping(mesh, launch, damping, given)
         """What implicit diffusion leaves of a wave, if there is any."""
-        names = ("gradient", "divergence", "wind_fluxes", "slope_fluxes", "eliminated")
-        launch.load(
-            *(getattr(self._kernels, name) for name in (*names, "chebyshev", "substituted"))
-        )
+        names = [
+            "gradient",
+            "wind_fluxes",
+            "slope_fluxes",
+            "eliminated",
+            "chebyshev",
+            "substituted",
+        ]
+        names += ["divergence"] * (not self._kernels.together)
+        launch.load(*(getattr(self._kernels, name) for name in names))
 
     def field(self) -> Field:
         """A field of zeros."""
@@ -106,8 +112,7 @@ class SchurOperator:
         """b = r_h - tau D H T r_V for r (3N,)."""
         if self.damping is not None:
             r = self.damping.damp_wind(r)
-        self._launch(self._kernels.wind_fluxes, r, self._f1.values, self._f2.values)
-        self._diverge()
+        self._diverge(self._kernels.wind_fluxes, r)
         self._assemble(self._kernels.eliminated, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
@@ -152,11 +157,9 @@ class SchurOperator:
     ) -> None:
         """As `chebyshev_step`, with r += sign S d."""
         self._differentiate(d)
-        self._launch(
-            self._kernels.slope_fluxes, self._east.values, self._east.flat, self._north.values,
-            self._north.flat, self._f1.values, self._f2.values,
-        )  # fmt: skip
-        self._diverge()
+        east, north = self._east, self._north
+        slopes = east.values, east.flat, north.values, north.flat
+        self._diverge(self._kernels.slope_fluxes, *slopes)
         self._smooth(sign, coefficients, r, d, x)
 
     def _smooth(
@@ -174,9 +177,11 @@ class SchurOperator:
         self._launch(self._kernels.gradient, x.values, self._east.values, self._north.values)
         self.mesh.exchange(self._slopes)
 
-    def _diverge(self) -> None:
-        fluxes = self._f1.values, self._f2.values
-        self._launch(self._kernels.divergence, *fluxes, self._local.values)
+    def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
+        results = self._f1.values, self._f2.values, self._local.values
+        self._launch(of_fluxes, *arguments, *results)
+        if not self._kernels.together:
+            self._launch(self._kernels.divergence, *results)
         self.mesh.exchange(self._local.flat)
 
     def _assemble(self, kernel: Any, *arguments: Any) -> None:
