@@ -1,9 +1,8 @@
 """Products and combinations of long vectors on a CPU: as fast as memory, in an order of their own.
 
 In C++, for sums in whole registers.  A number is added to the sum of its place after the beginning
-of its run, of which a chunk has one for each kind of node and each field: the bits do not depend on
-where in memory that stands, as those of BLAS do.  Vectors come by their addresses: one recorded
-command serves all of them.
+of its chunk, so that the bits do not depend on where in memory a chunk stands, as those of BLAS do.
+Vectors come by their addresses: one recorded command serves all of them.
 """
 
 import functools
@@ -52,37 +51,36 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
                 for (long j = i; j < end; ++j) r[j - i] = x[j];
             return r;
         }};
-        const auto add = [&](auto count, long s, long c) {{
+        const auto add = [&](auto count, long s, long i, long end, double* to) {{
             const auto row = stack + s * n;
             lanes p[count.value] = {{}};
-            for (long field = 0; field < n; field += size)
-                for (long k = 0; k < starts.shape[0]; ++k) {{
-                    const int* at = starts.data + k * (chunks + 1) + c;
-                    long i = field + at[0];
-                    const long end = field + at[1];
-                    for (; i + 8 <= end; i += 8) {{
-                        const lanes x = all(weights.data + i) * all(v + i);
-                        for (long r = 0; r < count.value; ++r) p[r] += x * all(row + r * n + i);
-                    }}
-                    if (i < end) {{
-                        const lanes x = front(weights.data, i, end) * front(v, i, end);
-                        for (long r = 0; r < count.value; ++r)
-                            p[r] += x * front(row + r * n, i, end);
-                    }}
-                }}
+            for (; i + 8 <= end; i += 8) {{
+                const lanes x = all(weights.data + i) * all(v + i);
+                for (long r = 0; r < count.value; ++r) p[r] += x * all(row + r * n + i);
+            }}
+            if (i < end) {{
+                const lanes x = front(weights.data, i, end) * front(v, i, end);
+                for (long r = 0; r < count.value; ++r) p[r] += x * front(row + r * n, i, end);
+            }}
             for (long r = 0; r < count.value; ++r) {{
                 const auto q = p[r].lo + p[r].hi;
-                partial[c * apart + s + r] += (q[0] + q[2]) + (q[1] + q[3]);
+                to[s + r] += (q[0] + q[2]) + (q[1] + q[3]);
             }}
         }};
         for (long c = 0; c < chunks; ++c)
             for (long s = 0; s < rows; ++s) partial[c * apart + s] = 0.0;
-        for (long c = 0; c < chunks; ++c) {{
-            long s = 0;
-            for (; s + 4 <= rows; s += 4) add(four(), s, c);
-            if (s + 2 <= rows) {{ add(two(), s, c); s += 2; }}
-            if (s < rows) add(one(), s, c);
-        }}
+        for (long field = 0; field < n; field += size)
+            for (long k = 0; k < starts.shape[0]; ++k) {{
+                const int* at = starts.data + k * (chunks + 1);
+                for (long c = 0; c < chunks; ++c) {{
+                    const long begin = field + at[c], end = field + at[c + 1];
+                    double* to = partial + c * apart;
+                    long s = 0;
+                    for (; s + 4 <= rows; s += 4) add(four(), s, begin, end, to);
+                    if (s + 2 <= rows) {{ add(two(), s, begin, end, to); s += 2; }}
+                    if (s < rows) add(one(), s, begin, end, to);
+                }}
+            }}
     """)
     def sum_up(
         call: wp.array(dtype=wp.uint64),
