@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 from ranks import fingerprint
 
+from swe_sphere.cli.main import main
 from swe_sphere.cli.ranks import PROCESS, start_ranks
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
@@ -207,8 +208,18 @@ def fails_on_day(sim):
 def test_more_ranks_than_there_is_memory_for_are_not_started(mpi, monkeypatch):
     monkeypatch.setattr("swe_sphere.cli.ranks.available_memory", lambda: 10.5 * PROCESS)
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))
-    with pytest.raises(ConfigError, match="ranks=100000: there is memory for about 10 processes"):
-        start_ranks(100_000, ["run", "williamson2"])
+    with pytest.raises(ConfigError, match="ranks=300: there is memory for about 10 processes"):
+        start_ranks(300, 30, ["run", "williamson2"])
+
+
+@pytest.mark.parametrize("last", [["--ne", "1", "--ranks", "7"], ["--ranks", "100000"]])
+def test_more_ranks_than_pieces_of_the_mesh_are_not_started(monkeypatch, capsys, last):
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "williamson2", *last])
+    told = capsys.readouterr()
+    assert ended.value.code == 2 and told.out == "" and told.err.count("\n") == 1
+    assert "ranks at the most, not" in told.err
 
 
 def test_other_commands_refuse_ranks(mpi):

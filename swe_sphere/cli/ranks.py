@@ -12,6 +12,7 @@ from threading import Thread
 from typing import TextIO
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.parallel import Alone, world
 from swe_sphere.simulation.memory_guard import available_memory
 
@@ -24,13 +25,15 @@ PROCESS = 100 * 2**20
 """Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 
 
-def start_ranks(ranks: int, arguments: Sequence[str]) -> int:
+def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     """Run the same command line in that many processes; returns the exit status of all.
 
-    Raises ConfigError where there is no MPI to start them, or no memory for so many.
+    Raises ConfigError where there is no MPI to start them, or no memory for so many, or a mesh of
+    that ne has too few elements.
     """
     if ranks < 1:
         raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
+    check_ranks(ne, ranks)
     there = available_memory()
     if there is not None and ranks * PROCESS > there:
         most = max(int(there / PROCESS), 1)

@@ -13,7 +13,9 @@ from swe_sphere.cli.show import show_summary, terminal
 from swe_sphere.compiling import on_compile
 from swe_sphere.parallel import world
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.restart import adopt, read_restart
 from swe_sphere.simulation.run import run as run_scene
+from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
 
@@ -30,11 +32,11 @@ def run(
 ) -> int:
     """Run a scene and report errors, conservation and cost."""
     comm = world()
-    if ranks is not None and not comm.shared:
-        return start_ranks(ranks, context.obj)
     try:
         read = load_config(config) if config is not None else {}
         asked = make_config(read | given(values, RunConfig))
+        if ranks is not None and not comm.shared:
+            return start_ranks(ranks, _ne(asked), context.obj)
         summary = _run(asked)
     except Exception as error:
         if values["as_json"] and comm.rank == 0:
@@ -43,6 +45,12 @@ def run(
     if comm.rank == 0:
         show_summary(summary, asked)
     return summary.exit_status
+
+
+def _ne(asked: RunConfig) -> int:
+    """Of the mesh that the run will have."""
+    before = asked if asked.restart is None else adopt(asked, read_restart(asked))
+    return make_scene(before).ne if before.ne is None else before.ne
 
 
 def _run(asked: RunConfig) -> Summary:

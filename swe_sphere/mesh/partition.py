@@ -51,6 +51,24 @@ class Part:
         return np.concatenate([np.arange(row[0], row[-1]) for row in self.starts])
 
 
+def pieces(ne: int) -> tuple[int, int]:
+    """How many pieces a mesh of 6 ne^2 elements is dealt out in, and of how many elements each."""
+    elements = 6 * max(ne, 1) ** 2
+    block = BLOCK if elements >= LARGE * BLOCK else 1
+    each = block * -(-elements // (CHUNKS * block))
+    return -(-elements // each), each
+
+
+def check_ranks(ne: int, ranks: int) -> None:
+    """ConfigError where there are fewer pieces to deal out than ranks."""
+    most, _ = pieces(ne)
+    if ranks > most:
+        raise ConfigError(
+            f"a mesh of ne={ne} is shared by {most} ranks at the most, not {ranks}:"
+            " take fewer ranks or a larger ne"
+        )
+
+
 def whole(mesh: Mesh) -> Part:
     """All of a mesh, in its own order."""
     return Part(
@@ -64,6 +82,7 @@ def partition(mesh: Mesh, rank: int, size: int) -> Part:
 
     Raises ConfigError where there are fewer pieces to deal out than ranks.
     """
+    check_ranks(mesh.ne, size)
     return _Dealer(mesh, size).part(rank)
 
 
@@ -71,15 +90,8 @@ class _Dealer:
     """Who has what, for all ranks."""
 
     def __init__(self, mesh: Mesh, size: int) -> None:
-        per_chunk = -(-mesh.elements // CHUNKS)
-        block = BLOCK if mesh.elements >= LARGE * BLOCK else 1
-        per_chunk = block * -(-per_chunk // block)
-        chunks = -(-mesh.elements // per_chunk)
-        if size > chunks:
-            raise ConfigError(
-                f"a mesh of ne={mesh.ne} is shared by {chunks} ranks at the most, not {size}:"
-                " take fewer ranks or a larger ne"
-            )
+        chunks, per_chunk = pieces(mesh.ne)
+        block = BLOCK if per_chunk % BLOCK == 0 else 1
         self._mesh, self._points = mesh, mesh.np**2
         self._order = curve(mesh.ne)
         along = np.empty_like(self._order)

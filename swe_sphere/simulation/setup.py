@@ -16,6 +16,7 @@ from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.parallel import world
 from swe_sphere.settings import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
@@ -40,9 +41,13 @@ def make_scene(config: RunConfig) -> Scene:
 
 
 def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
-    """The mesh; ConfigError for a number out of range, or a mesh that memory cannot hold."""
+    """The mesh; ConfigError for a number out of range, or a mesh that memory cannot hold.
+
+    Or one that has too few elements for the ranks.
+    """
     ne = scene.ne if config.ne is None else config.ne
     np = scene.np if config.np is None else config.np
+    check_ranks(ne, world().size)
     check_memory(config, scene, ne, np)
     return Mesh.build(
         ne,

@@ -68,7 +68,10 @@ class CoarseCorrection:
         self._smooth_r = self._r
         if operator.mesh.comm.shared:
             self._smooth_r = vector(operator.mesh, smooth)
-            self._owned = operator.mesh.comm.tell_all(self._part.owned(np.arange(smooth)))
+            mine = self._part.owned(np.arange(smooth))
+            owned = operator.mesh.comm.tell_all(mine)
+            self._owned, self._all_owned = self._part.here(mine), np.concatenate(owned)
+            self._counts = [each.size for each in owned]
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -123,10 +126,9 @@ class CoarseCorrection:
 
     def _join(self) -> None:
         """The residual of all smooth functions, each from the rank that owns it."""
-        comm = self._operator.mesh.comm
-        mine = self._r.flat.numpy()[self._part.here(self._owned[comm.rank])]
-        joined = comm.gather(mine, [each.size for each in self._owned])
-        self._smooth_r.flat.numpy()[np.concatenate(self._owned)] = joined
+        mine = self._r.flat.numpy()[self._owned]
+        joined = self._operator.mesh.comm.gather(mine, self._counts)
+        self._smooth_r.flat.numpy()[self._all_owned] = joined
 
     def _sliced(self, matrix: Any) -> SlicedMatrix:
         return SlicedMatrix(
