@@ -7,7 +7,9 @@ for itself from the same numbers, every rank does: their decisions agree because
 import atexit
 import functools
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +26,8 @@ SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE")
 """Where those who start the ranks say how many there are."""
 PATIENCE = 4.0
 """Seconds that a rank which fails waits for the others to fail too."""
+WATCH = 1.0
+"""Seconds between looks whether what started a rank is still there."""
 
 
 class Channel:
@@ -96,6 +100,7 @@ class Ranks(Alone):
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
+        threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def channel(
         self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
@@ -177,6 +182,13 @@ class _Messages(Channel):
 
     def wait(self) -> None:
         self._wait(self._requests)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when that one is its parent no more: nobody else ends ranks left alone."""
+    while os.getppid() == parent:
+        time.sleep(WATCH)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 @functools.cache

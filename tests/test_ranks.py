@@ -1,9 +1,12 @@
 """A mesh dealt out to several ranks: the same bits, whatever their number."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -225,3 +228,51 @@ def test_more_ranks_than_pieces_of_the_mesh_are_not_started(monkeypatch, capsys,
 def test_other_commands_refuse_ranks(mpi):
     ended = program("list", ranks=2)
     assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+
+
+def children(pid):
+    """All processes below one, itself included, that have not ended."""
+    parents = {}
+    for entry in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state != "Z":
+                parents[int(entry.name)] = int(parent)
+    found = {pid}
+    while more := {child for child, parent in parents.items() if parent in found} - found:
+        found |= more
+    return found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
+@pytest.mark.parametrize("victim", ["swe_sphere", "mpiexec", "hydra_pmi_proxy"])
+def test_no_rank_outlives_what_started_it(mpi, tmp_path, victim):
+    out = tmp_path / "run.nc"
+    run = ["run", "williamson5", "--ne=2", "--dt=60", "--days=300", "--every=1", "--quiet"]
+    command = [sys.executable, "-m", "swe_sphere", *run, f"--out={out}", "--ranks=2"]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as job:
+        within(60.0, out.exists)
+        all_of_it = {pid: name_of(pid) for pid in children(job.pid)}
+        ranks = [pid for pid, name in all_of_it.items() if name == all_of_it[job.pid]]
+        assert len(ranks) == 3
+        names = all_of_it | {job.pid: "swe_sphere"}
+        os.kill(next(pid for pid, name in names.items() if name == victim), signal.SIGKILL)
+        try:
+            within(10.0, lambda: not any(name_of(pid) for pid in all_of_it))
+        finally:
+            for pid in filter(name_of, all_of_it):
+                os.kill(pid, signal.SIGKILL)
+
+
+def name_of(pid):
+    """The program of a process; empty where it has ended."""
+    with suppress(OSError):
+        return Path(Path(f"/proc/{pid}/cmdline").read_text().split("\0")[0]).name
+    return ""
+
+
+def within(seconds, condition):
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < seconds
+        time.sleep(0.05)

@@ -1,10 +1,12 @@
 """Processes that share a run: started by `swe-sphere run --ranks P`, or by mpiexec."""
 
+import ctypes
 import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from subprocess import PIPE
@@ -21,6 +23,8 @@ NOISE = (
     "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
 )  # fmt: skip
 """How lines of mpiexec about a process that died begin; ours says it in one."""
+PR_SET_PDEATHSIG = 1
+"""Of Linux: see prctl(2)."""
 PROCESS = 100 * 2**20
 """Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 
@@ -44,7 +48,9 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         missing = "mpi4py" if starter else "mpiexec"
         raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
-    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as job:
+    with subprocess.Popen(
+        command, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent
+    ) as job:
         signal.signal(signal.SIGINT, lambda *_: None)  # the ranks have got it too
         signal.signal(signal.SIGTERM, lambda number, _: job.send_signal(number))
         assert job.stdout is not None and job.stderr is not None
@@ -55,6 +61,15 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     if job.returncode and not told:
         sys.stderr.write("swe-sphere: a rank has died; all frames written so far can be read\n")
     return min(abs(int(job.returncode)), 255)
+
+
+def _end_with_parent() -> None:
+    """Have the system kill this process when its parent dies, where it does that (Linux).
+
+    mpiexec does not notice, and its ranks would go on; they do notice the end of mpiexec.
+    """
+    with suppress(AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _pass_on(lines: Iterable[str], to: TextIO) -> bool:
