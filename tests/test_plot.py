@@ -8,6 +8,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.quiver import Quiver
 from PIL import Image
 
 from swe_sphere.errors import ConfigError
@@ -21,6 +22,7 @@ from swe_sphere.pictures import animate, plot
 from swe_sphere.pictures.contours import contours, limits
 from swe_sphere.pictures.drawing import Drawing
 from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
@@ -183,6 +185,39 @@ def test_a_region_fills_the_map():
     )
     assert x.max() == pytest.approx(np.radians(20.0)) == -x.min()
     assert np.isnan(on.place(np.radians(150.0), np.array(0.0))[0])
+    assert make_map("lat-lon", (0.0, 0.0), (160.0, -160.0, -10.0, 30.0)) == on
+
+
+@pytest.mark.parametrize(("region", "labels"), [
+    ((240.0, 301.0, 0.0, 20.0), {"110°W": -20.5, "100°W": -10.5, "60°W": 29.5}),
+    ((170.0, -170.0, 0.0, 20.0), {"175°E": -5.0, "180°": 0.0, "175°W": 5.0}),
+])  # fmt: skip
+def test_meridians_of_a_region_are_labelled_once_where_they_are(region, labels):
+    axes = Figure().subplots()
+    draw_graticule(axes, make_map("lat-lon", (0.0, 0.0), region))
+    found = [(text.get_text(), text.xy[0]) for text in axes.texts]
+    for label, degrees in labels.items():
+        assert [x for text, x in found if text == label] == [pytest.approx(np.radians(degrees))]
+
+
+def test_arrows_are_as_long_as_they_are_apart(run):
+    axes = Figure().subplots()
+    look = Look(
+        projection="lat-lon", region=(40.0, 50.0, 0.0, 10.0), winds="arrows", contours=False
+    )
+    Drawing(RunFile(run), "h", look, None, 31).draw(axes, DAY)
+    (arrows,) = (found for found in axes.collections if isinstance(found, Quiver))
+    longest = np.hypot(arrows.U, arrows.V).max() / arrows.scale
+    assert longest == pytest.approx(1.2 * np.radians(10.0) / 30.0, rel=1e-2)
+
+
+def test_winds_that_were_not_written_are_not_drawn(tmp_path):
+    mesh = Mesh.build(1, 4)
+    with FrameWriter(tmp_path / "run.nc", mesh, {}, only=("h",)) as writer:
+        writer.write(0.0, {"h": np.ones(mesh.size)})
+    for arguments in ({"look": Look(winds="arrows")}, {"field": "speed"}, {"field": "u"}):
+        with pytest.raises(ConfigError, match="the field 'u' is not there; there are b, h"):
+            plot_file(tmp_path / "run.nc", **arguments)
 
 
 @pytest.mark.parametrize("look", [
@@ -204,6 +239,7 @@ def test_every_look_changes_the_picture(run, look):
     ({"projection": "mercator"}, "unknown projection"),
     ({"region": (10.0, 10.0, 0.0, 20.0)}, "a region is west,east,south,north"),
     ({"region": (0.0, 20.0, 30.0, 20.0)}, "a region is west,east,south,north"),
+    ({"projection": "orthographic", "centre": (0.0, 95.0)}, "the latitude of the centre is -90"),
     ({"projection": "orthographic", "region": (0.0, 1.0, 0.0, 1.0)}, "takes a centre and no"),
     ({"projection": "north-polar", "region": (-180.0, 180.0, -90.0, 90.0)}, "60 degrees beyond"),
     ({"limits": (2.0, 1.0)}, "low < high"), ({"levels": 0}, "greater than or equal to 1, not 0"),

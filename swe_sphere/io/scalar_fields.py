@@ -69,11 +69,11 @@ def check_field(name: str, *, vector: bool = False) -> str:
 def derive(fields: Mapping[str, Array], name: str) -> Array:
     """The named field from stored ones (u, v, h, b, ...): (N,), or (2, N) for "wind"."""
     if name == "surface" and "surface" not in fields:
-        return fields["h"] + fields.get("b", 0.0)
+        return derive(fields, "h") + fields.get("b", 0.0)
     if name == "speed":
-        return np.hypot(fields["u"], fields["v"])
+        return np.hypot(derive(fields, "u"), derive(fields, "v"))
     if name == "wind":
-        return np.stack([fields["u"], fields["v"]])
+        return np.stack([derive(fields, "u"), derive(fields, "v")])
     if name not in fields:
         raise ConfigError(f"the field {name!r} is not there; there are {', '.join(fields)}")
     return fields[name]
@@ -85,7 +85,7 @@ def evaluate(interpolator: Interpolator, fields: Mapping[str, Array], name: str)
     Everything made of the wind goes by way of the vector, whose components jump at the poles.
     """
     if name in ("u", "v", "speed", "wind"):
-        u, v = interpolator.wind(fields["u"], fields["v"])
+        u, v = interpolator.wind(*derive(fields, "wind"))
         return derive({"u": u, "v": v}, name)
     return interpolator(derive(fields, name))
 

@@ -93,7 +93,7 @@ class Drawing:
         told.append(self._overlaid(axes, time))
         _draw_scale(axes, image, self.kind)
         labelled = isinstance(self.on, Disc) and self.look.projection != "orthographic"
-        _write_titles(axes, self.source, self.kind, time, 0.045 if labelled else 0.0)
+        _write_titles(axes, self.source, self.kind, time, 24.0 if labelled else 6.0)
         caption = "  ".join(filter(None, told))
         if caption:
             axes.text(
@@ -165,18 +165,18 @@ def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
 def _write_titles(
     axes: Axes, source: Source | Nodal, kind: Field, time: float | None, up: float
 ) -> None:
-    """Above the map; up: so much higher, in heights of the axes, where there are labels."""
+    """Above the map; up: so far [points], more where there are labels."""
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title
-    axes.set_title(title, fontsize=14, fontweight="bold", pad=26 + 400 * up, parse_math=False)
+    axes.set_title(title, fontsize=14, fontweight="bold", pad=up + 20.0, parse_math=False)
     parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
     if isinstance(source, Nodal):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
         parts += [f"Schmidt {source.mesh.stretch:g}"] if source.mesh.stretch != 1.0 else []
         parts += [str(scheme)] if (scheme := source.attributes.get("scheme")) else []
         if isinstance(dt := source.attributes.get("dt"), (int, float)):
-            parts += [f"Δt = {dt:.4g} s"]
-    axes.text(
-        0.5, 1.015 + up, "  ·  ".join(parts), transform=axes.transAxes, ha="center", va="bottom",
-        fontsize=10, color="0.3", parse_math=False,
+            parts += [f"Δt = {float(f'{dt:.4g}'):g} s"]
+    axes.annotate(
+        "  ·  ".join(parts), (0.5, 1.0), xycoords="axes fraction", xytext=(0.0, up), color="0.3",
+        textcoords="offset points", ha="center", va="bottom", fontsize=10, parse_math=False,
     )  # fmt: skip

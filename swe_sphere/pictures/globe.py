@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -57,11 +58,12 @@ def _step(width: float) -> int:
 
 def _label_edges(axes: Axes, on: Rounded, across: int, up: int) -> None:
     west, east, south, north = np.degrees(on.edges)
-    for away in np.arange(np.ceil(west), np.floor(east) + 1.0):
-        degrees = round((away + np.degrees(on.centre) + 180.0) % 360.0 - 180.0)
-        if degrees % across == 0 and west < away < east:
-            point = on.formula(np.radians(away), np.radians(south))
-            _label(axes, point, _text(degrees, "EW"), (0, -5), "center", "top")
+    centre = round(float(np.degrees(on.centre)), 9)
+    for degrees in range(across * math.ceil((centre + west) / across), 720, across):
+        if west < degrees - centre < east:
+            point = on.formula(np.radians(degrees - centre), np.radians(south))
+            text = _text((degrees + 180) % 360 - 180, "EW")
+            _label(axes, point, text, (0, -5), "center", "top")
     for degrees in range(-90 + up, 90, up):
         if south < degrees < north:
             point = on.formula(np.radians(west), np.radians(degrees))

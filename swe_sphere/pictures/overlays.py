@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,8 @@ from swe_sphere.sphere import frame, longitude_latitude, position
 
 ARROWS, LINES = 900, 500
 """On a map."""
+LONGEST = 1.2
+"""Arrow, in mean distances from one to the next."""
 DENSEST = 50_000
 """On the globe, of which a map may show a small part."""
 STEPS, LENGTH = 24, 0.16
@@ -66,11 +69,18 @@ def _draw_arrows(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -
     length = np.hypot(dx, dy)
     good = np.isfinite(length) & (length < 1e-2) & (length > 0.0)
     size = (speed / speed.max() / np.where(length > 0.0, length, 1.0))[good]
-    edge = Polygon(np.transpose(on.outline()), transform=axes.transData)
+    outline = np.transpose(on.outline())
+    apart = math.sqrt(abs(_area(*outline.T)) / ARROWS)
+    edge = Polygon(outline, transform=axes.transData)
     axes.quiver(
-        x[good], y[good], dx[good] * size, dy[good] * size, units="width", scale=38.0, width=0.0011,
-        headwidth=4.0, color="0.1", zorder=4, scale_units="width", pivot="mid",
+        x[good], y[good], dx[good] * size, dy[good] * size, units="width", width=0.0011,
+        headwidth=4.0, color="0.1", zorder=4, scale_units="xy", scale=1.0 / (LONGEST * apart),
+        pivot="mid",
     ).set_clip_path(edge)  # fmt: skip
+
+
+def _area(x: Array, y: Array) -> float:
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def _draw_streamlines(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -> None:

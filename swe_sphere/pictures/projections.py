@@ -174,19 +174,23 @@ def make_map(name: str, centre: tuple[float, float], region: Region | None = Non
     """The map of a projection; centre (lon, lat) and region (west, east, south, north) in degrees.
 
     The polar maps reach to the equator, or to the edge of the region; that of the southern pole
-    has the longitude of the centre upwards, the others downwards or in the middle.
+    has the longitude of the centre upwards, the others downwards or in the middle.  A region whose
+    east is less than its west goes across the date line.
 
-    Raises ConfigError for an unknown name, a region that has no width, or one on a globe seen from
-    outside.
+    Raises ConfigError for an unknown name, a region that has no width, one on a globe seen from
+    outside, or a centre beyond a pole.
     """
     if name not in PROJECTIONS:
         raise unknown_name("projection", name, PROJECTIONS)
     west, east, south, north = region or GLOBE
-    if not (-90.0 <= south < north <= 90.0 and west < east <= west + 360.0):
+    if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 <= east - west <= 360.0):
         raise ConfigError(
-            "a region is west,east,south,north in degrees: west < east, within 360 degrees of it,"
-            f" and -90 <= south < north <= 90, not {west:g},{east:g},{south:g},{north:g}"
+            "a region is west,east,south,north in degrees: east within 360 degrees of west and not"
+            f" the same, -90 <= south < north <= 90, not {west:g},{east:g},{south:g},{north:g}"
         )
+    east += 360.0 * (east < west)  # across the date line
+    if abs(centre[1]) > 90.0:
+        raise ConfigError(f"the latitude of the centre is -90 to 90 degrees, not {centre[1]:g}")
     lon, lat = np.radians(centre)
     if name in ROUNDED:
         middle = np.radians(0.5 * (west + east)) if region else lon
