@@ -63,7 +63,7 @@ def test_an_unfinished_run_is_to_be_gone_on_with(tmp_path):
         small(out=file)
 
 
-@pytest.mark.parametrize("content", [b"my only copy", b"CDF\x02" + bytes(100)])
+@pytest.mark.parametrize("content", [b"", b"my only copy", b"CDF\x02" + bytes(100)])
 def test_what_is_no_run_is_not_replaced(tmp_path, content):
     file = tmp_path / "thesis.nc"
     file.write_bytes(content)
@@ -71,11 +71,6 @@ def test_what_is_no_run_is_not_replaced(tmp_path, content):
         small(out=file)
     assert "\n" not in str(error.value) and file.read_bytes() == content
     assert small(out=file, overwrite=True).completed
-
-
-def test_an_empty_file_is_taken(tmp_path):
-    (tmp_path / "new.nc").touch()
-    assert small(out=tmp_path / "new.nc").completed
 
 
 def test_the_program_refuses_in_one_line(finished, capsys):

@@ -54,11 +54,11 @@ def _may_be_store(path: Path) -> bool:
 
 
 def _check_contents(config: RunConfig) -> None:
-    """ConfigError if the run would replace a file that has something in it, unasked."""
+    """ConfigError if the run would replace a file that is there, unasked."""
     out = config.out
     if out is None or config.overwrite or appends(config):
         return
-    if out.exists() and (out.is_dir() or out.stat().st_size):
+    if out.exists():
         raise ConfigError(f"out: {out} {_contents(config)}, or replace it with --overwrite")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import tempfile
@@ -37,6 +38,9 @@ def make_scene(config: RunConfig) -> Scene:
     """
     parameters = _scene_parameters(config)
     scene = get_scene(config.scene, **parameters)
+    angle = scene.parameters.get("alpha")
+    if isinstance(angle, float) and abs(angle) > 2.0 * math.pi:
+        raise ConfigError(f"alpha={angle:g}: the angle is in radians, at most a whole turn")
     return apply_settings(scene, config.settings)
 
 

@@ -128,7 +128,7 @@ class SweepPlan(SharedConfig):
     """In which norm."""
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
-    finer: Whole | None = None
+    finer: Annotated[Whole, Field(ge=0)] | None = None
     """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
     converged_stepper: str = "rk4"
     """Explicit stepper of the time-converged run."""
