@@ -224,6 +224,8 @@ def test_what_is_not_of_a_run(data, mesh):
         _ = data.isel(node=slice(10)).swe.mesh
     with pytest.raises(ConfigError, match="does not hold f"):
         data.drop_vars("f").swe.potential_vorticity()
+    with pytest.raises(ConfigError, match="does not hold vorticity"):
+        data.drop_vars("vorticity").swe.integrals()
     with pytest.raises(ConfigError, match="wavenumber 1"):
         data.swe.spectrum(0)
 
@@ -292,6 +294,8 @@ def test_files_that_are_not_regridded(run, tmp_path):
         with pytest.raises(ConfigError, match=reason) as error:
             regrid_file(path, "latlon:4x4", tmp_path / out, fields=fields)
         assert "\n" not in str(error.value)
+    with pytest.raises(ConfigError, match="is the file that is brought to the grid"):
+        regrid_file(run, "latlon:4x4", run, overwrite=True)
     assert grid.read_bytes() == before
 
 

@@ -177,10 +177,10 @@ class Analysis:
         """
         planet, mesh = planet_of(self._data), self.mesh
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
+        holding(self._data, "u", "v", "h", "vorticity", "divergence")
         rows = []
         for k in range(self._times.size):
-            frame = self._frame(k, names)
-            rows.append(integrals(mesh, planet, **frame))
+            rows.append(integrals(mesh, planet, **self._frame(k, names)))
         series = {name: [row[name] for row in rows] for name in rows[0]}
         about = {k: dict(zip(("long_name", "units"), DIAGNOSTICS[k], strict=True)) for k in series}
         return self._series({k: ("time", values, about[k]) for k, values in series.items()})

@@ -46,6 +46,8 @@ def regrid_file(
         raise ConfigError(f"{path} holds no frame yet")
     bring = regridder(found.mesh, parse_grid(grid), conservative)
     _check_place(out, overwrite)
+    if out.exists() and out.samefile(path):
+        raise ConfigError(f"{out} is the file that is brought to the grid: choose another name")
     part = part_of(out)
     with (
         xr.open_dataset(path, decode_times=False) as data,

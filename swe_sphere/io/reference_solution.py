@@ -69,7 +69,7 @@ class Reference:
             self.lon: Array = np.radians(dataset["lon"][:].astype(float))
             self.times: Array | None = dataset["time"][:] if "time" in dataset.variables else None
             """Of a regridded run [s]."""
-            self.fields = _fields(dataset, -1)
+            self.fields = _fields(self.path, dataset, -1)
             """Those of the reference, or of the last time."""
             bounds = dataset.variables.get("lat_bnds")
             zones = latitude_weights(self.lat, None if bounds is None else np.radians(bounds[:]))
@@ -113,7 +113,7 @@ class Reference:
         if self.times is not None and time is not None:
             at = nearest_time(self.path, self.times, time)
             with reading(self.path) as dataset:
-                grids = _fields(dataset, int(np.argmin(np.abs(self.times - at))))
+                grids = _fields(self.path, dataset, int(np.argmin(np.abs(self.times - at))))
         return derive({name: grid.ravel() for name, grid in grids.items()}, field)
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
@@ -133,12 +133,15 @@ class Reference:
         return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
 
 
-def _fields(dataset: Dataset, index: int) -> dict[str, Array]:
+def _fields(path: Path, dataset: Dataset, index: int) -> dict[str, Array]:
     """Those of the time of that index, where there are times."""
     found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
     found |= {name: dataset[name] for name in dataset.variables if name.startswith(TRACER)}
     if not found:
-        raise KeyError("none of the variables " + ", ".join(NAMES.values()))
+        raise ConfigError(
+            f"cannot read {path}: it is no file of a run, and as a reference on a grid"
+            f" it lacks all of {', '.join(NAMES.values())}"
+        )
     for variable in found.values():
         if variable.dimensions not in (("lat", "lon"), ("time", "lat", "lon")):
             raise ValueError(f"{variable.name} is not on (lat, lon)")
