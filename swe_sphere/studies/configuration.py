@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -17,11 +17,9 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings import SCENE, by_field, by_owner, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.testcases.user_scenes import checked
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -63,8 +61,6 @@ class Configuration:
         Raises:
             ConfigError: it cannot be run.
         """
-        from swe_sphere.simulation.simulation import Simulation
-
         return Simulation.from_config(self.config, Supplied(scene=self.make_scene()))
 
 

@@ -18,6 +18,8 @@ from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.runfile import TOLERANCE, RunFile
 from swe_sphere.io.scalar_fields import check_field, describe
+from swe_sphere.pictures.panels import Panel, draw_panel
+from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.run import run
@@ -118,9 +120,6 @@ def write_spread(found: Spread, folder: Path) -> list[Path]:
 
 
 def _draw(found: Spread, picture: io.BytesIO) -> None:
-    from swe_sphere.pictures.panels import Panel, draw_panel
-    from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
-
     kind = describe(found.field)
     figure = new_figure()
     figure.set_size_inches(6.4, 4.0)

@@ -17,6 +17,7 @@ from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.time_plan import TimePlan, free_steps
+from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.stress.random_state import random_setting
@@ -167,8 +168,6 @@ def _seeds(trial: Trial, tick: Tick | None) -> Ended:
 
 
 def _of_seed(trial: Trial, seed: int) -> Trial:
-    from swe_sphere.steppers import get_stepper
-
     mesh, length = random_setting(seed)
     advective = get_stepper(trial.run["stepper"]).courant
     scene = {"scene": "stress:random-state", "set": {"scene": {"seed": seed}}}

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies import record_store
 from swe_sphere.studies.bounds import Bound, Check, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
@@ -198,8 +199,6 @@ class Table(_Asked):
 
 def named(words: tuple[str, ...]) -> list[str]:
     """Steppers by name: of a family, of "all", or single ones."""
-    from swe_sphere.steppers import STEPPERS, get_stepper
-
     found: dict[str, None] = {}
     for word in words:
         family = [name for name, kind in STEPPERS.items() if word in ("all", kind.family)]
@@ -246,8 +245,6 @@ def choose(
     Raises:
         ConfigError: a name that there is not, or nothing that is left.
     """
-    from swe_sphere.steppers import get_stepper
-
     for name in names:
         if name not in groups():
             raise unknown_name("group of trials", name, groups())

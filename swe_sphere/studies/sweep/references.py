@@ -9,6 +9,7 @@ from pathlib import Path
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
+from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.setup import SCENE_FILE, make_scene, scene_sources
@@ -93,8 +94,6 @@ def choose_reference(
 
 
 def _of_user(path: Path, report_days: tuple[float, ...]) -> tuple[float, Path]:
-    from swe_sphere.io.reference_solution import Reference
-
     time = Reference(path).time
     if time is None:
         return report_days[-1], path
@@ -110,8 +109,6 @@ def _of_user(path: Path, report_days: tuple[float, ...]) -> tuple[float, Path]:
 
 def _shipped(scene: Scene, report_days: tuple[float, ...]) -> dict[float, Path]:
     """Files of the package by report day, where the scene is just that of the files."""
-    from swe_sphere.io.reference_solution import shipped_reference
-
     files: dict[float, Path] = {}
     for label, (name, settings) in SHIPPED.items():
         if scene.name != name:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.fingerprints import file_fingerprint, fingerprint
@@ -24,13 +24,12 @@ from swe_sphere.simulation.time_plan import (
     stepper_options,
     time_plan,
 )
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.discretisation import Discretisation
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.user_file import is_user_file
-
-if TYPE_CHECKING:
-    from swe_sphere.steppers import Stepper
 
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
@@ -82,8 +81,6 @@ class Integrator:
     @property
     def kind(self) -> type[Stepper]:
         """The class of the stepper."""
-        from swe_sphere.steppers import get_stepper
-
         return get_stepper(self.config.stepper)
 
     @property
@@ -229,8 +226,6 @@ def integrators(
 
 def _configs(plan: SweepPlan, space: Discretisation) -> Iterator[RunConfig]:
     """Steppers with each preconditioner; those that take none come once, and without tolerance."""
-    from swe_sphere.steppers import get_stepper
-
     for stepper in plan.steppers:
         takes = inspect.signature(get_stepper(stepper)).parameters
         names = plan.preconditioner if "preconditioner" in takes else ()
@@ -246,9 +241,6 @@ def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> di
 
     steppers, preconditioners: names, or files.  Raises ConfigError where there is none of a name.
     """
-    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
-    from swe_sphere.steppers import STEPPERS
-
     kinds: dict[str, type] = {f"the stepper {name}": STEPPERS.find(name) for name in steppers}
     kinds |= {f"the preconditioner {name}": PRECONDITIONERS.find(name) for name in preconditioners}
     return {

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.durable import write_whole
 from swe_sphere.io.norms import Norms
+from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
@@ -21,10 +21,6 @@ from swe_sphere.studies.sweep.references import TotalReference
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner
 from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-
-if TYPE_CHECKING:
-    from swe_sphere.io.reference_solution import OnGrid
-
 
 LONGEST = 2.8
 """Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
@@ -122,8 +118,6 @@ class Evaluator:
             if day not in self._total.files:
                 return {}
             if key not in self._on_grid:
-                from swe_sphere.io.reference_solution import OnGrid, Reference
-
                 reference = Reference(self._total.files[day])
                 self._on_grid[key] = OnGrid(reference, space.mesh)
             with_bottom = fields | {"b": space.start["b"]}

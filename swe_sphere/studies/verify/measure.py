@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean, by_name
+from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
+from swe_sphere.mesh import Mesh
+from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, state_integrals
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.record_store import Result
 from swe_sphere.studies.verify.case import CONVERGED
-
-if TYPE_CHECKING:
-    from swe_sphere.mesh import Mesh
-    from swe_sphere.simulation.simulation import Simulation
 
 CONVERGED_RUN = {"dt": 60.0, "stepper": "rk4", "tolerance": None}
 """What differs in a run to compare with whose time error is none."""
@@ -157,8 +155,6 @@ def _errors(
 
 def _reference_errors(sim: Simulation, name: str) -> dict[str, float]:
     """Errors of the free surface, and of wind and vorticity where the reference has them."""
-    from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
-
     grid = OnGrid(Reference(SHIPPED / f"{name}.nc"), sim.mesh)
     fields = sim.snapshot.with_constants
     found = by_name(grid.errors(fields, sim.scene.error_field))
