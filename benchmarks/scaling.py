@@ -22,13 +22,14 @@ import numpy as np
 import typer
 from implicit_common import Section
 from memory import per_node
-from scaling_model import NEIGHBOURS, Network, Step, as_it_is, in_trees, picture
+from scaling_model import NEIGHBOURS, RING, Network, Step, as_it_is, in_trees, picture
 from scaling_ranks import PIECES, STEPPERS
 from sections import DOCS, write_page
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import partition
+from swe_sphere.solvers.preconditioners.coarse import SPACING, SWEEPS
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
@@ -124,7 +125,8 @@ def step(name: str) -> Step:
     large, tiny = min(alone["times"]), min(timed()[TINY, 0][name]["times"])
     fixed = max(0.0, tiny - TINY**2 * (large - tiny) / (NE**2 - TINY**2))
     return Step(
-        6 * NE**2, large, fixed, alone["coarse seconds"], of_rank["exchanges"],
+        6 * NE**2, large, fixed, alone["sweeps seconds"],
+        alone["longest seconds"], of_rank["exchanges"],
         did["bytes"] / sent / of_rank["exchanges"], of_rank["sums"],
         did["sums bytes"] / max(of_rank["sums"], 1.0), of_rank["coarse"],
         did["coarse bytes"] / max(of_rank["coarse"], 1.0),
@@ -191,6 +193,7 @@ def measured() -> Section:
 def model() -> Section:
     """Many ranks."""
     steps = {name: step(name) for name in STEPPERS}
+    dense = 4.0 * (6 * (2 * round(LARGE / SPACING)) ** 2 + 2) ** 2
     picture(DOCS / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
@@ -213,10 +216,13 @@ def model() -> Section:
         f"sum the latency along a tree. Supposed are {1e6 * SUPPOSED.latency:.0f} µs and "
         f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, memory bandwidth for all cores as for one "
         "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
-        "every rank gets all partial sums and solves the whole coarse level, which ends the "
-        "gain of implicit steps early, and there are 512 pieces at the most. The last columns "
-        "are what trees of sums and a coarse level that is dealt out, with two visits to each "
-        "of its levels, would make of it." + disturbed(),
+        "every rank gets all partial sums and solves for the longest waves, which ends the "
+        "gain of implicit steps early; a piece sweeps over coarse functions of "
+        f"{2 * SWEEPS * RING:.0f} elements more along its side; and there are 512 pieces at the "
+        f"most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at ne "
+        f"{LARGE}, where another level would have to stand. The last columns are what trees of "
+        "sums, and all of the coarse level dealt out, with two visits to each of its levels, "
+        "would make of it." + disturbed(),
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
          "efficiency in trees"],
         rows,
