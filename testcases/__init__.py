@@ -12,7 +12,7 @@ from pathlib import Path
 
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import unknown_name
-from swe_sphere.testcases.user_scenes import SceneFactory, made
+from swe_sphere.testcases.user_scenes import SceneFactory, load, made
 
 __all__ = ["SCENES", "get_scene", "list_scenes"]
 
@@ -54,8 +54,6 @@ def get_scene(name: str, **parameters: Parameter) -> Scene:
         ConfigError: unknown name or parameter, a value that cannot be read, a file that fails.
     """
     if name.endswith((".py", ".toml")):
-        from swe_sphere.testcases.user_scenes import load  # few runs need it
-
         return load(Path(name), parameters, get_scene)
     if name not in SCENES:
         raise unknown_name("scene", name, SCENES)

@@ -12,6 +12,7 @@ from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
+from swe_sphere.testcases.analysis import read_analysis
 from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
@@ -99,8 +100,6 @@ def _analysed(file: Path, degree: int, balanced: bool) -> State:
     """The state of a file, with a mean depth of 10 km."""
     if not 0 <= degree <= HIGHEST:
         raise ConfigError(f"williamson7: degree must be from 0 to {HIGHEST}, but is {degree}")
-    from swe_sphere.testcases.analysis import read_analysis
-
     analysis = read_analysis(file)
     mean = analysis.mean_height()
     if analysis.z.min() - mean + DEPTH <= 0.0:

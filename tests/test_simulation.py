@@ -160,9 +160,11 @@ def test_no_errors_without_an_exact_solution():
     assert all(numbers[name] is None for name in ("l1_h", "l2_h", "linf_h", "l2_v"))
 
 
-def test_a_prescribed_wind_has_no_error():
+def test_a_prescribed_wind_has_no_error_no_energy_and_no_gravity_waves():
     numbers = json.loads(small("williamson1").as_json())
     assert numbers["l2_v"] is None and numbers["l2_h"] > 0.0
+    assert numbers["energy_drift"] is None and numbers["enstrophy_drift"] is None
+    assert numbers["courant_advective"] > 0.0 and "courant_gravity" not in numbers
 
 
 def test_settings_reach_scene_and_effects():

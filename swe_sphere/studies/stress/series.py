@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from swe_sphere.arrays import Array
 from swe_sphere.io.norms import area_mean
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.snapshot import Snapshot
 from swe_sphere.simulation.time_plan import TimePlan
-
-if TYPE_CHECKING:
-    from swe_sphere.mesh import Mesh
 
 Symmetry = Callable[[Snapshot], dict[str, float]]
 
@@ -157,8 +155,6 @@ SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": fourfold, "mirr
 
 def _images(mesh: Mesh, map_: Array) -> NDArray[np.intp]:
     """For each node the one that it is mapped to; ValueError where there is none."""
-    from scipy.spatial import KDTree
-
     apart, found = KDTree(mesh.xyz).query(mesh.xyz @ map_.T)
     if apart.max() > CLOSE:
         raise ValueError("the mesh does not have this symmetry: leave out stretch, centre and spin")
