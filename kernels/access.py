@@ -141,20 +141,6 @@ def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
 
 
 @functools.cache
-def register_of(value: type, real: type, lanes: int) -> Any:
-    """Warp function (x, i): the `value` of so many lanes that begins at x[i], wherever that is."""
-    vector, body = wp.array(dtype=real), "return x.data[i];"
-    if lanes > 1:
-        kind = f"wp::vec_t<{lanes}, wp::{real.__name__}>"
-        body = f"{kind} v; __builtin_memcpy(&v, x.data + i, sizeof v); return v;"
-
-    @wp.func_native(body)
-    def register(x: vector, i: int) -> value: ...
-
-    return register
-
-
-@functools.cache
 def converting_load(value: type, index: type, given: type, real: type, lanes: int) -> Any:
     """Warp function (x, offset, node): load from a vector of `given` into registers of `real`."""
     kind, vector = f"wp::{real.__name__}", wp.array(dtype=given)

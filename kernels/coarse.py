@@ -6,9 +6,9 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, register_of
+from swe_sphere.kernels.access import entry_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.registers import rows_product
+from swe_sphere.kernels.registers import diagonals_sum, functions_sum, rows_product
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -24,9 +24,9 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
     """
     t = kernel_types(np_, real, shape, whole=False)
     load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
-    first = functions - 12
     few, many = (functions, points) if shape == "element" else (1, 1)
     integrals = rows_product(value, real, t.lanes, few, points)
+    at_point = functions_sum(value, real, t.lanes, functions, points)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
 
     @no_type_check
@@ -49,14 +49,7 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
         for k in range(functions):
             mine[k] = load(coefficients, 0, numbers[e, k])
         for n in range(part * many, part * many + many):
-            smooth = value(real(0.0))
-            for k in range(first):
-                smooth += values[k, n] * mine[k]
-            modes = value(real(0.0))
-            for k in range(first, first + 4):
-                along = values[k + 4, n] * mine[k + 4] + values[k + 8, n] * mine[k + 8]
-                modes += values[k, n] * mine[k] + along
-            x[e, n, 0] = x[e, n, 0] + (smooth + modes)
+            x[e, n, 0] = x[e, n, 0] + at_point(values, n, mine)
 
     gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
 
@@ -85,16 +78,9 @@ def sparse_kernels(real: type, shape: str) -> SimpleNamespace:
     after = keep d + take r/diagonal, x = before + beta after; `after` is another array than d.
     """
     t = kernel_types(1, real, shape, whole=False)
-    mul, value, register = t.ops.mul, t.value, register_of(t.value, real, t.lanes)
+    mul, value = t.ops.mul, t.value
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
-
-    @no_type_check
-    @wp.func
-    def row(at: numbers, begin: numbers, values: rows, x: flat, g: int):
-        total = value(real(0.0))
-        for k in range(at[g], at[g + 1]):
-            total += mul(values[k], register(x, begin[k]))
-        return total
+    row = diagonals_sum(value, real, t.lanes)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

@@ -97,3 +97,66 @@ def rows_product(value: type, real: type, lanes: int, rows: int, columns: int) -
     def product(m: matrix, first: int, x: vector, y: vector): ...
 
     return product
+
+
+@functools.cache
+def functions_sum(value: type, real: type, lanes: int, functions: int, points: int) -> Any:
+    """Warp function (values, n, c): the sum of coarse functions, times c, at point n of an element.
+
+    Those of a corner's patterns add up first.  A statement has one operation, so that none are
+    contracted: an edge has the same sums in either of its elements.
+    """
+    _, register = run_type(real, lanes)
+    matrix, vector, smooth = wp.array2d(dtype=real), wp.array(dtype=value), functions - 12
+
+    @wp.func_native(f"""
+        {register}
+        const auto at = reinterpret_cast<const run*>(c.data);
+        const auto part = [&](int k) {{ return values.data[k * {points} + n] * at[k]; }};
+        run sum = part(0), modes = {{}};
+        for (int k = 1; k < {smooth}; ++k) {{ const run hat = part(k); sum += hat; }}
+        for (int k = {smooth}; k < {smooth} + 4; ++k) {{
+            const run first = part(k + 4), second = part(k + 8), both = part(k);
+            const run along = first + second;
+            const run corner = both + along;
+            modes += corner;
+        }}
+        sum += modes;
+        auto r = *c.data;
+        *reinterpret_cast<run*>(&r) = sum;
+        return r;
+    """)
+    def sum_at_point(values: matrix, n: int, c: vector) -> value: ...
+
+    return sum_at_point
+
+
+@functools.cache
+def diagonals_sum(value: type, real: type, lanes: int) -> Any:
+    """Warp function (at, begin, values, x, g): M x in group g of a `SlicedMatrix`.
+
+    In four sums, which do not wait for each other.
+    """
+    _, run = run_type(real, lanes)
+    numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
+
+    @wp.func_native(f"""
+        {run}
+        const auto part = [&](int k) {{
+            typedef const run* registers;
+            return registers(values.data)[k] * *registers(x.data + begin.data[k]);
+        }};
+        const int end = at.data[g + 1];
+        int k = at.data[g];
+        run sums[4] = {{}};
+        for (; k + 4 <= end; k += 4)
+            for (int i = 0; i < 4; ++i) sums[i] += part(k + i);
+        for (; k < end; ++k) sums[0] += part(k);
+        const run sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        auto v = *values.data;
+        *reinterpret_cast<run*>(&v) = sum;
+        return v;
+    """)
+    def row(at: numbers, begin: numbers, values: rows, x: flat, g: int) -> value: ...
+
+    return row

@@ -56,15 +56,8 @@ class SchurOperator:
         )
         self.damping = None if damping is None else Damping(mesh, launch, damping, given)
         """What implicit diffusion leaves of a wave, if there is any."""
-        names = [
-            "gradient",
-            "wind_fluxes",
-            "slope_fluxes",
-            "eliminated",
-            "chebyshev",
-            "substituted",
-        ]
-        names += ["divergence"] * (not self._kernels.together)
+        names = ["gradient", "wind_fluxes", "slope_fluxes", "eliminated", "chebyshev"]
+        names += ["substituted"] if self._kernels.together else ["substituted", "divergence"]
         launch.load(*(getattr(self._kernels, name) for name in names))
 
     def field(self) -> Field:
