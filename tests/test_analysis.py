@@ -288,7 +288,7 @@ def test_files_that_are_not_regridded(run, tmp_path):
         (run, "grid.nc", (), "is there already"),
         (run, "b.nc", ("temperature",), "unknown field"),
         (run, "b.txt", (), "ending in .nc or .zarr"),
-        (run, "missing/b.nc", (), "cannot write"),
+        (run, "missing/b.nc", (), "there is no folder"),
         (tmp_path / "none.nc", "b.nc", (), "there is no file"),
     ):
         with pytest.raises(ConfigError, match=reason) as error:

@@ -6,6 +6,7 @@ import re
 import signal
 import threading
 
+import netCDF4
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -249,6 +250,7 @@ def test_a_checkpoint_stands_where_the_last_frame_does(tmp_path, stepper):
         ({"dt": 100.0}, "goes on with the step of its file"),
         ({"days": 0.25}, "already"),
         ({"restart": "moved.nc"}, "moved.nc has no checkpoint: there is no file moved.nc.restart"),
+        ({"restart": "other.nc"}, "other.nc: it is no file of a run"),
     ],
 )
 def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word):
@@ -256,6 +258,7 @@ def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word
     small("williamson6", days=0.25, dt=3600.0, out="part.nc")
     before = (tmp_path / "part.nc").read_bytes()
     (tmp_path / "moved.nc").write_bytes(before)
+    netCDF4.Dataset("other.nc", "w").close()
     config = {"scene": "williamson6", "restart": "part.nc", "days": 1.0, **values}
     with pytest.raises(ConfigError, match=word):
         run(make_config(config))

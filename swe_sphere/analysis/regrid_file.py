@@ -69,6 +69,8 @@ def regrid_file(
 def _check_place(out: Path, overwrite: bool) -> None:
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
+    if not out.parent.is_dir():
+        raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
     refuse_to_replace(out, overwrite)
     if out.suffix == ".zarr":
         check_zarr(out)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.durable import part_of, put_in_place
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.runfile import reading
+from swe_sphere.io.runfile import attributes, reading
 
 HEADER = "header"
 ARRAYS = "arrays"
@@ -74,7 +74,9 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     if path.is_file() and zipfile.is_zipfile(path):
         return _read(path)
     with reading(path) as dataset:
-        run_id = dataset.getncattr("run_id")
+        run_id = attributes(dataset).get("run_id")
+    if run_id is None:
+        raise ConfigError(f"cannot read {path}: it is no file of a run of swe_sphere")
     beside = checkpoint_path(path)
     if not beside.exists():
         raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")
