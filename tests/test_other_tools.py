@@ -6,11 +6,11 @@ import subprocess
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
 
 from swe_sphere import open_run
-from swe_sphere.errors import ConfigError
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.look import Look
@@ -148,5 +148,20 @@ def test_fields_are_drawn_on_axes_of_cartopy(seen):
     drawn = image.get_array().ravel()[inside]
     # cartopy's outline is a polygon within the map's own
     assert np.mean(np.abs(drawn - (7.0 + a + 2.0 * b * c)) > 1e-4) < 1e-3
-    with pytest.raises(ConfigError, match="not of cartopy"):
-        draw_state(mesh, fields, 0.0, {}, "h", axes, Look(mesh=True))
+
+
+def test_mesh_and_winds_are_drawn_where_axes_of_cartopy_show_them():
+    crs = pytest.importorskip("cartopy.crs")
+    mesh = Mesh.build(3, 4)
+    axes = Figure().add_subplot(projection=crs.PlateCarree())
+    axes.set_extent([230, 310, 0, 60], crs.PlateCarree())
+    fields = {"h": 1.0 + 0.0 * mesh.lon, "u": 0.0 * mesh.lon, "v": np.cos(mesh.lat)}
+    draw_state(
+        mesh, fields | {"b": fields["u"]}, 0.0, {}, "h", axes, Look(mesh=True, winds="arrows")
+    )
+    arrows = next(c for c in axes.collections if isinstance(c, Quiver))
+    assert arrows.N > 800 and np.abs(arrows.U).max() < 1e-2 * arrows.V.min()
+    assert -130.0 <= arrows.X.min() < -125.0 and -55.0 < arrows.X.max() <= -50.0
+    lines = next(c for c in axes.collections if isinstance(c, LineCollection))
+    ends = np.concatenate([path.vertices for path in lines.get_paths()])
+    assert len(ends) > 50 and not np.any(np.abs(ends[:, 0] + 90.0) > 40.0)

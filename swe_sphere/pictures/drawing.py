@@ -17,7 +17,6 @@ from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.mesh import Interpolator, interpolators
 from swe_sphere.pictures.contours import contours, drawable, limits
 from swe_sphere.pictures.exact import Exact
-from swe_sphere.pictures.geo_axes import GeoMap
 from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.overlays import draw_mesh, draw_winds
@@ -58,12 +57,8 @@ class Drawing:
         lon, lat, self._x, self._y = self.on.grid(rows)
         self._points = lon.ravel(), lat.ravel()
         self._keep, self._kept = keep, list[Interpolator]()
-        if not (look.mesh or look.winds):
-            return
-        if not isinstance(source, Nodal):
+        if (look.mesh or look.winds) and not isinstance(source, Nodal):
             raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
-        if isinstance(self.on, GeoMap):
-            raise ConfigError("mesh and winds are drawn on maps of this package, not of cartopy")
 
     def values(self, time: float | None) -> Array:
         """The field on the grid of the map."""

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from swe_sphere.arrays import Array
-from swe_sphere.pictures.projections import Map
+from swe_sphere.pictures.projections import Map, Region
 
 
 class GeoMap(Map):
@@ -27,9 +27,7 @@ class GeoMap(Map):
         from scipy.ndimage import distance_transform_edt
         from shapely import Polygon, contains_xy
 
-        axes, limits = self._axes, self._projection
-        west, east = limits.x_limits if axes.get_autoscalex_on() else axes.get_xlim()
-        south, north = limits.y_limits if axes.get_autoscaley_on() else axes.get_ylim()
+        west, east, south, north = self._limits()
         columns = max(2, round(rows * (east - west) / (north - south)))
         x, y = np.meshgrid(np.linspace(west, east, columns), np.linspace(south, north, rows))
         lon, lat = np.radians(self._angles.transform_points(self._projection, x, y).T[:2])
@@ -40,14 +38,35 @@ class GeoMap(Map):
 
     def place(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """As `Map.place`."""
-        points = self._projection.transform_points(self._angles, np.degrees(lon), np.degrees(lat))
-        points[~np.isfinite(points)] = np.nan
-        return points[..., 0], points[..., 1]
+        points = self._projection.transform_points(
+            self._angles, (np.degrees(lon) + 180.0) % 360.0 - 180.0, np.degrees(lat)
+        )
+        x, y = points[..., 0], points[..., 1]
+        west, east, south, north = self._limits()
+        shown = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+        return np.where(shown, x, np.nan), np.where(shown, y, np.nan)
 
     def outline(self) -> tuple[Array, Array]:
         """As `Map.outline`."""
-        x, y = np.array(self._projection.boundary.coords).T
+        from shapely import Polygon, box
+
+        west, east, south, north = self._limits()
+        shown = Polygon(self._projection.boundary) & box(west, south, east, north)
+        x, y = np.array(shown.exterior.coords).T[:2]
         return x, y
+
+    @property
+    def radius(self) -> float:
+        """As `Map.radius`, about."""
+        west, east = self._projection.x_limits
+        return 0.25 * float(east - west)
+
+    def _limits(self) -> Region:
+        """West, east, south, north of what the axes show."""
+        axes, whole = self._axes, self._projection
+        x = whole.x_limits if axes.get_autoscalex_on() else axes.get_xlim()
+        y = whole.y_limits if axes.get_autoscaley_on() else axes.get_ylim()
+        return (*x, *y)
 
     def draw_graticule(self) -> None:
         """Parallels and meridians with their labels, as cartopy draws them."""

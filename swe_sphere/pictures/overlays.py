@@ -36,9 +36,10 @@ def draw_mesh(axes: Axes, on: Map, mesh: Mesh) -> None:
     edges = np.concatenate([n[:, 0, :], n[:, last, :], n[:, :, 0], n[:, :, last]])
     x, y = on.place(mesh.lon[edges], mesh.lat[edges])
     lines = np.stack([x, y], axis=-1)
-    apart = np.abs(np.diff(lines, axis=1)).max(axis=(1, 2)) < 1.0  # not across the map's seam
+    steps = np.nan_to_num(np.abs(np.diff(lines, axis=1)))  # what is not on the map has none
+    whole = steps.max(axis=(1, 2)) < on.radius  # not across the map's seam
     axes.add_collection(
-        LineCollection(list(lines[apart]), colors="0.15", linewidths=0.35, alpha=0.6, zorder=3)
+        LineCollection(list(lines[whole]), colors="0.15", linewidths=0.35, alpha=0.6, zorder=3)
     )
 
 
@@ -67,7 +68,7 @@ def _draw_arrows(axes: Axes, on: Map, points: Array, speed: Array, wind: Wind) -
     ahead = _placed(on, _moved(points, wind(points)[0], 1e-4))
     dx, dy = ahead[0] - x, ahead[1] - y
     length = np.hypot(dx, dy)
-    good = np.isfinite(length) & (length < 1e-2) & (length > 0.0)
+    good = np.isfinite(length) & (length < 1e-2 * on.radius) & (length > 0.0)
     size = (speed / speed.max() / np.where(length > 0.0, length, 1.0))[good]
     outline = np.transpose(on.outline())
     apart = math.sqrt(abs(_area(*outline.T)) / ARROWS)
@@ -90,7 +91,7 @@ def _draw_streamlines(axes: Axes, on: Map, points: Array, speed: Array, wind: Wi
         path.append(_moved(path[-1], wind(half)[0], LENGTH / STEPS))
     x, y = _placed(on, np.stack(path, axis=1))
     for k, strength in enumerate(speed / speed.max()):
-        if not np.isfinite(x[k]).all() or np.hypot(np.diff(x[k]), np.diff(y[k])).max() > 0.2:
+        if not np.hypot(np.diff(x[k]), np.diff(y[k])).max() <= 0.2 * on.radius:
             continue
         width = 0.35 + 0.75 * float(strength)
         axes.plot(x[k], y[k], color="0.1", linewidth=width, alpha=0.8, zorder=4)

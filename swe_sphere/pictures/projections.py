@@ -85,6 +85,11 @@ class Map(ABC):
     def outline(self) -> tuple[Array, Array]:
         """x, y along the edge of the map."""
 
+    @property
+    def radius(self) -> float:
+        """That of the sphere in units of x and y."""
+        return 1.0
+
 
 @dataclass(frozen=True)
 class Rounded(Map):
