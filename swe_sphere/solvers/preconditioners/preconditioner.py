@@ -21,7 +21,7 @@ def elimination_memory(ne: int, np: int, real: int = 4) -> float:
 
 def coarse_memory(ne: int, np: int) -> float:
     """Memory [bytes] of the coarse spaces and their operators while these are made."""
-    return (540 + 4000 / (np - 1) ** 2) * unique_nodes(ne, np)
+    return (540 + 7000 / (np - 1) ** 2) * unique_nodes(ne, np)
 
 
 def unique_nodes(ne: int, np: int) -> float:
