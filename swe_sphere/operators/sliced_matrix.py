@@ -25,13 +25,14 @@ class SlicedMatrix:
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
         self._launch, self._kernels = launch, sparse_kernels(mesh.real, mesh.shape)
         launch.load(self._kernels.product, self._kernels.sweep)
-        row = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-        group, lane = np.divmod(row, mesh.lanes)
+        rows = np.arange(matrix.shape[0], dtype=np.int32)
+        group, lane = np.divmod(np.repeat(rows, np.diff(matrix.indptr)), mesh.lanes)
         width, self._groups = matrix.shape[1] + mesh.lanes, -(-matrix.shape[0] // mesh.lanes)
-        diagonals, slot = np.unique(
-            group * width + matrix.indices + mesh.lanes - 1 - lane, return_inverse=True
-        )
-        values = np.zeros((diagonals.size, mesh.lanes))
+        place = group * np.int64(width)
+        place += matrix.indices + (mesh.lanes - 1) - lane
+        del group  # entries are many, and set-ups are when most memory is taken
+        diagonals, slot = np.unique(place, return_inverse=True)
+        values = np.zeros((diagonals.size, mesh.lanes), mesh.numpy_real)
         values[slot, lane] = matrix.data
         starts = np.searchsorted(diagonals, np.arange(self._groups + 1) * width)
         self._entries = (

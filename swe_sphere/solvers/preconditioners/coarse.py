@@ -80,7 +80,8 @@ class CoarseCorrection:
         smooth = self._mass + tau**2 * schur.gravity * compact
         blocks = [schur.galerkin(mass, slopes, tau, depth) for mass, slopes in self._modes]
         modes = _without_small(scipy.sparse.block_diag(blocks, format="coo"))
-        matrix = scipy.sparse.block_diag([smooth, modes], format="csr")
+        matrix = scipy.sparse.block_diag([smooth, modes], format="csr", dtype=np.float32)
+        del compact, blocks, modes  # most memory of a run is taken here
         inverse = 1.0 / matrix.diagonal()
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
