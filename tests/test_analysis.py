@@ -202,6 +202,8 @@ def test_errors_against_a_run_on_another_mesh(data, mesh):
     assert (data.swe.error_norms(data).to_array() == 0.0).all()
     with pytest.raises(ConfigError, match="no frame at one time"):
         data.swe.error_norms(data.assign_coords(time=[0.0]))
+    with pytest.raises(ConfigError, match=r"as open_run gives it, not 'run\.nc'"):
+        data.swe.error_norms("run.nc")
 
 
 def test_frames_are_computed_when_they_are_asked_for(run):

@@ -192,8 +192,10 @@ class Analysis:
         run, whose mesh may be any.  Names are l1_h, l2_h, ..., linf_wind; fields: also "surface",
         "vorticity", tracers, ....
 
-        Raises ConfigError if the runs have no time in common.
+        Raises ConfigError if the runs have no time in common, or for what is no run.
         """
+        if not isinstance(other, xr.Dataset):
+            raise ConfigError(f"errors are those against a run as open_run gives it, not {other!r}")
         theirs = Analysis(other)
         pairs = [
             (k, j) for k, ours in enumerate(self._times) for j, right in enumerate(theirs._times)
