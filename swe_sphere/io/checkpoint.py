@@ -76,7 +76,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     with reading(path) as dataset:
         run_id = attributes(dataset).get("run_id")
     if run_id is None:
-        raise ConfigError(f"cannot read {path}: it is no file of a run of swe_sphere")
+        raise ConfigError(f"cannot read {path}: it is no file of a run of swe_sphere, or damaged")
     beside = checkpoint_path(path)
     if not beside.exists():
         raise ConfigError(f"{path} has no checkpoint: there is no file {beside} beside it")

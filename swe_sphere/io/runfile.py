@@ -146,7 +146,9 @@ class RunFile(Nodal):
                 check_length(self.path)
             found = attributes(dataset)
             if SUMMARY not in found:
-                raise ConfigError(f"cannot read {self.path}: it is no file of a run of swe_sphere")
+                raise ConfigError(
+                    f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
+                )
             self.attributes = found | _summary(found[SUMMARY])
             """The global attributes, and by its names what the summary says."""
             self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}

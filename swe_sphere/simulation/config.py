@@ -67,7 +67,7 @@ def _names(value: object) -> object:
 FileName = Annotated[Path, AfterValidator(_nameable)]
 Number = Annotated[float, BeforeValidator(plain_number)]
 Positive = Annotated[Number, Field(gt=0.0)]
-Whole = Annotated[int, BeforeValidator(plain_number), Field(le=MOST_ELEMENTS)]
+Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
 Spoken = Annotated[float, BeforeValidator(_no_switch), Field(gt=0.0)]
 """A positive number, also as text."""
