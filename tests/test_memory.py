@@ -49,7 +49,7 @@ def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
     measured, config = float(done.stdout), make_config(given)
     estimate = needed_memory(config, make_scene(config), ne, np_) - PROGRAM
     assert 0.9 * measured < estimate < 1.4 * measured
-    assert measured < (900.0 if stepper == "rk4" else 2600.0) * 6 * (ne * np_) ** 2
+    assert measured < (900.0 if stepper == "rk4" else 2800.0) * 6 * (ne * np_) ** 2
 
 
 def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:
