@@ -127,9 +127,10 @@ class CoarseCorrection:
 
     def _join(self) -> None:
         """The residual of all smooth functions, each from the rank that owns it."""
-        mine = self._r.flat.numpy()[self._owned]
-        joined = self._operator.mesh.comm.gather(mine, self._counts)
-        self._smooth_r.flat.numpy()[self._all_owned] = joined
+        mesh, mine = self._operator.mesh, self._r.flat.numpy()[self._owned]
+        joined = np.empty_like(mine, shape=self._all_owned.size)
+        joined[self._all_owned] = mesh.comm.gather(mine, self._counts)
+        mesh.write(joined, self._smooth_r.flat)
 
     def _sliced(self, matrix: Any) -> SlicedMatrix:
         return SlicedMatrix(
