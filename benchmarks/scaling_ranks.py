@@ -55,12 +55,12 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
     """What solves of the coarse level take in a step [s]: its sweeps, and the longest waves."""
     work = sim.model.launch.work
-    sim.model.launch.records = False  # which would be counted as whole cycles
     before, work.timer = work.counts(), Stopwatch(time.perf_counter)
-    for _ in range(LOOKED_AT):
-        sim.step()
+    with sim.model.launch.one_by_one():  # what is recorded is counted as a whole
+        for _ in range(LOOKED_AT):
+            sim.step()
     prices, did = work.timer.prices(), difference(work.counts(), before)
-    work.timer, sim.model.launch.records = None, True
+    work.timer = None
     found = {}
     for what, kernel in KERNELS.items():
         calls = {name: count for name, count in did.items() if name.startswith(kernel)}

@@ -53,14 +53,12 @@ class BlockElimination(KeptSetup):
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self.inner.prepare(tau, flow)
-        self._recorded = recorded(self.operator.launch, self._apply)
+        launch, apply = self.operator.launch, self._apply
+        self._act = recorded(launch, apply) if self.inner.launches else apply
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
-        if self.inner.launches:
-            self._recorded(r, out)
-        else:
-            self._apply(r, out)
+        self._act(r, out)
 
     def _apply(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)
