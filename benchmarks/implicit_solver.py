@@ -8,7 +8,7 @@ from implicit_common import Section, interleaved, run
 from threadpoolctl import threadpool_limits
 
 from swe_sphere.equations import Model
-from swe_sphere.equations.effect_settings import apply_settings
+from swe_sphere.equations.scene import apply_settings
 from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR

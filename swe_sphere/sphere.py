@@ -1,4 +1,6 @@
-"""Longitude and latitude, and the unit vectors that go with them: position, east and north."""
+"""Longitude and latitude, the unit vectors that go with them, and splines over such grids."""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,3 +51,35 @@ def longitude_latitude(xyz: Array) -> tuple[Array, Array]:
     # a tiny negative longitude rounds up to 2 pi itself; adding 0.0 turns -0.0 into 0.0
     lon = np.where((lon >= 2.0 * np.pi) | ((x == 0.0) & (y == 0.0)), 0.0, lon) + 0.0
     return lon, np.arctan2(z, np.hypot(x, y))
+
+
+RIM = 8
+"""Rows and columns repeated beyond the poles and around, so that the spline knows no edges."""
+
+
+def global_spline(
+    lat: Array, lon: Array, field: Array, degree: int, sign: float = 1.0
+) -> Callable[[Array, Array], Array]:
+    """The spline of a degree through a field (M, K), as a function of longitude and latitude [rad].
+
+    lat (M,) [rad], in any order; lon (K,) [rad], evenly eastward once around, K even.  Over a pole
+    the field goes on along the opposite meridian, where east and north are turned about: sign is
+    -1 for the components of a vector.
+    """
+    from scipy.interpolate import RectBivariateSpline
+
+    order = np.argsort(lat)
+    lat, field = lat[order], field[order]
+    inside = np.abs(lat) < np.pi / 2.0 - 1e-9  # a row at the pole itself is not repeated
+    opposite, near = sign * np.roll(field, lon.size // 2, axis=1)[inside], lat[inside]
+    y = np.concatenate([-np.pi - near[RIM - 1 :: -1], lat, np.pi - near[: -RIM - 1 : -1]])
+    rows = np.concatenate([opposite[RIM - 1 :: -1], field, opposite[: -RIM - 1 : -1]])
+    x = 2.0 * np.pi / lon.size * np.arange(-RIM, lon.size + RIM)
+    grid = np.concatenate([rows[:, -RIM:], rows, rows[:, :RIM]], axis=1)
+    spline = RectBivariateSpline(y, x, grid, kx=degree, ky=degree)
+
+    def evaluate(at_lon: Array, at_lat: Array) -> Array:
+        found: Array = spline.ev(at_lat, (at_lon - lon[0]) % (2.0 * np.pi))
+        return found
+
+    return evaluate

@@ -28,8 +28,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from swe_sphere.equations.effect_settings import with_parameters
-from swe_sphere.equations.scene import Parameter, Scene
+from swe_sphere.equations.scene import Parameter, Scene, with_parameters
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.settings import complaint, convert, read_toml
 from swe_sphere.user_file import file_contents, guarded, is_user_file, load_file

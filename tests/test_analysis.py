@@ -12,15 +12,13 @@ from scipy.special import sph_harm_y
 from swe_sphere.analysis.accessor import Analysis, open_run
 from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
 from swe_sphere.analysis.regrid import CellMeans, Points
-from swe_sphere.analysis.regrid_file import regrid_file
-from swe_sphere.analysis.scrip import write_scrip
+from swe_sphere.analysis.regrid_file import regrid_file, write_scrip
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
-from swe_sphere.io.frame import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.reference_solution import Reference
-from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.runfile import RunFile, frame_dataset
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import cell_corners
 from swe_sphere.pictures.plot import plot_file

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from swe_sphere.equations.arnoldi import largest_modulus
+from swe_sphere.equations.spectrum import largest_modulus
 
 
 def rotations(frequencies: np.ndarray):

@@ -21,8 +21,8 @@ from support import (
 )
 
 from swe_sphere.equations import Model
-from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS

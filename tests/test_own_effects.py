@@ -13,8 +13,8 @@ from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
 from swe_sphere.equations import Model
-from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.setup import scene_sources

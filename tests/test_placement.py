@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.schmidt import Placement
+from swe_sphere.mesh.cubed_sphere import Placement
 from swe_sphere.sphere import frame, position
 
 

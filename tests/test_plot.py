@@ -13,14 +13,12 @@ from PIL import Image
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import RECORDS_AT
-from swe_sphere.io.frame import Frame
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.runfile import Frame, RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import animate, plot
-from swe_sphere.pictures.contours import contours, limits
-from swe_sphere.pictures.drawing import Drawing
+from swe_sphere.pictures.drawing import Drawing, contours, limits
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.look import Look

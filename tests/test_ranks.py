@@ -19,9 +19,8 @@ from swe_sphere.cli.main import main
 from swe_sphere.cli.ranks import PROCESS, start_ranks
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.curve import curve
 from swe_sphere.mesh.numbering import BLOCK
-from swe_sphere.mesh.partition import partition, whole
+from swe_sphere.mesh.partition import curve, partition, whole
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
 

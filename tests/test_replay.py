@@ -12,7 +12,7 @@ from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
 from swe_sphere.errors import Unstable
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.work import difference
-from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.simulation.loop import HealthCheck
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.device_space import DeviceVectors
 from swe_sphere.steppers import get_stepper

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import (
     DYNAMICS,
     EFFECTS,
@@ -19,7 +18,7 @@ from swe_sphere.equations.effects import (
     Viscosity,
     hyperviscosity_default,
 )
-from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH

@@ -17,7 +17,7 @@ from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import load_config, make_config
-from swe_sphere.simulation.health import HealthCheck
+from swe_sphere.simulation.loop import HealthCheck
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run
 from swe_sphere.simulation.simulation import Simulation

@@ -15,8 +15,7 @@ import numpy as np
 import xarray as xr
 
 from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
-from swe_sphere.analysis.on_grid import on_grid, on_nodes
-from swe_sphere.analysis.regrid import Points, regridder
+from swe_sphere.analysis.regrid import Points, on_grid, on_nodes, regridder
 from swe_sphere.analysis.runs import holding, mesh_of, planet_of, seconds
 from swe_sphere.analysis.spectra import grid_for, spectra, truncation
 from swe_sphere.analysis.streamfunction import Poisson

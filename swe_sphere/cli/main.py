@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from swe_sphere import __version__
-from swe_sphere.cli.explain import explain, show_traceback
 from swe_sphere.cli.ranks import fail, refuse_ranks
-from swe_sphere.cli.show import tell_of_compiling
+from swe_sphere.cli.show import explain, show_traceback, tell_of_compiling
 from swe_sphere.compiling import on_compile
 
 COMMANDS = {

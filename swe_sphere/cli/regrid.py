@@ -46,6 +46,6 @@ def scrip(
     ] = False,
 ) -> None:
     """Write the nodes as cells of a SCRIP grid, for other tools that regrid."""
-    from swe_sphere.analysis.scrip import write_scrip
+    from swe_sphere.analysis.regrid_file import write_scrip
 
     typer.echo(write_scrip(file, out or file.with_name(f"{file.stem}_scrip.nc"), overwrite))

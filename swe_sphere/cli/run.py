@@ -6,10 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from swe_sphere.cli.explain import Stopped, explain
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.ranks import start_ranks
-from swe_sphere.cli.show import show_summary, terminal
+from swe_sphere.cli.show import Stopped, explain, show_summary, terminal
 from swe_sphere.compiling import on_compile
 from swe_sphere.parallel import world
 from swe_sphere.simulation.config import RunConfig, load_config, make_config

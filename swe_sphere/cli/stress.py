@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import AsJson, Jobs
-from swe_sphere.cli.show import show_line
+from swe_sphere.cli.show import Stopped, show_line
 from swe_sphere.settings import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 

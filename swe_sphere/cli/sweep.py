@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show import COMPILING
+from swe_sphere.cli.show import COMPILING, Stopped
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, RunFailed

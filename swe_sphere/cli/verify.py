@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swe_sphere.cli.explain import Stopped
 from swe_sphere.cli.options import AsJson, Jobs
-from swe_sphere.cli.show import print_table, show_line
+from swe_sphere.cli.show import Stopped, print_table, show_line
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings import names_in

@@ -1,6 +1,7 @@
-"""A scene on a mesh and a device: what all components of its right-hand side are made of."""
+"""A scene on a mesh and a device, what it prescribes in time included: all that components of its
+right-hand side are made of."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -116,3 +117,36 @@ class DiscreteScene:
         """
         _, _, depth = self.scene.initial(self.mesh.lon, self.mesh.lat)
         return float(np.float32(np.average(depth + self.bottom, weights=self.mesh.area)))
+
+
+class PrescribedFields:
+    """Fields on the device that are evaluated on the host, and only when the time changes."""
+
+    def __init__(
+        self, discrete: DiscreteScene, name: str, blocks: Sequence[str], steady: bool
+    ) -> None:
+        """name: of the scene's function, and of the parameter with the blocks (N,) of its results,
+        if there is one; steady: once is enough."""
+        self._discrete, self._blocks = discrete, blocks
+        self._formula = getattr(discrete.scene, name)
+        self._target: wp.array | None = discrete.parameters.get(name)
+        self.steady = steady or self._target is None
+        """Whether they are the same at all times."""
+        self._time: float | None = None
+        self.mean_of_depth = 0.0
+        """Mean over the sphere of what is prescribed for the depth."""
+
+    def set_time(self, t: float) -> None:
+        """Bring the fields to time t [s], unless they are there already."""
+        if self._target is None or t == self._time:
+            return
+        if self._time is None or not self.steady:
+            wp.copy(self._target, self._discrete.device_mesh.scatter(self._evaluate(t)))
+        self._time = t
+
+    def _evaluate(self, t: float) -> Array:
+        mesh = self._discrete.mesh
+        fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
+        if "h" in fields:
+            self.mean_of_depth = float(np.average(fields["h"], weights=mesh.area))
+        return np.concatenate([fields[name] for name in self._blocks])

@@ -8,8 +8,7 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.prescribed import PrescribedFields
+from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
 from swe_sphere.equations.tendencies import TendencyComponent
 from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.kernels import combine_kernel

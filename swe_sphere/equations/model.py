@@ -7,14 +7,12 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
-from swe_sphere.equations.mass_flux import MassFlux
-from swe_sphere.equations.prescribed import PrescribedFields
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
 from swe_sphere.equations.tendencies import TendencyComponent, acting
-from swe_sphere.equations.tracer_equations import TracerEquations, mixing_ratios
+from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere, gll, numbering
-from swe_sphere.mesh.schmidt import Placement
+from swe_sphere.mesh.cubed_sphere import Placement
 from swe_sphere.planet import EARTH
 from swe_sphere.sphere import frame, longitude_latitude, snap_poles
 

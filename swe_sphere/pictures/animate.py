@@ -17,8 +17,7 @@ from swe_sphere.durable import clear_errors, part_of
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import check_field
-from swe_sphere.pictures.contours import limits
-from swe_sphere.pictures.drawing import Drawing
+from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import default_field, new_figure, size
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from swe_sphere.pictures.geo_axes import GeoMap
-from swe_sphere.pictures.projections import Disc, Map, Rounded
+from swe_sphere.pictures.projections import Disc, GeoMap, Map, Rounded
 
 STEPS = (60, 30, 20, 10, 5, 2, 1)
 """Degrees between lines: the first that gives four of them."""

@@ -16,15 +16,14 @@ from swe_sphere.arrays import Array
 from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source, open_source
-from swe_sphere.io.frame import Frame
-from swe_sphere.io.runfile import Nodal, RunFile
+from swe_sphere.io.runfile import Frame, Nodal, RunFile
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.drawing import Drawing
 from swe_sphere.pictures.exact import Exact
-from swe_sphere.pictures.geo_axes import map_of
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.panels import draw_panel, panels
+from swe_sphere.pictures.projections import map_of
 from swe_sphere.planet import DAY
 
 ROWS = 361

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, cast
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Callback, Observer, Scheduled
-from swe_sphere.simulation.health import HealthCheck
 from swe_sphere.simulation.interrupt import Interrupted, Interruption
-from swe_sphere.simulation.loop import Loop
+from swe_sphere.simulation.loop import HealthCheck, Loop
 from swe_sphere.simulation.output import appends
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.recorder import Recorder, attributes_of, most_samples

@@ -9,10 +9,9 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.frame import Frame
+from swe_sphere.io.runfile import Frame
 from swe_sphere.io.scalar_fields import check_field
-from swe_sphere.pictures.contours import limits
-from swe_sphere.pictures.drawing import Drawing
+from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY

@@ -12,8 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swe_sphere.equations.effect_settings import apply_settings
-from swe_sphere.equations.scene import Parameter, Scene
+from swe_sphere.equations.scene import Parameter, Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import file_fingerprint
 from swe_sphere.mesh import Mesh

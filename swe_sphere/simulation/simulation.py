@@ -180,7 +180,7 @@ class Simulation(Running):
     def to_xarray(self) -> xr.Dataset:
         """The state as a frame of a run's file: fields on (time, node), points, areas, bottom."""
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
-        from swe_sphere.io.frame import frame_dataset
+        from swe_sphere.io.runfile import frame_dataset
 
         fields = self.snapshot.with_constants | self.own_fields
         own = self.own_attributes()

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.equations.effect_settings import apply_settings
 from swe_sphere.equations.effects import Effect
-from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings import SCENE, STEPPER

@@ -13,9 +13,9 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS
-from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Operator, Spectrum, estimate_spectrum
+from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.pointwise import Pointwise

@@ -3,9 +3,8 @@
 import numpy as np
 import warp as wp
 
-from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.tracer_equations import TracerEquations
+from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.operators.transport_operator import TracerTransport

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.equations.mass_flux import MassFlux
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.tracer_equations import mixing_ratios
+from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
 
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries

@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.arnoldi import largest_modulus
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import largest_modulus
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel

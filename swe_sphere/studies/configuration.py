@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from swe_sphere.equations.effect_settings import apply_settings
-from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings import SCENE, by_field, by_owner, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config

@@ -45,14 +45,14 @@ MESH = (
     ),
     Edit(
         "Schmidt tangent 1 % off",
-        "swe_sphere/mesh/schmidt.py",
+        "swe_sphere/mesh/cubed_sphere.py",
         ("williamson2-stretched",),
         "2.0 * stretch * (dn",
         "2.02 * stretch * (dn",
     ),
     Edit(
         "Schmidt map 1 % off",
-        "swe_sphere/mesh/schmidt.py",
+        "swe_sphere/mesh/cubed_sphere.py",
         ("williamson2-stretched",),
         "plus = 0.5 * stretch**2",
         "plus = 0.505 * stretch**2",

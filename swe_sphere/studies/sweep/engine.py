@@ -14,7 +14,6 @@ from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.peak_memory import settled_objects
 from swe_sphere.studies.sweep.discretisation import Discretisations
-from swe_sphere.studies.sweep.parts import Part, parts_of
 from swe_sphere.studies.sweep.record import (
     HEADER,
     Header,
@@ -29,9 +28,11 @@ from swe_sphere.studies.sweep.references import choose_reference, sweep_sources
 from swe_sphere.studies.sweep.runner import Runner
 from swe_sphere.studies.sweep.runspec import (
     Integrator,
+    Part,
     RunSpec,
     Schedule,
     integrators,
+    parts_of,
     users_methods,
 )
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working

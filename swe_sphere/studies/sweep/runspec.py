@@ -1,4 +1,4 @@
-"""The runs of a sweep: their settings and keys, and those that a stepper on a mesh asks for."""
+"""The runs of a sweep: settings, keys, those of a stepper on a mesh, what can be made beside."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -254,3 +254,32 @@ def users_fingerprint(item: object) -> str:
     """That of the file that a function or class stands in; where there is none, of this process."""
     file = getattr(sys.modules.get(item.__module__), "__file__", None)
     return SESSION if file is None else file_fingerprint(Path(file))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Runs of an integrator, by its number, that one process makes one after the other."""
+
+    what: Literal["grid", "search", "limit"]
+    integrator: int
+    first: int = 0
+    last: int | None = None
+    """Which of its grid, the last excluded."""
+
+
+def parts_of(plan: SweepPlan, everyone: Sequence[Integrator]) -> list[Part]:
+    """All parts; the shortest steps come first, so that nobody is left with them at the end."""
+    found = [part for n, each in enumerate(everyone) for part in _parts(plan, n, each)]
+    return sorted(found, key=lambda part: part.first, reverse=True)
+
+
+def _parts(plan: SweepPlan, n: int, integrator: Integrator) -> Iterator[Part]:
+    if plan.find_limit:
+        yield Part("limit", n)
+    if plan.target_error is not None:
+        yield Part("search", n)
+    elif plan.enough is not None:  # which runs are needed shows on the way
+        yield Part("grid", n)
+    else:
+        for i in range(len(integrator.grid(plan))):
+            yield Part("grid", n, i, i + 1)
