@@ -26,6 +26,7 @@ from swe_sphere.simulation.run import run
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.studies.sweep import sweep
 from swe_sphere.testcases import get_scene
 
 ROOT = Path(__file__).parents[1]
@@ -293,18 +294,102 @@ IN_THE_PACKAGE = {
 """Examples of the page: the folder of their kind, and the name that they have in its register."""
 
 
-def test_in_the_package_too_each_is_one_file(tmp_path):
-    """Nothing else has to be told of a file that is put beside those of its kind."""
+@pytest.fixture
+def copy(tmp_path):
+    """A copy of the package, to be edited."""
     for name in ("swe_sphere", "kernels", "testcases"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.pyc"))
     (tmp_path / "pyproject.toml").touch()
+    return tmp_path
+
+
+def test_in_the_package_too_each_is_one_file(copy):
+    """Nothing else has to be told of a file that is put beside those of its kind."""
     for file, (folder, *_) in IN_THE_PACKAGE.items():
         alone = re.sub(r"\n\n\ndef scene\(\):.*|from [\w.]+ import get_scene\n", "", EXAMPLES[file],
                        flags=re.DOTALL)  # fmt: skip
-        (tmp_path / folder / file).write_text(alone)
+        (copy / folder / file).write_text(alone)
         assert f"`{folder}/NAME.py`" in PAGE
     found = [f"'{name}' in {module}.{of}" for _, module, of, name in IN_THE_PACKAGE.values()]
     code = f"import {', '.join(module for _, module, *_ in IN_THE_PACKAGE.values())}\n"
     code += f"print([{', '.join(found)}])"
-    told = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
+    told = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=copy)
     assert told.strip() == str([True] * len(found))
+
+
+MORE_GRAVITY = '''
+from dataclasses import dataclass
+from swe_sphere.equations.effects.effect import MASSES, Effect
+
+@dataclass(frozen=True)
+class MoreGravity(Effect):
+    """-more grad h."""
+
+    name = "more-gravity"
+    conserves = MASSES
+    dissipation = True  # so that it may be switched on for any scene
+    terms = frozenset({"more"})
+    more: float
+
+    def coefficients(self, mesh):
+        return {"more": self.more}
+'''
+THREE_FILES = (
+    ("kernels/terms.py", "    momentum: bool = False\n", "    more: bool = False\n"),
+    ("kernels/terms.py", "return self.advection or self.pressure", " or self.more"),
+    ("kernels/terms.py", '        "nu": (terms.diffusion, real),\n',
+     '        "more": (terms.more, real),\n'),
+    ("kernels/dynamics.py", "            r += geo.gravity * h\n",
+     "        if wp.static(terms.more):\n            r += geo.more * h\n"),
+)  # fmt: skip
+"""Beside the class: a file, a text that stands in it once, and what is put behind that."""
+TRIED = """
+from dataclasses import replace
+import numpy as np
+from swe_sphere.equations.effects import EFFECTS
+from swe_sphere.equations.model import Model
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import Planet
+from swe_sphere.testcases import get_scene
+
+def rates(gravity, *more):
+    scene = replace(get_scene("williamson2"), planet=Planet(gravity=gravity))
+    for effect in more:
+        scene = scene.with_effect(effect)
+    model = Model(Mesh.build(2, 4), scene)
+    state = model.initial_state()
+    there = model.device_mesh.upload(np.cos(np.arange(model.size)))
+    rate, change = model.zeros(), model.zeros()
+    model.tendency(state, 0.0, rate)
+    model.linearise(state, 0.0)(there, change)
+    return np.stack([rate.numpy(), change.numpy()])
+
+ours, theirs = rates(6.0, EFFECTS["more-gravity"](2.0)), rates(8.0)
+print(*np.abs(ours - theirs).max(axis=1) / np.abs(theirs).max(axis=1))
+"""
+
+
+def test_an_effect_with_derivatives_is_three_files(copy):
+    """With its derivative: a push by the slope of the depth is more gravity."""
+    kind = "| an effect with derivatives"
+    row = next(line for line in PAGE.splitlines() if line.startswith(kind))
+    assert {file for file, *_ in THREE_FILES} <= set(re.findall(r"`(kernels/\w+\.py)`", row))
+    (copy / "swe_sphere/equations/effects/more_gravity.py").write_text(MORE_GRAVITY)
+    for file, there, more in THREE_FILES:
+        text = (copy / file).read_text()
+        assert text.count(there) == 1
+        (copy / file).write_text(text.replace(there, there + more))
+    told = subprocess.check_output([sys.executable, "-c", TRIED], text=True, cwd=copy)
+    assert all(float(each) < 1e-12 for each in told.splitlines()[-1].split())
+
+
+def test_diagnostics_and_callbacks_are_no_file_of_the_package(here):
+    """They reach file, summary and sweeps from a file that no source of the package names."""
+    assert "| a diagnostic, a callback | its file, or a notebook | not needed | none |" in PAGE
+    sources = (path.read_text() for path in (ROOT / "swe_sphere").rglob("*.py"))
+    assert not any("eddy_energy" in text for text in sources)
+    asked = SMALL | {"diagnostics": ["eddies.py"], "out": "run.nc"}
+    summary = run(make_config(asked))
+    assert summary["eddy_energy"] == open_run("run.nc").eddy_energy[-1] > 0.0
+    swept = sweep("williamson5", "rk4", ne=2, np=4, days=0.25, dt=1800.0, repeats=1, finer=0)
+    assert swept.eddy_energy[swept.role.values == "grid"].item() == summary["eddy_energy"]
