@@ -83,10 +83,10 @@ def counted(comm: Alone) -> Counter[str]:
         made.start = starting  # type: ignore[method-assign]
         return made
 
-    def counting_gather(mine: Any, counts: Any) -> Any:
+    def counting_gather(mine: Any, counts: Any, out: Any = None) -> Any:
         kind = "coarse" if mine.dtype == np.float32 else "sums"
         found.update({kind: 1, f"{kind} bytes": mine.nbytes})
-        return gather(mine, counts)
+        return gather(mine, counts, out)
 
     comm.channel, comm.gather = counting_channel, counting_gather  # type: ignore[method-assign]
     return found

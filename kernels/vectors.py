@@ -1,6 +1,7 @@
-"""Linear combinations of state vectors."""
+"""Linear combinations of state vectors, and numbers brought from places to places."""
 
 import functools
+from types import SimpleNamespace
 from typing import no_type_check
 
 import warp as wp
@@ -156,3 +157,23 @@ def least_kernel(real: type) -> wp.Kernel:
         wp.tile_store(partial[row], wp.tile_min(wp.tile(found)), offset=block)
 
     return least
+
+
+@functools.cache
+def packing_kernels(real: type) -> SimpleNamespace:
+    """Kernels (x, places (n,), packed (n,)): pack, packed = x[places], and unpack, the reverse."""
+    vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False)
+    def pack(x: vector, places: numbers, packed: vector) -> None:
+        i = wp.tid()
+        packed[i] = x[places[i]]
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False)
+    def unpack(x: vector, places: numbers, packed: vector) -> None:
+        i = wp.tid()
+        x[places[i]] = packed[i]
+
+    return SimpleNamespace(pack=pack, unpack=unpack)

@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
@@ -59,12 +60,18 @@ class Alone:
         """What exchanges arrays with neighbours, by their ranks."""
         return Channel()
 
-    def gather(self, mine: NDArray[Any], counts: Sequence[int]) -> NDArray[Any]:
+    def gather(
+        self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
+    ) -> NDArray[Any]:
         """The arrays of all ranks, of one number type, flat and one after the other.
 
-        counts: how many numbers each of them has.
+        counts: how many numbers each of them has; out: room for all, of several ranks.
         """
         return mine.ravel()
+
+    def of_each(self, mine: float) -> NDArray[Any]:
+        """A number of each rank."""
+        return self.gather(np.array([mine]), [1] * self.size)
 
     def tell_all(self, mine: T) -> list[T]:
         """What each rank has to say."""
@@ -106,11 +113,13 @@ class Ranks(Alone):
         self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
     ) -> Channel:
         """Messages that do not block."""
-        return _Messages(self._comm, self._mpi.Request.Waitall, outgoing, incoming)
+        return _Messages(self._mpi.Prequest, self._comm, outgoing, incoming)
 
-    def gather(self, mine: NDArray[Any], counts: Sequence[int]) -> NDArray[Any]:
+    def gather(
+        self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
+    ) -> NDArray[Any]:
         """By one message of all to all."""
-        room = np.empty(sum(counts), mine.dtype)
+        room = np.empty(sum(counts), mine.dtype) if out is None else out
         self._comm.Allgatherv(np.ascontiguousarray(mine), (room, counts))
         return room
 
@@ -172,16 +181,24 @@ class Ranks(Alone):
 
 
 class _Messages(Channel):
-    def __init__(self, comm: Any, wait: Any, outgoing: Any, incoming: Any) -> None:
-        self._calls = [(comm.Irecv, array, rank) for rank, array in incoming.items()]
-        self._calls += [(comm.Isend, array, rank) for rank, array in outgoing.items()]
-        self._wait, self._requests = wait, list[Any]()
+    """Requests that are made once, and started again and again."""
+
+    def __init__(self, kind: Any, comm: Any, outgoing: Any, incoming: Any) -> None:
+        self._kind = kind
+        self._requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        self._requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        weakref.finalize(self, _free, self._requests)
 
     def start(self) -> None:
-        self._requests = [call(array, rank) for call, array, rank in self._calls]
+        self._kind.Startall(self._requests)
 
     def wait(self) -> None:
-        self._wait(self._requests)
+        self._kind.Waitall(self._requests)
+
+
+def _free(requests: list[Any]) -> None:
+    for request in requests:
+        request.Free()
 
 
 def _end_with(parent: int) -> None:

@@ -29,11 +29,15 @@ class Chunks:
         self._counts = comm.tell_all(self.count)
         self.total = sum(self._counts)
         """Of all ranks."""
+        self._rooms: dict[int, tuple[list[int], NDArray[Any]]] = {}
 
     def of_all(self, partial: NDArray[Any]) -> NDArray[Any]:
-        """The partial sums (count, ...) of all ranks, chunk by chunk."""
+        """Float64 sums (count, ...) of the chunks of all ranks, which the next call overwrites."""
         if not self._comm.shared:
             return partial
         width = partial[:1].size
-        joined = self._comm.gather(partial, [width * count for count in self._counts])
-        return joined.reshape(-1, *partial.shape[1:])
+        if width not in self._rooms:
+            counts = [width * count for count in self._counts]
+            self._rooms[width] = counts, np.empty((self.total, width))
+        self._comm.gather(partial, *self._rooms[width])
+        return self._rooms[width][1].reshape(-1, *partial.shape[1:])

@@ -50,8 +50,6 @@ class DeviceMesh:
         self.points = mesh.np**2
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
         self._halos: dict[int, Halo] = {}
-        self.bytes_sent = 0
-        """By this rank, to its neighbours."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """The same part in another number type or order."""
@@ -248,10 +246,12 @@ class DeviceMesh:
         Between the elements and the nodes of every step; flat: the view that came with `local`.
         """
         if self._halos:
-            self.comm.do(functools.partial(self._fetch, self._halos[flat.ptr]))
+            self._halos[flat.ptr]()
 
-    def _fetch(self, halo: Halo) -> None:
-        self.bytes_sent += halo()
+    @property
+    def bytes_sent(self) -> int:
+        """By this rank, to its neighbours."""
+        return sum(halo.bytes_sent for halo in self._halos.values())
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Where element nodes (element np^2 + point) begin, in rows of that many numbers.

@@ -7,13 +7,41 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.kernels.vectors import packing_kernels
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
+
+
+class Packed:
+    """Numbers at fixed places (n,) of an array on the CPU, brought to an array of their own.
+
+    All ranks make theirs together.
+    """
+
+    def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
+        kernels = packing_kernels(x.dtype)
+        Launcher("cpu", comm).load(kernels.pack, kernels.unpack)
+        room = wp.empty(places.size, dtype=x.dtype, device="cpu")
+        arguments = [x, wp.array(places, dtype=wp.int32, device="cpu"), room]
+        self.numbers: NDArray[Any] = room.numpy()
+        self._commands = [
+            wp.launch(kernel, places.size, arguments, device="cpu", record_cmd=True)
+            for kernel in (kernels.pack, kernels.unpack)
+        ]
+
+    def pack(self) -> None:
+        """Bring them from their places."""
+        self._commands[0].launch()
+
+    def unpack(self) -> None:
+        """Bring them to their places."""
+        self._commands[1].launch()
 
 
 class Halo:
     """Exchanges numbers at fixed positions of one array (n,) with the neighbours of a rank.
 
-    Only of an array in the memory of a CPU.
+    Only of an array in the memory of a CPU.  What stands in one run there is received in place.
     """
 
     def __init__(
@@ -24,25 +52,41 @@ class Halo:
         receives: Mapping[int, NDArray[Any]],
     ) -> None:
         """sends, receives: positions (...) in the array, by neighbour."""
-        self._flat = flat.numpy()
-        self._going, self._out, outgoing = _room(sends, self._flat.dtype)
-        self._coming, self._in, incoming = _room(receives, self._flat.dtype)
-        self._channel = comm.channel(outgoing, incoming)
+        runs = {rank: _run(places.ravel()) for rank, places in receives.items()}
+        in_place = {rank: flat.numpy()[run] for rank, run in runs.items() if run is not None}
+        scattered = {rank: places for rank, places in receives.items() if runs[rank] is None}
+        self._comm, self.bytes_sent = comm, 0
+        self._going, outgoing = _packed(comm, flat, sends)
+        self._coming, incoming = _packed(comm, flat, scattered)
+        self._scattered = bool(scattered)
+        self._channel = comm.channel(outgoing, in_place | incoming)
 
-    def __call__(self) -> int:
-        """Exchange them; returns how many bytes this rank has sent."""
-        np.take(self._flat, self._going, out=self._out, mode="clip")
+    def __call__(self) -> None:
+        """Exchange them, or record that."""
+        self._going.pack()
+        self._comm.do(self._swap)
+        if self._scattered:
+            self._coming.unpack()
+
+    def _swap(self) -> None:
         self._channel.start()
         self._channel.wait()
-        self._flat[self._coming] = self._in
-        return self._out.nbytes
+        self.bytes_sent += self._going.numbers.nbytes
 
 
-def _room(
-    positions: Mapping[int, NDArray[Any]], dtype: Any
-) -> tuple[NDArray[Any], NDArray[Any], dict[int, NDArray[Any]]]:
-    """All positions, room for as many numbers, and that of each neighbour."""
-    everything = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, np.int64)])
-    room = np.empty(everything.size, dtype)
-    ends = np.cumsum([p.size for p in positions.values()], dtype=int)
-    return everything, room, dict(zip(positions, np.split(room, ends[:-1]), strict=False))
+def _run(places: NDArray[Any]) -> slice | None:
+    """The places, where they stand one behind the other."""
+    begin = int(places[0])
+    together = np.array_equal(places, begin + np.arange(places.size))
+    return slice(begin, begin + places.size) if together else None
+
+
+def _packed(
+    comm: Alone, flat: wp.array, places: Mapping[int, NDArray[Any]]
+) -> tuple[Packed, dict[int, NDArray[Any]]]:
+    """The numbers at all places, and those of each neighbour."""
+    packed = Packed(
+        comm, flat, np.concatenate([*(p.ravel() for p in places.values()), np.zeros(0, int)])
+    )
+    ends = np.cumsum([p.size for p in places.values()], dtype=int)
+    return packed, dict(zip(places, np.split(packed.numbers, ends[:-1]), strict=False))

@@ -49,7 +49,7 @@ class Crossings:
         """About the spectral radius [s-1], or up to a third more, of q -> div(q flux) / air."""
         kernel, mesh, elements = self._kernels.crossings, self.mesh, self.mesh.elements
         self._launch(kernel, elements, self._geometry, flux, air, self._most)
-        return self._symbol * max(mesh.comm.tell_all(float(self._most.numpy().max())))
+        return self._symbol * float(mesh.comm.of_each(self._most.numpy().max()).max())
 
 
 class TracerStep:

@@ -126,8 +126,7 @@ class HostVectors:
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         lowest = float(self.view(x)[begin:end].min())
-        mine = np.array([-math.inf if math.isnan(lowest) else lowest])
-        return float(self._comm.gather(mine, [1] * self._comm.size).min())
+        return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array

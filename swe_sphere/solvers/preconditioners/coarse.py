@@ -15,6 +15,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
+from swe_sphere.operators.halo import Packed
 from swe_sphere.operators.schur import SchurOperator
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
@@ -67,10 +68,11 @@ class CoarseCorrection:
         self._spread = self._sliced(self._part.rows(_filled(self._longest, (count, few))))
         self._smooth_r = self._r
         if operator.mesh.comm.shared:
-            self._smooth_r = vector(operator.mesh, smooth)
+            comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
-            owned = operator.mesh.comm.tell_all(mine)
-            self._owned, self._all_owned = self._part.here(mine), np.concatenate(owned)
+            owned = comm.tell_all(mine)
+            self._mine = Packed(comm, self._r.flat, self._part.here(mine))
+            self._joined = Packed(comm, self._smooth_r.flat, np.concatenate(owned))
             self._counts = [each.size for each in owned]
 
     def setup(self, tau: float, depth: Array) -> None:
@@ -120,17 +122,16 @@ class CoarseCorrection:
         """out = P A^-1 P^T r for the longest waves, or that added to it."""
         once, twice = self._few
         if self._smooth_r is not self._r:
+            self._mine.pack()
             self._operator.mesh.comm.do(self._join)
+            self._joined.unpack()
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
 
     def _join(self) -> None:
         """The residual of all smooth functions, each from the rank that owns it."""
-        mesh, mine = self._operator.mesh, self._r.flat.numpy()[self._owned]
-        joined = np.empty_like(mine, shape=self._all_owned.size)
-        joined[self._all_owned] = mesh.comm.gather(mine, self._counts)
-        mesh.write(joined, self._smooth_r.flat)
+        self._operator.mesh.comm.gather(self._mine.numbers, self._counts, self._joined.numbers)
 
     def _sliced(self, matrix: Any) -> SlicedMatrix:
         return SlicedMatrix(

@@ -30,7 +30,7 @@ class KeptSetup(Preconditioner):
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
         mesh, fluid = self._model.device_mesh, state[: self._model.fluid_size]
         changed = abs(tau - self._tau) > STEP_CHANGE * tau
-        if changed or not all(mesh.comm.tell_all(self._is_near(self._needed(fluid.numpy())))):
+        if changed or not mesh.comm.of_each(self._is_near(self._needed(fluid.numpy()))).all():
             self._set_up(tau, self._needed(mesh.collect(fluid)).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
