@@ -50,10 +50,12 @@ def test_counts_are_the_same_each_time_and_in_proportion_to_the_steps():
 
 
 def test_a_recorded_step_is_one_kind_of_work_whatever_its_length():
-    """Those before it is recorded count as such too, so that cost is in proportion to the steps."""
-    ((kind, count),) = work_of("rk4", 7, records=True)[1].items()
+    """Those before it is recorded count as such too; recording costs by its launches."""
+    done = work_of("rk4", 7, records=True)[1]
+    assert done.pop("recording") == (1, 12)
+    ((kind, count),) = done.items()
     assert kind.startswith("recorded") and count == (7, 0)
-    assert work_of("rk4", 3, dt=300.0, records=True)[1] == {kind: (3, 0)}
+    assert work_of("rk4", 3, dt=300.0, records=True)[1] == {kind: (3, 0), "recording": (1, 12)}
     assert kind not in work_of("kg5", 7, records=True)[1]
 
 
@@ -66,7 +68,8 @@ def test_recorded_products_and_preconditioning_stand_for_their_launches():
         together, left = (sum(calls(done, each) for each in kernels) for done in (apart, merged))
         gone = together - left
         assert gone > 0 and gone in (*pieces, sum(pieces))
-    others = {kind for kind in merged if "kernel" not in kind and not kind.startswith("recorded")}
+    assert merged["recording"][0] <= sum(pieces)
+    others = {kind for kind in merged if "kernel" not in kind and not kind.startswith("record")}
     assert {kind: merged[kind] for kind in others} == {kind: apart[kind] for kind in others}
 
 
@@ -182,6 +185,19 @@ def test_what_goes_on_between_runs_is_not_timed():
         set_up()
         machine.run()
     assert watch.prices()["set-up"] == pytest.approx((0.5, 0.0))
+
+
+def test_rare_work_is_looked_at_wherever_it_comes():
+    """Its shortest time is found although no stretch of calls that is looked at begins with it."""
+    machine = Machine(1, 0.0)
+    watch = Stopwatch(clock=lambda: machine.time)
+    machine.work.timer = watch
+    seconds = iter([2e-3, 1e-3, 3e-3])
+    rare = machine.work.section("rare", lambda: machine.spend(next(seconds)))
+    for _ in range(3):
+        machine.run(25)
+        rare()
+    assert watch.prices()["rare"] == pytest.approx((1e-3, 0.0), abs=1e-9)
 
 
 def test_without_noise_the_modelled_time_is_exact():

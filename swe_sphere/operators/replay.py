@@ -75,11 +75,12 @@ class Replay:
     def _record(self, function: Callable[[], None], launches: Counts) -> _Recorded:
         """Work of the same launches is of one kind, whichever run it is recorded in.
 
-        Having done it once, to load kernels, then counts as one piece of that kind, and recording
-        as no work: what long runs cost does not hang on how they begin.
+        Having done it once, to load kernels, then counts as one piece of that kind.  Recording is
+        work of its own, the more the more launches.
         """
         work, counted = self._launch.work, dict(self._counters)
-        parts = work.uncounted(self._capture, function)
+        size = sum(calls for calls, _ in launches.values())
+        parts = work.section("recording", self._capture, rows=lambda _: size)(function)
 
         def launch() -> None:
             for part in parts:

@@ -66,10 +66,11 @@ class Work:
 
         return call
 
-    def section(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    def section(
+        self, name: str, function: Callable[..., Any], rows: Callable[..., int] | None = None
+    ) -> Callable[..., Any]:
         """The function with its calls counted, and what is counted inside of it left out."""
-
-        return self.counted(name, lambda *arguments: self.uncounted(function, *arguments))
+        return self.counted(name, lambda *arguments: self.uncounted(function, *arguments), rows)
 
     def uncounted(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """What the function returns, with nothing counted nor timed that it does."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -28,8 +29,8 @@ ENOUGH = 12
 """From so many calls on one of them was hardly disturbed."""
 LOOKS, PERIOD = 64, 257
 """The stopwatch looks at so many calls in a row out of so many, a prime: no part of a step is
-missed for good.  Runs begin with a look, as what is done once is done then; the first call of each
-kind is looked at wherever it comes."""
+missed for good.  Runs begin with a look, as what is done once is done then; the first calls of each
+kind are looked at wherever they come."""
 
 
 @dataclass(slots=True)
@@ -59,6 +60,7 @@ class Stopwatch:
     def __init__(self, clock: Callable[[], float] = time.thread_time) -> None:
         self._clock = clock
         self._found: dict[str, dict[Context, _Shortest]] = {}
+        self._looks = Counter[str]()
         self.begin()
 
     def begin(self) -> None:
@@ -70,11 +72,11 @@ class Stopwatch:
     ) -> Any:
         """Call the function, and look at the clock now and then."""
         self._place = (self._place + 1) % PERIOD
-        first = self._place > LOOKS and tally.name not in self._found
-        if first:  # the call before was not looked at
-            self._last = self._clock()
+        rare = self._place > LOOKS and self._looks[tally.name] < ENOUGH
+        if rare:  # the call before was not looked at
+            self._before, self._last = ("", ""), self._clock()
         result = function(*arguments)
-        if first or self._place <= LOOKS:
+        if rare or self._place <= LOOKS:
             self._look(tally.name, rows)
         return result
 
@@ -83,6 +85,7 @@ class Stopwatch:
             now = self._clock()
             by_context = self._found.setdefault(name, {})
             by_context.setdefault((*self._before, rows), _Shortest()).add(now - self._last)
+            self._looks[name] += 1
         self._before, self._last = (self._before[1], name), self._clock()
 
     def prices(self) -> dict[str, tuple[float, float]]:
