@@ -18,19 +18,22 @@ from swe_sphere.solvers.vector_space import VectorSpace
 # one, and a residual of so few round-offs that no longer falls is as small as it gets; below one of
 # them is nothing to descend to.
 UNTRUSTED, MOST_ROUNDOFFS = 1e4, 1e3
+FALL = 1e-3
+"""Part of a residual norm down to which those after it are told from products alone."""
 
 
 class ConjugateGradients(KrylovSolver):
     """Solver of A x = b for A symmetric and positive in the inner product of the space.
 
-    It holds four vectors.  Diverged means that the operator or the preconditioner is not positive.
+    It holds four vectors, and takes products at two places an iteration: ranks wait there for each
+    other.  Diverged means that the operator or the preconditioner is not positive.
     """
 
     def __init__(self, space: VectorSpace) -> None:
         self.space = space
-        self._stack = space.stack(2)
-        self._residual, self._product = self._stack[0], self._stack[1]
-        self._direction, self._preconditioned = space.zeros(), space.zeros()
+        self._stack = space.stack(3)
+        self._residual, self._product, self._direction = (self._stack[k] for k in range(3))
+        self._preconditioned = space.zeros()
 
     def _iterate(self, p: LinearSolve) -> LinearResult:
         """Descents until the target is met or nothing more is to be gained."""
@@ -54,14 +57,16 @@ class ConjugateGradients(KrylovSolver):
 
     def _descend(self, p: LinearSolve, goal: float) -> LinearResult | None:
         """Iterate from the residual in place until it is down to the goal; None unless it fails."""
-        space, fall, step = self.space, 0.0, 0.0
+        space, fall, step, known = self.space, 0.0, 0.0, p.history[-1]
         while p.history[-1] > goal and p.iterations < p.limit:
             z = self._precondition(p)
             new, crossed = (float(product) for product in space.project(self._stack, 2, z))
             keep = -step * crossed / fall if fall else 0.0
             space.axpby(1.0, z, keep, self._direction)
             p.operator(self._direction, self._product)
-            curvature = space.dot(self._direction, self._product)
+            across, square, curvature = (
+                float(product) for product in space.project(self._stack, 3, self._product)
+            )
             if not (math.isfinite(new) and math.isfinite(curvature)):
                 return p.end(Status.NAN, "a product or the preconditioner is not finite")
             if new <= 0.0 or curvature <= 0.0:
@@ -71,7 +76,11 @@ class ConjugateGradients(KrylovSolver):
             space.axpy(step, self._direction, p.x)
             space.axpy(-step, self._product, self._residual)
             p.iterations += 1
-            p.history.append(space.norm(self._residual))
+            rest = p.history[-1] ** 2 - 2.0 * step * across + step**2 * square
+            if rest <= (FALL * known) ** 2:  # little is left of what cancels
+                known = space.norm(self._residual)
+                rest = known**2
+            p.history.append(math.sqrt(rest))
         return None
 
     def _precondition(self, p: LinearSolve) -> wp.array:
