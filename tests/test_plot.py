@@ -20,8 +20,8 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import animate, plot
 from swe_sphere.pictures.drawing import Drawing, contours, limits
 from swe_sphere.pictures.exact import Exact
-from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.overlays import draw_graticule
 from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
 from swe_sphere.pictures.projections import PROJECTIONS, Rounded, make_map, robinson

@@ -10,8 +10,8 @@ from pydantic import BaseModel
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import configuration
-from swe_sphere.studies.bounds import Bound, Check, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables
+from swe_sphere.studies.ended import Bound, Check, read_bounds
 from swe_sphere.studies.stress.trial import FILES as GROUPS
 from swe_sphere.studies.verify.case import FILES as CASES
 

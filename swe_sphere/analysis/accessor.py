@@ -17,8 +17,7 @@ import xarray as xr
 from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
 from swe_sphere.analysis.regrid import Points, on_grid, on_nodes, regridder
 from swe_sphere.analysis.runs import holding, mesh_of, planet_of, seconds
-from swe_sphere.analysis.spectra import grid_for, spectra, truncation
-from swe_sphere.analysis.streamfunction import Poisson
+from swe_sphere.analysis.winds import Poisson, grid_for, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals

@@ -13,9 +13,9 @@ from swe_sphere.cli.show import explain, show_traceback, tell_of_compiling
 from swe_sphere.compiling import on_compile
 
 COMMANDS = {
-    "list": "list_compare:list_all", "run": "run:run", "sweep": "sweep:sweep",
+    "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
     "advise": "advise:advise", "plot": "pictures:plot", "animate": "pictures:animate",
-    "compare": "list_compare:compare", "regrid": "regrid:regrid", "scrip": "regrid:scrip",
+    "compare": "files:compare", "regrid": "files:regrid", "scrip": "files:scrip",
     "verify": "verify:verify", "stress": "stress:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""

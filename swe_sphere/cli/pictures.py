@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.list_compare import Field
+from swe_sphere.cli.files import Field
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.pictures.look import Look

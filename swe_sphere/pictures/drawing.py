@@ -16,9 +16,8 @@ from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.mesh import Interpolator, interpolators
 from swe_sphere.pictures.exact import Exact
-from swe_sphere.pictures.globe import draw_graticule
 from swe_sphere.pictures.look import Look
-from swe_sphere.pictures.overlays import draw_mesh, draw_winds
+from swe_sphere.pictures.overlays import draw_graticule, draw_mesh, draw_winds
 from swe_sphere.pictures.projections import Disc, Map
 from swe_sphere.planet import DAY
 

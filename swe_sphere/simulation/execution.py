@@ -11,9 +11,9 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.callbacks import Callback, Observer, Scheduled
 from swe_sphere.simulation.interrupt import Interrupted, Interruption
 from swe_sphere.simulation.loop import HealthCheck, Loop
-from swe_sphere.simulation.output import appends
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.recorder import Recorder, attributes_of, most_samples
+from swe_sphere.simulation.restart import appends
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Outcome, Summary
 

@@ -13,8 +13,13 @@ from swe_sphere.parallel import world
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics
-from swe_sphere.simulation.output import check_paths
-from swe_sphere.simulation.restart import adopt, check_identity, code_warnings, read_restart
+from swe_sphere.simulation.restart import (
+    adopt,
+    check_identity,
+    check_paths,
+    code_warnings,
+    read_restart,
+)
 from swe_sphere.simulation.setup import identity, make_mesh, make_model
 from swe_sphere.simulation.snapshot import Fields, ReferenceErrors, Snapshot
 from swe_sphere.simulation.supplied import Supplied

@@ -13,10 +13,9 @@ from swe_sphere.settings import validated
 from swe_sphere.simulation.callbacks import intervals, scheduled
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.execution import execute, summary_of
-from swe_sphere.simulation.output import check_paths
 from swe_sphere.simulation.progress import Watcher, notebook
 from swe_sphere.simulation.recorder import attributes_of, save
-from swe_sphere.simulation.restart import configured
+from swe_sphere.simulation.restart import check_paths, configured
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.summary import Summary, html_table
 from swe_sphere.simulation.supplied import Supplied, supply

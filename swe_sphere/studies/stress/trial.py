@@ -15,9 +15,8 @@ from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies import record_store
-from swe_sphere.studies.bounds import Bound, Check, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
-from swe_sphere.studies.ended import STOPPED, Ended
+from swe_sphere.studies.ended import STOPPED, Bound, Check, Ended, Limits, read_bounds
 from swe_sphere.studies.stress.random_state import random_setting
 
 FILES = (

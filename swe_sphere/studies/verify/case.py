@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, model_validator
 from swe_sphere.errors import unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.steppers import STEPPERS, Stepper
-from swe_sphere.studies.bounds import Bound, Limits, read_bounds
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
+from swe_sphere.studies.ended import Bound, Limits, read_bounds
 
 FILES = (
     "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",

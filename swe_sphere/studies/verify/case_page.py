@@ -11,7 +11,7 @@ from typing import Any
 
 from swe_sphere.machine import versions
 from swe_sphere.settings import read_toml
-from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.ended import Check
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.verify.case import NORMS, Case, families
 from swe_sphere.studies.verify.verdict import Row

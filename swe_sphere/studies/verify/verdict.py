@@ -9,7 +9,7 @@ from functools import cached_property
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
-from swe_sphere.studies.bounds import Check
+from swe_sphere.studies.ended import Check
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.verify.case import ORDERS, Case, Level

@@ -1,4 +1,6 @@
-"""`swe-sphere list` and `compare`: looking at what there is."""
+"""`swe-sphere list`, `compare`, `regrid` and `scrip`: what there is, and files for other tools."""
+
+from __future__ import annotations
 
 import json
 from pathlib import Path
@@ -8,6 +10,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson
 from swe_sphere.planet import DAY
+from swe_sphere.settings import names_in
 
 Field = Annotated[
     str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
@@ -57,3 +60,44 @@ def _list(title: str, lines: dict[str, str]) -> None:
 
 def _seconds(days: float | None) -> float | None:
     return None if days is None else days * DAY
+
+
+def regrid(
+    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    grid: Annotated[
+        str, typer.Option(metavar="latlon:ROWSxCOLUMNS|gaussian:N", help="The grid.")
+    ] = "latlon:181x360",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.nc|FILE.zarr", help="The result (beside: FILE_GRID.nc)."),
+    ] = None,
+    conservative: Annotated[
+        bool, typer.Option("--conservative", help="Cell means that keep the integrals.")
+    ] = False,
+    fields: Annotated[
+        str | None, typer.Option(metavar="A,B,...", help="Variables wanted (all).")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
+) -> None:
+    """Bring the frames of a run to a grid of latitudes and longitudes."""
+    from swe_sphere.analysis.regrid_file import regrid_file
+
+    place = out or file.with_name(f"{file.stem}_{grid.replace(':', '')}.nc")
+    typer.echo(regrid_file(file, grid, place, conservative, names_in(fields), overwrite))
+
+
+def scrip(
+    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.nc", help="The grid (beside: FILE_scrip.nc).")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is there.")
+    ] = False,
+) -> None:
+    """Write the nodes as cells of a SCRIP grid, for other tools that regrid."""
+    from swe_sphere.analysis.regrid_file import write_scrip
+
+    typer.echo(write_scrip(file, out or file.with_name(f"{file.stem}_scrip.nc"), overwrite))
