@@ -198,13 +198,13 @@ def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
     small = SMALL | {"errors": {("total", "h"): 1e-3}}
     other = make_sweep(small | {"scene": "lauter"}, scene="lauter")
     page = write_report(
-        {"williamson5": make_sweep(small), "lauter": other}, tmp_path, title="Two", levels=[2e-3],
+        {"williamson5": make_sweep(small), "lauter": other}, tmp_path, title="Two",
         notes={"lauter": "A remark."},
     ).read_text(encoding="utf-8")  # fmt: skip
     Page(page)
     head = page[page.index("<header>") : page.index("</header>")]
     assert "<h1>Two</h1>" in head
-    assert "Cheapest to l2(h) ≤ 2e-3 (total error, day 15) on williamson5, ne16 np4: rk4" in head
+    assert "Cheapest to l2(h) ≤ 1e-3 (total error, day 15) on williamson5, ne16 np4: rk4" in head
     assert 'href="#lauter-1"' in head
     assert "A remark." in page
     lines = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ NUMBERS = "verification.json"
 
 
 def verify(
+    context: typer.Context,
     quick: Annotated[
         bool, typer.Option("--quick", help="Only the cheap rows, in less than a minute.")
     ] = False,
@@ -60,7 +62,8 @@ def verify(
             if not rows:
                 raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
             result = _result(rows, quick) | ({"jobs": jobs} if jobs > 1 else {})
-            _write(files, rows, result, _command(quick, scenes, launch, out, jobs))
+            asked = [word for word in context.obj if word != "--resume"]
+            _write(files, rows, result, shlex.join(["swe-sphere", *asked]))
     except Interrupted as error:
         hint = "; --resume goes on after the last run" if files else ""
         raise Stopped(f"{error}{hint}") from None
@@ -154,11 +157,3 @@ def _files(out: Path | None) -> list[Path]:
     with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
     return [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
-
-
-def _command(
-    quick: bool, scenes: str | None, launch: str | None, out: Path | None, jobs: int
-) -> str:
-    words = ["swe-sphere verify", "--quick" * quick, f"--scenes {scenes}" if scenes else ""]
-    words += [f"--launch {launch}" if launch else "", f"--jobs {jobs}" if jobs > 1 else ""]
-    return " ".join([*filter(None, words), f"--out {out}"])

@@ -93,10 +93,8 @@ def sweep_rankings(
     ]
 
 
-def read_sections(
-    datasets: Dataset | Mapping[str, Dataset], levels: Sequence[float] = ()
-) -> list[Section]:
-    """One section for each scene of each dataset; levels: target errors, none: round ones.
+def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
+    """One section for each scene of each dataset.
 
     Raises ConfigError if one of them is not the dataset of a sweep.
     """
@@ -107,7 +105,7 @@ def read_sections(
         scenes = _grouped(read_rows(dataset), lambda row: row.scene) or [(name, [])]
         for scene, rows in scenes:
             label = name if len(scenes) == 1 and name else f"{name} {scene}".strip()
-            found.append(_section(label, scene or label, rows, dataset.attrs, levels))
+            found.append(_section(label, scene or label, rows, dataset.attrs))
     return found
 
 
@@ -124,16 +122,14 @@ def _meshes(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _rankings(
-    rows: Sequence[Row], where: str, attributes: Mapping[Any, Any], levels: Sequence[float],
+    rows: Sequence[Row], where: str, attributes: Mapping[Any, Any], levels: Sequence[float] = (),
     metric: Metric | None = None,
 ) -> list[Ranking]:  # fmt: skip
     found = metrics(rows) if metric is None else [metric]
     return rankings(rows, found, where, attributes.get("converged_check", math.nan), levels)
 
 
-def _section(
-    name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any], levels: Sequence[float]
-) -> Section:
+def _section(name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any]) -> Section:
     return Section(
         name=_slug(name) or "sweep",
         title=name or scene or "sweep",
@@ -141,7 +137,7 @@ def _section(
         rows=rows,
         metrics=metrics(rows),
         meshes=[
-            _mesh(where, members, _rankings(members, where, attributes, levels))
+            _mesh(where, members, _rankings(members, where, attributes))
             for where, members in _meshes(rows)
         ],
         attributes=attributes,

@@ -37,20 +37,18 @@ def write_report(
     out: str | os.PathLike[str],
     *,
     title: str = "",
-    levels: Sequence[float] = (),
     notes: Mapping[str, str] | None = None,
 ) -> Path:
     """Write index.html, its figures as SVG and PNG, and table.csv into a folder.
 
     datasets: what `sweep` returns, or several by name: a section each.
     title: of the page; empty: the first dataset's.
-    levels: target errors; none given, round ones that the errors span.
     notes: text for the section of that name.
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
     out = _made(out, "report")
-    sections, pictures = read_sections(datasets, levels), _Pictures(out, png=True)
+    sections, pictures = read_sections(datasets), _Pictures(out, png=True)
     values = {"title": title or _title(datasets), "sections": sections, "notes": notes or {}}
     text = _rendered("report.html.j2", values | {"picture": pictures.inline})
     rows = csv_text([(section.title, section.rows) for section in sections])
@@ -65,7 +63,6 @@ def write_markdown(
     *,
     title: str = TITLE,
     introduction: str = "",
-    levels: Sequence[float] = (),
     notes: Mapping[str, str] | None = None,
     claims: Mapping[str, Claim] | None = None,
     figures: Sequence[str] = OTHERS,
@@ -78,7 +75,7 @@ def write_markdown(
     """
     folder = _made(folder, "page")
     values: dict[str, Any] = {"title": title, "introduction": introduction, "notes": notes or {}}
-    values |= {"sections": read_sections(datasets, levels), "shown": SHOWN, "figures": figures}
+    values |= {"sections": read_sections(datasets), "shown": SHOWN, "figures": figures}
     values |= {"claims": claims or {}, "verdicts": verdicts(values["sections"], claims or {})}
     pictures = _Pictures(folder, png=False)
     text = _rendered("page.md.j2", values | {"picture": pictures.file})
