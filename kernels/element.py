@@ -15,7 +15,7 @@ from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.formulas import Formula, keep_fields
-from swe_sphere.kernels.levels import finish_wind
+from swe_sphere.kernels.forward_backward import finish_wind
 from swe_sphere.kernels.registers import line_sum
 
 

@@ -14,7 +14,7 @@ from swe_sphere.kernels.access import gather_run, scratch
 from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.element import line_sums
-from swe_sphere.kernels.levels import finish_mass, finish_wind, levels_struct
+from swe_sphere.kernels.forward_backward import finish_mass, finish_wind, levels_struct
 from swe_sphere.kernels.terms import kernel_types
 
 

@@ -1,4 +1,4 @@
-"""Linear combinations of state vectors, and numbers brought from places to places."""
+"""Linear combinations of state vectors, steps among them, and numbers brought to other places."""
 
 import functools
 from types import SimpleNamespace
@@ -177,3 +177,69 @@ def packing_kernels(real: type) -> SimpleNamespace:
         x[places[i]] = packed[i]
 
     return SimpleNamespace(pack=pack, unpack=unpack)
+
+
+@functools.cache
+def leapfrog_kernel(real: type) -> wp.Kernel:
+    """Kernel (previous, state, tendency, two_dt, displacement, share): one filtered leapfrog step.
+
+    With x- the filtered past, x the present and k the tendency, x+ = x- + 2 dt k and the
+    displacement d = (nu/2)(x- - 2x + x+), where `displacement` is nu/2; `previous` becomes
+    x + share d and `state` becomes x+ - (1 - share) d (Williams 2009, doi:10.1175/2009MWR2724.1,
+    eqs. 7-9).
+    """
+
+    entry, put = entry_of(real), put_of(real)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False)
+    def leapfrog(
+        previous: wp.array(dtype=real),
+        state: wp.array(dtype=real),
+        tendency: wp.array(dtype=real),
+        two_dt: real,
+        displacement: real,
+        share: real,
+    ):
+        i = wp.tid()
+        x = entry(state, i)
+        future = entry(previous, i) + two_dt * entry(tendency, i)
+        d = displacement * (entry(previous, i) - real(2.0) * x + future)
+        put(previous, i, x + share * d)
+        put(state, i, future - (real(1.0) - share) * d)
+
+    return leapfrog
+
+
+@functools.cache
+def diffusive_stage_kernel(real: type) -> wp.Kernel:
+    """Kernel (x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y), vectors (n,).
+
+    change = cl last + cb before + cr rate + cf first + cs slope and y = x + change; both may be any
+    of what they are made of.
+    """
+    vector = wp.array(dtype=real)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False)
+    def diffusive_stage(
+        x: vector,
+        last: vector,
+        cl: real,
+        before: vector,
+        cb: real,
+        rate: vector,
+        cr: real,
+        first: vector,
+        cf: real,
+        slope: vector,
+        cs: real,
+        change: vector,
+        y: vector,
+    ):
+        i = wp.tid()
+        d = cl * last[i] + cb * before[i] + (cr * rate[i] + cf * first[i] + cs * slope[i])
+        y[i] = x[i] + d
+        change[i] = d
+
+    return diffusive_stage

@@ -15,8 +15,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.run import run
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveStepper
-from swe_sphere.steppers.control import PIController
+from swe_sphere.steppers.adaptive import AdaptiveStepper, PIController
 from swe_sphere.testcases import get_scene
 
 OUTER = 7200.0

@@ -24,12 +24,12 @@ from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_
 from swe_sphere.kernels.coarse import coarse_kernels, sparse_kernels
 from swe_sphere.kernels.damping import damping_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
-from swe_sphere.kernels.leapfrog import leapfrog_kernel
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import PointTerm, Pointwise, pointwise_kernel
 from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
+from swe_sphere.kernels.vectors import leapfrog_kernel
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene

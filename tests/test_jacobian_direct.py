@@ -12,13 +12,13 @@ from swe_sphere.equations import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.dissection import dissection_order
-from swe_sphere.operators.probing import Probing
+from swe_sphere.operators.sparse import Probing
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
-from swe_sphere.steppers.energy_norm import energy_weights
+from swe_sphere.steppers.solving import energy_weights
 from swe_sphere.testcases import get_scene
 
 FLOW = make_scene("advection", "pressure", "rotation", "drag", "relaxation")

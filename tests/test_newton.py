@@ -11,11 +11,10 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.forcing_term import FollowedNonlinearity, Forcing
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.line_search import Backtracking
 from swe_sphere.solvers.linear_result import Operator, Status
 from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
+from swe_sphere.solvers.newton_steps import Backtracking, FollowedNonlinearity, Forcing
 from swe_sphere.solvers.vector_space import VectorSpace
 
 Function = Callable[[np.ndarray], np.ndarray]

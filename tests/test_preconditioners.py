@@ -24,13 +24,12 @@ from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, coarse, make_preconditioner
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
-from swe_sphere.solvers.preconditioners.inner import Direct
-from swe_sphere.solvers.preconditioners.schwarz import Schwarz
+from swe_sphere.solvers.preconditioners.inner import Direct, Schwarz
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
-from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.steppers.implicit import StageProblem
 from swe_sphere.steppers.runge_kutta import RK4
+from swe_sphere.steppers.solving import energy_weights
 from swe_sphere.testcases import get_scene
 
 ELIMINATING = [name for name in PRECONDITIONERS if name != "none"]

@@ -14,7 +14,7 @@ from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.work import difference
 from swe_sphere.simulation.loop import HealthCheck
 from swe_sphere.solvers import vector_space
-from swe_sphere.solvers.device_space import DeviceVectors
+from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.stepper import STEPPERS, Combiner
 from swe_sphere.testcases import get_scene

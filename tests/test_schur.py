@@ -15,12 +15,11 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.preconditioners.inner import Multilevel
-from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
 TAU, GRAVITY = 3000.0, 9.8
 ROUNDOFF = {"float64": 1e-12, "float32": 2e-5}

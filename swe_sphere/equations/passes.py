@@ -8,8 +8,7 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tendencies import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
-from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_kernels
-from swe_sphere.kernels.levels import levels_struct
+from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_kernels, levels_struct
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.kernels.run_steps import carrying_kernel, run_kernels
 from swe_sphere.kernels.vectors import combine_kernel

@@ -17,9 +17,8 @@ from swe_sphere.kernels.terms import LANE_BYTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
-from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.halo import Halo
+from swe_sphere.operators.halo import Chunks, Halo
 from swe_sphere.parallel import Alone
 
 ALONE = Alone()

@@ -1,4 +1,4 @@
-"""The discrete gradient and divergence, DSS included, and stiffness as sparse matrices.
+"""Discrete operators as sparse matrices: gradient, divergence, stiffness; others by probing.
 
 They are the operators of the kernels, entry by entry: block elimination of the linearised equations
 has to use these and not a compact Laplacian.
@@ -6,6 +6,7 @@ has to use these and not a compact Laplacian.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators.diagnose import assemble
 
 PART = 1024
 """Elements whose matrices are made at a time."""
@@ -125,3 +127,109 @@ def _over_area(mesh: Mesh, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_
     """The matrix, its rows divided by the nodal areas in place."""
     matrix.data *= np.repeat(1.0 / mesh.area, np.diff(matrix.indptr))
     return matrix
+
+
+Lines = tuple[NDArray[np.int32], Array]
+"""Node numbers (..., np) line by line, and what D of the line is multiplied by, (2, ..., np)."""
+
+
+def column_squares(mesh: Mesh, weight: Array) -> Array:
+    """(N,) sum over the nodes m of weight_m |G_mn|^2, G the gradient with both its components.
+
+    An entry of the DSS'd gradient off its diagonal belongs to one line of nodes: a line through an
+    element, or an edge, where those of the elements on its two sides add up.  So entries can be
+    squared line by line, without the matrix; only the own entries of the nodes take in all elements
+    around.
+
+    `weight` (N,); the result is in its unit over m2.
+    """
+    across = [_across(mesh, direction) for direction in (1, 2)]
+    inside = [(nodes[:, 1:-1], factors[:, :, 1:-1]) for nodes, factors in across]
+    others = (mesh.derivative * (1.0 - np.eye(mesh.np))) ** 2
+    total = weight * _own(mesh, across)
+    weight = weight / mesh.area**2
+    for nodes, factors in (*inside, _edges(across)):
+        squares = weight[nodes] * np.sum(factors**2, axis=0)
+        total += np.bincount(nodes.ravel(), (squares @ others).ravel(), mesh.size)
+    return total
+
+
+def _across(mesh: Mesh, direction: int) -> Lines:
+    """All lines of the elements (E, np, np) in that direction, not yet added up."""
+    b, weights = mesh.basis, mesh.quadrature
+    if direction == 2:
+        return mesh.nodes, weights * np.stack([-b[..., 0, 1], b[..., 0, 0]])
+    factors = weights * np.stack([b[..., 1, 1], -b[..., 1, 0]])
+    return mesh.nodes.swapaxes(1, 2), factors.swapaxes(2, 3)
+
+
+def _edges(across: list[Lines]) -> Lines:
+    """The edges (edges, np), each the sum of two elements; from its end of the lower number."""
+    nodes = np.concatenate([nodes[:, [0, -1]].reshape(-1, nodes.shape[-1]) for nodes, _ in across])
+    factors = np.concatenate(
+        [factors[:, :, [0, -1]].reshape(2, -1, factors.shape[-1]) for _, factors in across], axis=1
+    )
+    back = nodes[:, 0] > nodes[:, -1]
+    nodes[back] = nodes[back, ::-1]
+    factors[:, back] = -factors[:, back, ::-1]  # the derivative changes its sign
+    first, second = np.lexsort((nodes[:, -1], nodes[:, 0])).reshape(-1, 2).T
+    return nodes[first], factors[:, first] + factors[:, second]
+
+
+def _own(mesh: Mesh, across: list[Lines]) -> Array:
+    """(N,) squares of the entries on the diagonals of both components [m-2]."""
+    own = np.diagonal(mesh.derivative)
+    (_, first), (_, second) = across
+    entries = first.swapaxes(2, 3) * own[:, None] + second * own
+    east, north = (assemble(mesh, component) for component in entries)
+    return east**2 + north**2
+
+
+Int = NDArray[np.int32]
+
+
+class Probing:
+    """Columns that meet in no row are found by one product (Curtis, Powell & Reid 1974)."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        ones = np.ones(mesh.nodes.size, dtype=np.int8)
+        rows = np.repeat(np.arange(mesh.elements), mesh.np**2)
+        elements = scipy.sparse.csr_array(
+            (ones, (rows, mesh.nodes.ravel())), (mesh.elements, mesh.size)
+        )
+        near = (elements.T.astype(bool) @ elements.astype(bool)).tocsc()
+        self.colours = _coloured((near @ near).tocsr())
+        """(N,) colour of each node's columns."""
+        columns = np.repeat(np.arange(mesh.size, dtype=np.int32), np.diff(near.indptr))
+        order = np.argsort(self.colours[columns], kind="stable")
+        self._rows, self._columns = near.indices[order], columns[order]
+        counts = np.bincount(self.colours[columns])
+        self._ends = np.concatenate([[0], np.cumsum(counts)])
+
+    def matrix(self, product: Callable[[Array], Array], fields: int) -> scipy.sparse.csr_array:
+        """(fields N, fields N) matrix of `product`, which takes and returns (fields N,)."""
+        n = self.colours.size
+        found: list[tuple[Array, Int, Int]] = []
+        for colour in range(self._ends.size - 1):
+            part = slice(*self._ends[colour : colour + 2])
+            rows = self._rows[part] + n * np.arange(fields, dtype=np.int32)[:, None]
+            mine = self.colours == colour
+            for field in range(fields):
+                direction = np.zeros((fields, n))
+                direction[field, mine] = 1.0
+                values = product(direction.ravel())[rows]
+                columns = np.broadcast_to(self._columns[part] + n * field, rows.shape)
+                there = values != 0.0
+                found.append((values[there], rows[there], columns[there]))
+        values, rows, columns = (np.concatenate(each) for each in zip(*found, strict=True))
+        return scipy.sparse.coo_array((values, (rows, columns)), (fields * n, fields * n)).tocsr()
+
+
+def _coloured(conflicts: scipy.sparse.csr_array) -> Int:
+    """(N,) the least colour that no neighbour before has."""
+    colours = np.full(conflicts.shape[0], -1, dtype=np.int32)
+    for node, (begin, end) in enumerate(zip(conflicts.indptr, conflicts.indptr[1:], strict=False)):
+        taken = np.bincount(colours[conflicts.indices[begin:end]] + 1, minlength=2)
+        free = np.flatnonzero(taken[1:] == 0)
+        colours[node] = free[0] if free.size else taken.size - 1
+    return colours

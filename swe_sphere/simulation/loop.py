@@ -35,7 +35,7 @@ class HealthCheck:
 
     def __init__(self, sim: Running) -> None:
         from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
-        from swe_sphere.steppers.energy_norm import energy_weights
+        from swe_sphere.steppers.solving import energy_weights
 
         model, mesh = sim.model, sim.model.device_mesh
         self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)

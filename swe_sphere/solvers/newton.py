@@ -12,10 +12,9 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from swe_sphere.solvers.forcing_term import FollowedNonlinearity, Forcing
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.line_search import Backtracking, Search
 from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
+from swe_sphere.solvers.newton_steps import Backtracking, FollowedNonlinearity, Forcing, Search
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.

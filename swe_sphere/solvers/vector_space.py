@@ -17,8 +17,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.work import Work
-from swe_sphere.solvers.device_space import DeviceVectors
-from swe_sphere.solvers.host_space import HostVectors
+from swe_sphere.solvers.vector_operations import DeviceVectors, HostVectors
 
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "lowest": None,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
-from swe_sphere.steppers.in_parts import SteppedInParts
+from swe_sphere.steppers.solving import SteppedInParts
 
 STAGE = 0.75
 """Where the one-step method has its second stage, in time steps."""

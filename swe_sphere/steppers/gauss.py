@@ -13,8 +13,8 @@ from swe_sphere.solvers.linear_result import Operator
 from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.energy_norm import energy_weights
 from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.solving import energy_weights
 from swe_sphere.steppers.stability import error_constant
 
 _ROOT = math.sqrt(3.0)

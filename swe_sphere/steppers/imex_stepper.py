@@ -11,9 +11,9 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import SolverFailed
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.steppers.flow_limit import strongest_advection
 from swe_sphere.steppers.solving import SolvingStepper
 from swe_sphere.steppers.stability import Complex, largest_step
-from swe_sphere.steppers.trial_run import strongest_advection
 
 MUCH_FASTER = 1e4
 """How many times faster than the explicit waves the implicit ones may be in the analysis of

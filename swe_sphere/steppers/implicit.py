@@ -11,13 +11,13 @@ from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.solvers.forcing_term import FollowedNonlinearity
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
+from swe_sphere.solvers.newton_steps import FollowedNonlinearity
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.in_parts import SteppedInParts
+from swe_sphere.steppers.solving import SteppedInParts
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9

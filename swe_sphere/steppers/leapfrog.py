@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.kernels.vectors import leapfrog_kernel
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex, largest_step
 from swe_sphere.steppers.stepper import Combiner, Stepper

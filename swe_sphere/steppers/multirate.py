@@ -14,10 +14,9 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
-from swe_sphere.steppers.flow_limit import FlowLimited, columns, wind_share
+from swe_sphere.steppers.flow_limit import FlowLimited, columns, strongest_advection, wind_share
 from swe_sphere.steppers.stability import Complex, tableau
 from swe_sphere.steppers.stepper import Combiner
-from swe_sphere.steppers.trial_run import strongest_advection
 
 Rows = tuple[tuple[float, ...], ...]
 Matrix = NDArray[np.float64]

@@ -5,7 +5,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels.leapfrog import leapfrog_kernel
+from swe_sphere.kernels.vectors import leapfrog_kernel
 from swe_sphere.steppers.imex_runge_kutta import ARK2
 from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth

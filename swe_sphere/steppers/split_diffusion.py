@@ -11,7 +11,7 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.diffusive_stage import diffusive_stage_kernel
+from swe_sphere.kernels.vectors import diffusive_stage_kernel
 
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly

@@ -184,7 +184,7 @@ KERNELS = (
     ),
     Edit(
         "leapfrog over 2.02 steps",
-        "kernels/leapfrog.py",
+        "kernels/vectors.py",
         ("stepper-leapfrog",),
         "two_dt * entry(tendency, i)",
         "real(1.01) * two_dt * entry(tendency, i)",

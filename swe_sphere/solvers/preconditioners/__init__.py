@@ -5,8 +5,11 @@ import pkgutil
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
-from swe_sphere.solvers.preconditioners.with_tracers import WithTracers
+from swe_sphere.solvers.preconditioners.preconditioner import (
+    PRECONDITIONERS,
+    Preconditioner,
+    WithTracers,
+)
 
 __all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
 

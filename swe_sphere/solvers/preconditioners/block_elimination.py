@@ -13,11 +13,10 @@ from swe_sphere.solvers.preconditioners.inner import (
     InnerSolver,
     Jacobi,
     Multilevel,
+    Schwarz,
     schur_operator,
 )
-from swe_sphere.solvers.preconditioners.kept import KeptSetup
-from swe_sphere.solvers.preconditioners.preconditioner import elimination_memory
-from swe_sphere.solvers.preconditioners.schwarz import Schwarz
+from swe_sphere.solvers.preconditioners.preconditioner import KeptSetup, elimination_memory
 
 
 class BlockElimination(KeptSetup):

@@ -16,13 +16,12 @@ from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Packed
-from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
-from swe_sphere.solvers.preconditioners.schur_matrix import SchurMatrix
 
 Step = tuple[float, float, float]
 

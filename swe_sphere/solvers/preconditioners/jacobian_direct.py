@@ -10,10 +10,9 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.dissection import dissection_order
-from swe_sphere.operators.probing import Probing
+from swe_sphere.operators.sparse import Probing
 from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY
-from swe_sphere.solvers.preconditioners.kept import KeptSetup
-from swe_sphere.solvers.preconditioners.preconditioner import unique_nodes
+from swe_sphere.solvers.preconditioners.preconditioner import KeptSetup, unique_nodes
 
 COURANT_CHANGE = 2.0
 """Change of wind, as an advective Courant number of tau, from which new factors pay."""
