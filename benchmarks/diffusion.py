@@ -17,8 +17,8 @@ import warp as wp
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh

@@ -25,7 +25,6 @@ from generated import Cost, cost
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.effects import (
     Drag,
     Forcing,
@@ -36,6 +35,8 @@ from swe_sphere.equations.effects import (
     Tracers,
     Viscosity,
 )
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Scene
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher

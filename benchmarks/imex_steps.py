@@ -19,7 +19,7 @@ import warp as wp
 from implicit_common import MOUNTAIN
 from rich.console import Console
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh

@@ -6,7 +6,7 @@ from unittest.mock import patch
 
 from implicit_common import Section
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from implicit_common import DAYS, MOUNTAIN, Run, Section, run
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference

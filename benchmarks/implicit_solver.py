@@ -7,7 +7,7 @@ import warp as wp
 from implicit_common import Section, interleaved, run
 from threadpoolctl import threadpool_limits
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh

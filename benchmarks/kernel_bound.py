@@ -27,7 +27,7 @@ import warp as wp
 from matplotlib.ticker import FixedLocator, NullFormatter
 from rich.console import Console
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay

@@ -18,9 +18,9 @@ from mixing import filaments, mixing
 from numpy.typing import NDArray
 from rich.console import Console
 
-from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.effects import Tracers
-from swe_sphere.equations.scene import apply_settings
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.io.norms import norms
 from swe_sphere.machine import machine
 from swe_sphere.mesh import Mesh

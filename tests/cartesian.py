@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from swe_sphere.equations import Scene
+from swe_sphere.equations.scene import Scene
 from swe_sphere.mesh import Mesh
 
 

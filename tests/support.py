@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from swe_sphere.equations import Model, Scene
 from swe_sphere.equations.effects import (
     Drag,
     Forcing,
@@ -18,6 +17,8 @@ from swe_sphere.equations.effects import (
     Rotation,
     Viscosity,
 )
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Scene
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, Stepper
 

@@ -7,8 +7,8 @@ import netCDF4
 import numpy as np
 import pytest
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh

@@ -11,7 +11,6 @@ import warp as wp
 from gpu import ARCHITECTURES, all_kernels, kind_of
 from ptx import assemble, compile_ptx, find_ptxas
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import (
     Drag,
     Forcing,
@@ -20,6 +19,7 @@ from swe_sphere.equations.effects import (
     Tracers,
     Viscosity,
 )
+from swe_sphere.equations.model import Model
 from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_kernel
 from swe_sphere.kernels.coarse import coarse_kernels, sparse_kernels
 from swe_sphere.kernels.damping import damping_kernels

@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from support import make_scene, relative
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import EFFECTS
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import SMOOTH, harmonic, make_scene, tendency
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity, Viscosity, hyperviscosity_default
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 
 NU = 1e6

@@ -20,8 +20,8 @@ from support import (
     tendency,
 )
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh

@@ -10,7 +10,7 @@ import scipy.linalg as sl
 import warp as wp
 from support import EXPONENTIAL, advance, make_scene, random_state, relative
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.solvers.krylov_exponential import ExponentialResult, KrylovExponential, Sources

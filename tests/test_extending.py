@@ -15,7 +15,7 @@ from support import random_state, relative, tangent, tendency
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.cli.main import main
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.mesh import Mesh

@@ -12,7 +12,7 @@ import warp as wp
 from support import make_scene
 
 import swe_sphere.kernels
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.kernels import assembly_kernel
 from swe_sphere.mesh import Mesh
 from swe_sphere.testcases import get_scene

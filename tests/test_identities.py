@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, tendency
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Hyperviscosity, Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Snapshot

@@ -9,10 +9,10 @@ import pytest
 from support import EXPONENTIAL, make_scene, random_state, relative
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.energy_conserving import PoissonTendency
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support import IMPLICIT, advance, make_scene
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, gauss
 from swe_sphere.steppers.dirk import DiagonallyImplicit

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, relative, tangent
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import get_stepper

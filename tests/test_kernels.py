@@ -9,7 +9,7 @@ import pytest
 from cartesian import Cartesian
 from support import make_scene, random_state, relative, tangent, tendency
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 
 SHAPES = ("element", "node")

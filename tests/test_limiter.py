@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Tracers
+from swe_sphere.equations.model import Model
 from swe_sphere.io.norms import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS

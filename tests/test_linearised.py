@@ -11,8 +11,8 @@ from cartesian import Cartesian
 from manufactured import DURATION, MESH, STEPS, answer, manufactured, tight
 from support import IMPLICIT, advance, make_scene, random_state, relative, tangent, tendency
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Linearised, Tracers
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.gravity_waves import reference_depth

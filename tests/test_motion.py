@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import IMPLICIT, advance, make_scene
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace

@@ -12,8 +12,8 @@ from support import advance, make_scene, random_state, relative, tangent, tenden
 from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh

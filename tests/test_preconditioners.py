@@ -14,8 +14,8 @@ import warp as wp
 from support import make_scene, relative
 from threadpoolctl import threadpool_limits
 
-from swe_sphere.equations import Model, Scene
-from swe_sphere.equations.scene import apply_settings
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse

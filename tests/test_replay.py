@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 
 from swe_sphere import Simulation
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import Unstable
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.work import difference

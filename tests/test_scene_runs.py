@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 from support import advance
 
-from swe_sphere.equations import Model, Scene
-from swe_sphere.equations.scene import Array
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY

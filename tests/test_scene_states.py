@@ -13,7 +13,7 @@ import pytest
 from scipy.special import lpmv
 
 from swe_sphere.cli.main import main
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh

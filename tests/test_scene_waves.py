@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from support import advance
 
-from swe_sphere.equations import Model, Scene
-from swe_sphere.equations.scene import Array
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH, HOUR

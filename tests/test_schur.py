@@ -10,7 +10,7 @@ import scipy.sparse as sp
 import warp as wp
 from support import make_scene, relative, tangent
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
 from swe_sphere.operators.device_mesh import REALS

@@ -13,8 +13,8 @@ import scipy.sparse as sp
 import warp as wp
 from support import IMEX, advance, make_scene, random_state, relative
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse

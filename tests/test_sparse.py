@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import harmonic, make_scene, relative, tangent
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import diagnose, sparse
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import EXPLICIT, make_scene, random_state
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Drag, Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.io.norms import field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR

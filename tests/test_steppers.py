@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import EXPLICIT, harmonic, make_scene, random_state, relative
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from swe_sphere import Simulation
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Tracers, Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swe_sphere.equations import Model
 from swe_sphere.equations.effects import Tracers, Viscosity
+from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.norms import norms
 from swe_sphere.mesh import Interpolator, Mesh

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import IMPLICIT, make_scene
 
-from swe_sphere.equations import Model
+from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.implicit import ImplicitStepper
