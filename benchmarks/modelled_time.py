@@ -22,7 +22,7 @@ from swe_sphere.operators.work import difference
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.setup import make_mesh, make_model, make_scene
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.modelled_time import Stopwatch, modelled_seconds
+from swe_sphere.studies.costs import Stopwatch, modelled_seconds
 
 MESHES = ((8, 4), (4, 8))
 STEPS = {

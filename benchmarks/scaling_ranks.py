@@ -14,7 +14,7 @@ import numpy as np
 from swe_sphere import Simulation
 from swe_sphere.operators.work import difference
 from swe_sphere.parallel import Alone, Channel, world
-from swe_sphere.studies.modelled_time import Stopwatch, modelled_seconds
+from swe_sphere.studies.costs import Stopwatch, modelled_seconds
 
 STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
 """Steps [s] on ne 30, and how many of them are timed at once."""

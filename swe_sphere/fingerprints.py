@@ -1,12 +1,18 @@
-"""Which code the numbers come from: a short hash of it, so that other code's are told apart."""
+"""Where numbers come from: a short hash of the code, processor and versions of the machine."""
 
 import hashlib
 import json
+import os
+import platform
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
+
+from swe_sphere import __version__
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
@@ -61,3 +67,29 @@ def _folders(name: str) -> Iterator[str]:
 
 def _short(contents: bytes) -> str:
     return hashlib.sha256(contents).hexdigest()[:16]
+
+
+def processor() -> str:
+    """The name of the processor."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, of this package and of those that do its work."""
+    import warp as wp
+
+    return {
+        "python": platform.python_version(),
+        "warp": str(wp.__version__),
+        "numpy": np.__version__,
+        "swe_sphere": __version__,
+    }
+
+
+def machine() -> str:
+    """Processor, cores, Python and Warp in a line."""
+    found = versions()
+    return f"{processor()}, {os.cpu_count()} cores; Python {found['python']}, Warp {found['warp']}"

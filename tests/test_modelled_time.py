@@ -10,7 +10,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.work import Work, difference
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.modelled_time import Stopwatch, lowest, modelled_seconds
+from swe_sphere.studies.costs import Stopwatch, lowest, modelled_seconds
 from swe_sphere.testcases import get_scene
 
 # counts

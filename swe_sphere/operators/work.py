@@ -1,7 +1,7 @@
 """How much work a model has done, by kind: launches of each kernel, vector operations, host solves.
 
 Counts are exact and the same on every machine; with the price of each kind they say what a run
-costs where nothing else disturbs it (see `swe_sphere.studies.modelled_time`).
+costs where nothing else disturbs it (see `swe_sphere.studies.costs`).
 """
 
 from __future__ import annotations

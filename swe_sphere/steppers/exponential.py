@@ -63,11 +63,6 @@ class ExponentialMultistep(SteppedInParts):
         super().start(state, t)
         self._known, self._spacing = 0, 0.0
 
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the step is limited by accuracy alone."""
-        return np.inf
-
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs."""
         return super().state_dict() | {"past": np.array([self._known, self._spacing])}

@@ -111,11 +111,6 @@ class ImplicitStepper(SteppedInParts):
         self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         super().start(state, t)
 
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the step is limited by accuracy alone."""
-        return np.inf
-
     def costs(self) -> dict[str, float]:
         """Counts of the solver and its preconditioner, and seconds of the latter's set-up."""
         made = self.problem.preconditioner

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.machine import versions
+from swe_sphere.fingerprints import versions
 from swe_sphere.studies import record_store
 from swe_sphere.studies.pages import anchor, rendered
 from swe_sphere.studies.record_store import Record, read_record

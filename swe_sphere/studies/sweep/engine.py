@@ -11,8 +11,8 @@ from pathlib import Path
 from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.studies.costs import settled_objects
 from swe_sphere.studies.jobs import Tell, in_processes
-from swe_sphere.studies.peak_memory import settled_objects
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import (
     HEADER,

@@ -15,12 +15,12 @@ from pydantic import Field
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import processor, versions
 from swe_sphere.io.norms import Norms
-from swe_sphere.machine import processor, versions
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.studies.costs import modelled_seconds
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.jobs import Tell
-from swe_sphere.studies.modelled_time import modelled_seconds
 from swe_sphere.studies.record_store import Record, Relay, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
@@ -72,7 +72,7 @@ class RunRecord(Record):
     work: dict[str, tuple[int, int]]
     """What its steps have done, see `operators.work`; empty where it was not counted."""
     prices: dict[str, tuple[float, float]]
-    """Of such work [s], see `studies.modelled_time`, by all runs so far with this stepper."""
+    """Of such work [s], see `studies.costs`, by all runs so far with this stepper."""
     time_limit: float | None
     sources: dict[str, str]
     """Fingerprints of all that the run was made of but its settings, by what it is."""

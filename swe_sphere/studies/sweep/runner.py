@@ -16,9 +16,8 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.studies.costs import Stopwatch, begin_peak, peak_memory
 from swe_sphere.studies.ended import Ended, attempt, stepped
-from swe_sphere.studies.modelled_time import Stopwatch
-from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current

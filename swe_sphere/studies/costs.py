@@ -1,4 +1,4 @@
-"""What a run costs where nothing disturbs it: counted work at prices measured on this machine.
+"""What a run costs where nothing disturbs it: counted work at prices of this machine; memory.
 
 Wall times of a busy machine scatter by tens of percent.  How often a run calls each kernel, each
 vector operation and each solve on the host does not (`swe_sphere.operators.work`), and the shortest
@@ -11,11 +11,17 @@ all steppers and all moments of a study meet in them.
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import math
+import re
+import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from swe_sphere.operators.work import Counts, Tally
@@ -155,3 +161,61 @@ def modelled_seconds(counts: Counts, prices: Prices) -> float:
     )
     known = sum(calls for calls, _ in priced.values())
     return seconds / known * sum(calls for calls, _ in counts.values()) if known else math.nan
+
+
+CLEAR = Path("/proc/self/clear_refs")
+STATUS = Path("/proc/self/status")
+RESET_PEAK = "5"
+"""What Linux takes for: set the peak to what is resident now (proc(5), since 4.0)."""
+
+
+@contextmanager
+def settled_objects() -> Iterator[None]:
+    """Within the block, garbage is looked for only among what is made in it, which is quick."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def begin_peak() -> bool:
+    """Give back what earlier runs have left, and begin a new peak.
+
+    False where the system cannot, so that the peak is that of all runs so far.
+    """
+    gc.collect()
+    _trim()
+    try:
+        CLEAR.write_text(RESET_PEAK)
+    except OSError:
+        return False
+    return True
+
+
+def _trim() -> None:
+    """Hand freed memory back to the system, where the C library can (glibc)."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+def peak_memory() -> float:
+    """Most memory resident since `begin_peak` [bytes], the interpreter and libraries included.
+
+    Where there is no /proc it is the most since the process began; NaN where nothing tells.
+    """
+    try:
+        found = re.search(r"VmHWM:\s+(\d+)", STATUS.read_text())
+    except OSError:
+        found = None
+    return 1024.0 * float(found[1]) if found else _since_the_start()
+
+
+def _since_the_start() -> float:
+    try:
+        import resource
+    except ImportError:  # not on this system
+        return float("nan")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
