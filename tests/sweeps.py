@@ -14,6 +14,7 @@ DEFAULTS = {
     "scene": "williamson5", "stepper": "rk4", "preconditioner": "", "precision": "float64",
     "device": "cpu", "settings": "", "role": "grid", "status": "completed", "reason": "",
     "ne": 16, "np": 4, "stretch": 1.0, "dt": 600.0, "steps": 2160, "days": 15.0,
+    "days_planned": 15.0, "jobs": 1,
     "rhs_evaluations": 8640, "tangent_evaluations": 0, "preconditioner_applications": 0,
     "newton_iterations": 0, "krylov_iterations": 0, "rejected_steps": 0, "wall_seconds": 3.0,
     "wall_spread": 0.02, "modelled_seconds": np.nan,

@@ -13,7 +13,6 @@ from xarray import Dataset
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep.dataset import UNITS, WORDS
 
-REQUIRED = ("stepper", "dt", "status", "wall_seconds")
 COMPARED = ("", "grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
 MADE_FOR_OTHERS = ("converged", "rhs-cost")
@@ -70,7 +69,7 @@ class Metric:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One run: its words and numbers are attributes, empty or NaN where not recorded."""
+    """One run: its words and numbers are attributes, NaN where there is none."""
 
     number: int
     """Position in the dataset, from 1."""
@@ -143,13 +142,12 @@ def read_rows(dataset: Dataset) -> list[Row]:
     They are ranked by modelled time where all that are compared have one, else by wall time.
     Raises ConfigError if the dataset is not one of a sweep.
     """
-    if missing := [name for name in REQUIRED if name not in dataset]:
-        raise ConfigError(f"this dataset is not one of a sweep: it has no {', '.join(missing)}")
-    absent = dict.fromkeys(WORDS, "") | dict.fromkeys(NUMBERS, math.nan)
+    if missing := [n for n in (*WORDS, *NUMBERS, "wall", "error") if n not in dataset]:
+        raise ConfigError(f"this dataset is not one of a sweep: it has no {missing[0]}")
     columns = {str(n): of.to_numpy() for n, of in dataset.items() if of.dims == ("run",)}
     walls, errors = _walls(dataset), _errors(dataset)
     rows = [
-        Row(i + 1, absent | {name: _plain(of[i]) for name, of in columns.items()}, *known)
+        Row(i + 1, {name: _plain(of[i]) for name, of in columns.items()}, *known)
         for i, known in enumerate(zip(errors, walls, strict=True))
     ]
     modelled = all(math.isfinite(row.modelled_seconds) for row in rows if row.compared)
@@ -158,7 +156,7 @@ def read_rows(dataset: Dataset) -> list[Row]:
 
 
 def _plain(value: Any) -> float | str:
-    return value if isinstance(value, str) else "" if value is None else float(value)
+    return value if isinstance(value, str) else float(value)
 
 
 def _priced(row: Row, modelled: bool, noise: float) -> Row:
@@ -175,34 +173,27 @@ def _priced(row: Row, modelled: bool, noise: float) -> Row:
 def _wall_interval(row: Row, noise: float) -> tuple[float, float]:
     """Within which wall times [s] the row's true one may lie.
 
-    From its fastest to its slowest repeat, or half its spread to either side of the median where
-    single times are not known, and at least half of `noise`, the relative spread of right-hand
-    sides timed on the same machine, to either side.  Where neither is known (a run timed once),
-    UNKNOWN_NOISE stands for `noise`.
+    From its fastest to its slowest repeat, and at least half of `noise`, the relative spread of
+    right-hand sides timed on the same machine, to either side of the median.  Where that is not
+    known UNKNOWN_NOISE stands for it, for a run timed once.
     """
-    median = row.wall_seconds
-    times = row.walls if len(row.walls) > 1 else ()
-    spread = row.wall_spread if row.wall_spread > 0.0 else 0.0
-    if not times and spread == 0.0 and not noise >= 0.0:
-        noise = UNKNOWN_NOISE
-    half = 0.5 * max(noise if noise >= 0.0 else 0.0, 0.0 if times else spread) * median
-    return min(*times, median, median - half), max(*times, median, median + half)
+    if not noise >= 0.0:
+        noise = UNKNOWN_NOISE if len(row.walls) < 2 else 0.0
+    median, half = row.wall_seconds, 0.5 * noise * row.wall_seconds
+    return min((median - half, *row.walls)), max((median + half, *row.walls))
 
 
 def _walls(dataset: Dataset) -> list[tuple[float, ...]]:
-    if "wall" not in dataset:
-        return [()] * dataset.sizes.get("run", 0)
     values = np.asarray(dataset["wall"].transpose("run", "repeat").values, dtype=np.float64)
     return [tuple(row[np.isfinite(row)].tolist()) for row in values]
 
 
 def _errors(dataset: Dataset) -> list[dict[Metric, float]]:
-    found: list[dict[Metric, float]] = [{} for _ in range(dataset.sizes.get("run", 0))]
-    if "error" in dataset and found:
-        axes = ("run", "kind", "field", "norm", "report_day")
-        errors = dataset["error"].transpose(*axes).to_series()
-        for (i, *which), value in errors[np.isfinite(errors)].items():
-            found[i][Metric(*which)] = float(value)
+    found: list[dict[Metric, float]] = [{} for _ in range(dataset.sizes["run"])]
+    axes = ("run", "kind", "field", "norm", "report_day")
+    errors = dataset["error"].transpose(*axes).to_series()
+    for (i, *which), value in errors[np.isfinite(errors)].items():
+        found[i][Metric(*which)] = float(value)
     return found
 
 
