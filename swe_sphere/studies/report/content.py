@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
@@ -47,7 +47,7 @@ class OneMesh:
 
 @dataclass(frozen=True)
 class Section:
-    """One scene."""
+    """The sweep of one scene."""
 
     name: str
     """For file names and anchors."""
@@ -80,45 +80,36 @@ class Section:
 def sweep_rankings(
     dataset: Dataset, metric: Metric | None = None, levels: Sequence[float] = ()
 ) -> list[Ranking]:
-    """The ranking to go by for each scene and mesh of a sweep: its headline and its table.
+    """The ranking to go by for each mesh of a sweep: its headline and its table.
 
     metric: the error to rank by; None: the one that tells most.  levels: target errors, none: round
     ones.  Raises ConfigError if the dataset is not one of a sweep.
     """
     return [
         ranking
-        for _, of_scene in _grouped(read_rows(dataset), lambda row: row.scene)
-        for where, rows in _meshes(of_scene)
+        for where, rows in _meshes(read_rows(dataset))
         for ranking in _rankings(rows, where, dataset.attrs, levels, metric)[:1]
     ]
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
-    """One section for each scene of each dataset.
+    """One section for each dataset.
 
     Raises ConfigError if one of them is not the dataset of a sweep.
     """
     if isinstance(datasets, Dataset):
-        datasets = {str(datasets.attrs.get("scene", "")): datasets}
-    found = []
-    for name, dataset in datasets.items():
-        scenes = _grouped(read_rows(dataset), lambda row: row.scene) or [(name, [])]
-        for scene, rows in scenes:
-            label = name if len(scenes) == 1 and name else f"{name} {scene}".strip()
-            found.append(_section(label, scene or label, rows, dataset.attrs))
-    return found
-
-
-def _grouped(rows: Sequence[Row], key: Callable[[Row], str]) -> list[tuple[str, list[Row]]]:
-    """The rows by a word, in the order in which they come."""
-    return [(word, [r for r in rows if key(r) == word]) for word in dict.fromkeys(map(key, rows))]
+        datasets = {str(datasets.attrs["scene"]): datasets}
+    return [_section(name, dataset) for name, dataset in datasets.items()]
 
 
 def _meshes(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
-    """The rows of a scene by what they are called: the scene, and the mesh if it is known."""
+    """The rows of a scene by what they are called: the scene and the mesh."""
     told = {row.mesh for row in rows if row.role not in MADE_FOR_OTHERS}
-    members = [row for row in rows if row.mesh in told]
-    return _grouped(members, lambda row: f"{row.scene}, {row.mesh}" if row.mesh else row.scene)
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.mesh in told:
+            found.setdefault(f"{row.scene}, {row.mesh}", []).append(row)
+    return [*found.items()]
 
 
 def _rankings(
@@ -129,18 +120,19 @@ def _rankings(
     return rankings(rows, found, where, attributes.get("converged_check", math.nan), levels)
 
 
-def _section(name: str, scene: str, rows: list[Row], attributes: Mapping[Any, Any]) -> Section:
+def _section(name: str, dataset: Dataset) -> Section:
+    rows = read_rows(dataset)
     return Section(
-        name=_slug(name) or "sweep",
-        title=name or scene or "sweep",
-        scene=scene,
+        name=_slug(name),
+        title=name,
+        scene=dataset.attrs["scene"],
         rows=rows,
         metrics=metrics(rows),
         meshes=[
-            _mesh(where, members, _rankings(members, where, attributes))
+            _mesh(where, members, _rankings(members, where, dataset.attrs))
             for where, members in _meshes(rows)
         ],
-        attributes=attributes,
+        attributes=dataset.attrs,
     )
 
 
@@ -150,7 +142,7 @@ def _mesh(where: str, rows: list[Row], ranked: list[Ranking]) -> OneMesh:
     errors = [(m, error_diagrams(rows, m)) for m in dict.fromkeys([*first, *found])]
     names = {row.number: curve.label for curve in curves(rows) for row in curve.rows}
     return OneMesh(
-        name=_slug(rows[0].mesh) or "mesh",
+        name=_slug(rows[0].mesh),
         title=where,
         rows=rows,
         rankings=ranked,

@@ -13,9 +13,9 @@ from xarray import Dataset
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep.dataset import UNITS, WORDS
 
-COMPARED = ("", "grid", "target")
+COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
-MADE_FOR_OTHERS = ("converged", "rhs-cost")
+MADE_FOR_OTHERS = ("converged",)
 """Roles of runs that say nothing on a stepper."""
 NUMBERS = (
     "wall_seconds", "wall_spread", "modelled_seconds", "modelled_spread", "cpu_seconds", *UNITS,
@@ -102,11 +102,8 @@ class Row:
     @property
     def mesh(self) -> str:
         """For example "ne16 np4, stretched 4"."""
-        parts = [
-            f"{n}{value:.0f}" for n in ("ne", "np") if math.isfinite(value := getattr(self, n))
-        ]
-        stretched = math.isfinite(self.stretch) and self.stretch != 1.0
-        return " ".join(parts) + (f", stretched {self.stretch:g}" if stretched else "")
+        stretched = f", stretched {self.stretch:g}" if self.stretch != 1.0 else ""
+        return f"ne{self.ne:.0f} np{self.np:.0f}{stretched}"
 
     @property
     def equivalents(self) -> float:
