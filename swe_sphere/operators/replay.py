@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.operators.launch import REMEMBERED, Launcher
-from swe_sphere.operators.work import Counts, difference
+from swe_sphere.operators.work import RECORDING, Counts, difference
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Replay:
         """
         work, counted = self._launch.work, dict(self._counters)
         size = sum(calls for calls, _ in launches.values())
-        parts = work.section("recording", self._capture, rows=lambda _: size)(function)
+        parts = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
 
         def launch() -> None:
             for part in parts:

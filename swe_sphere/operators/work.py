@@ -10,7 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Counts", "Tally", "Timer", "Work", "difference"]
+__all__ = ["RECORDING", "Counts", "Tally", "Timer", "Work", "difference"]
+
+RECORDING = "recording"
+"""The kind of work by which other work is recorded: once, however long a run is."""
 
 Counts = Mapping[str, tuple[int, int]]
 """(calls, rows) by kind of work, see `Tally`."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, get_args
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.work import RECORDING
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
@@ -159,8 +160,9 @@ def _size(record: RunRecord) -> tuple[object, ...]:
 
 
 def _seconds(record: RunRecord, prices: Priced) -> float:
-    """Modelled time; wall time where the work was not counted."""
-    seconds = modelled_seconds(record.work, prices[_kind(record)])
+    """Modelled time but for recording, as these runs stand for long ones; else wall time."""
+    work = {kind: count for kind, count in record.work.items() if kind != RECORDING}
+    seconds = modelled_seconds(work, prices[_kind(record)])
     return seconds if math.isfinite(seconds) else record.numbers.get("wall_seconds") or math.nan
 
 
