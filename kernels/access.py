@@ -24,6 +24,25 @@ def entry_of(real: type) -> Any:
 
 
 @functools.cache
+def run_of(value: type, real: type, lanes: int) -> Any:
+    """Warp function (x, i): the run of `lanes` numbers from x[i] on, likewise."""
+    if lanes == 1:
+        return entry_of(real)
+    kind, register = run_type(real, lanes)
+
+    @wp.func_native(f"""
+        {register}
+        const run r = *reinterpret_cast<const run*>(x.data + i);
+        wp::vec_t<{lanes}, {kind}> v;
+        __builtin_memcpy(&v, &r, sizeof v);
+        return v;
+    """)
+    def load(x: wp.array(dtype=real), i: int) -> value: ...
+
+    return load
+
+
+@functools.cache
 def put_of(real: type) -> Any:
     """Warp function (x, i, v): x[i] = v, likewise."""
 
@@ -44,8 +63,8 @@ def address_of(value: type) -> Any:
 
 
 @functools.cache
-def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any, Any, Any]:
-    """Warp functions (x, offset, node[, values]): load, load of a run of nodes, and store to one.
+def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any, Any]:
+    """Warp functions (x, offset, node): load, and load of a run of nodes.
 
     The branch chooses between registers and not, as Warp's would, between `lanes` numbers each.
     """
@@ -66,10 +85,7 @@ def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any,
     @wp.func_native(f"{register} const run r = *reinterpret_cast<const run*>({begin}); {answer}")
     def load_run(x: vector, offset: int, node: index) -> value: ...
 
-    @wp.func_native(f"__builtin_memcpy({begin}, &v, sizeof v);")
-    def store_run(x: vector, offset: int, node: index, v: value): ...
-
-    return load, load_run, store_run
+    return load, load_run
 
 
 @functools.cache
@@ -115,6 +131,7 @@ def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
     """
     kind, register = run_type(real, lanes)
     each = ", ".join(f"sum({lane})" for lane in range(lanes))
+    answer = f"wp::vec_t<{lanes}, {kind}> v; __builtin_memcpy(&v, &r, sizeof v); return v;"
 
     vector, array = wp.array(dtype=real), wp.array(dtype=place)
 
@@ -131,9 +148,7 @@ def gather_run(value: type, place: type, real: type, lanes: int) -> Any:
         }};
         {register}
         const run r = {{{each}}};
-        wp::vec_t<{lanes}, {kind}> v;
-        __builtin_memcpy(&v, &r, sizeof v);
-        return v;
+        {answer if lanes > 1 else "return r;"}
     """)
     def gather(local: vector, places: array, first: int, offset: int) -> value: ...
 

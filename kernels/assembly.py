@@ -9,11 +9,13 @@ compile a path for contiguous arrays, which is faster on a CPU.
 """
 
 import functools
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, put_of
+from swe_sphere.kernels.access import entry_of, gather_run, run_of
+from swe_sphere.kernels.registers import product_of
+from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
 
 CONTRIBUTORS = 4
 OPTIONS = {"max_unroll": 1}
@@ -42,40 +44,52 @@ def gather_sum(real: type) -> wp.Function:
 
 
 @functools.cache
-def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
+def assembly_kernel(unknowns: int, real: type, rotation: bool, lanes: int = 1) -> wp.Kernel:
     """Kernel from local tendencies (entries,) to the tendency (unknowns*N,) of the unique nodes.
 
-    Arguments: `places` (N,), `inverse_area` (N,), the distance `stride` between two fields in the
-    local tendencies, the first node to be written, N, the local tendencies, with rotation the
-    Coriolis parameter (N,) [s-1] and the state, and the result.
+    Over nodes, or on a CPU over runs of `lanes` nodes, which fill a register.  Arguments: `places`
+    (N,), `inverse_area` (N,), the distance `stride` between two fields in the local tendencies, the
+    first node to be written, N, the local tendencies, with rotation the Coriolis parameter (N,)
+    [s-1] and the state, the `stage_struct` and the result.
     """
-    vector = wp.array(dtype=real)
-    gather, place = gather_sum(real), entry_of(Contributors)
-    entry, put = entry_of(real), put_of(real)
+    place, vector, stage = wp.array(dtype=Contributors), wp.array(dtype=real), stage_struct(real)
+    value, rows = node_types(real, lanes, unknowns)
+    gather, load = gather_run(value, Contributors, real, lanes), run_of(value, real, lanes)
+    leave = leave_of(rows, real, lanes, unknowns)
+    mul: Any = product_of(value, real, lanes) if lanes > 1 else wp.mul
+
+    @no_type_check
+    @wp.func
+    def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
+        scale = load(inverse_area, node)
+        if wp.static(unknowns == 1):
+            return mul(scale, gather(local, places, node, 0))
+        else:
+            r = rows()
+            r[0] = mul(scale, gather(local, places, node, 0))
+            r[1] = mul(scale, gather(local, places, node, stride))
+            r[2] = mul(scale, gather(local, places, node, 2 * stride))
+            return r
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble(
-        places: wp.array(dtype=Contributors),
+        places: place,
         inverse_area: vector,
         stride: int,
         first: int,
         size: int,
         local: vector,
+        s: stage,
         out: vector,
     ):
-        node = first + wp.tid()
-        at = place(places, node)
-        scale = entry(inverse_area, node)
-        put(out, node, scale * gather(local, at, 0))
-        if wp.static(unknowns == 3):
-            put(out, size + node, scale * gather(local, at, stride))
-            put(out, 2 * size + node, scale * gather(local, at, 2 * stride))
+        node = first + lanes * wp.tid()
+        leave(s, node, size, means(places, inverse_area, stride, node, local), out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assemble_rotating(
-        places: wp.array(dtype=Contributors),
+        places: place,
         inverse_area: vector,
         stride: int,
         first: int,
@@ -83,17 +97,14 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool) -> wp.Kernel:
         local: vector,
         coriolis: vector,
         x: vector,
+        s: stage,
         out: vector,
     ):
-        node = first + wp.tid()
-        at = place(places, node)
-        scale = entry(inverse_area, node)
-        f = entry(coriolis, node)
-        u = scale * gather(local, at, 0) + f * entry(x, size + node)
-        v = scale * gather(local, at, stride) - f * entry(x, node)
-        h = scale * gather(local, at, 2 * stride)
-        put(out, node, u)
-        put(out, size + node, v)
-        put(out, 2 * size + node, h)
+        node = first + lanes * wp.tid()
+        r = means(places, inverse_area, stride, node, local)
+        f = load(coriolis, node)
+        r[0] = r[0] + mul(f, load(x, size + node))
+        r[1] = r[1] - mul(f, load(x, node))
+        leave(s, node, size, r, out)
 
     return assemble_rotating if rotation else assemble

@@ -17,6 +17,7 @@ from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.formulas import Formula, keep_fields
 from swe_sphere.kernels.forward_backward import finish_wind
 from swe_sphere.kernels.registers import line_sum
+from swe_sphere.kernels.stages import leave_of
 
 
 def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
@@ -103,15 +104,16 @@ def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
 
 def _finish(t: SimpleNamespace, f: Formula) -> wp.Function:
     """Function (geometry, winds, result, node, done): what DSS makes of a run of inner nodes."""
-    mul, load, store = t.ops.mul, t.ops.load_run, t.ops.store_run
-    poisson, fields = t.terms.poisson, f.fields
+    mul, load, poisson, fields = t.ops.mul, t.ops.load_run, t.terms.poisson, f.fields
+    rates = t.rows(fields)
+    leave = leave_of(rates, t.real, t.lanes, fields)
 
     @no_type_check
     @wp.func
     def finish(geo: t.geometry, w: f.winds, r: t.rows(f.fields), node: t.index, done: t.vector):
         scale = load(geo.inverse_area, 0, node)
         if wp.static(fields == 1):
-            store(done, 0, node, mul(scale, r))
+            rate = mul(scale, r)
         else:
             u = mul(scale, r[0])
             v = mul(scale, r[1])
@@ -123,9 +125,11 @@ def _finish(t: SimpleNamespace, f: Formula) -> wp.Function:
                 else:
                     u += mul(f, w.v)
                     v -= mul(f, w.u)
-            store(done, 0, node, u)
-            store(done, geo.size, node, v)
-            store(done, 2 * geo.size, node, mul(scale, r[2]))
+            rate = rates()
+            rate[0] = u
+            rate[1] = v
+            rate[2] = mul(scale, r[2])
+        leave(geo.stage, ~node[0], geo.size, rate, done)
 
     return finish
 

@@ -61,9 +61,9 @@ def algebra(value: type, index: type, real: type, lanes: int, whole: bool) -> Si
     def load(x: wp.array(dtype=real), offset: int, node: index):
         return x[offset + node]
 
-    load_run = store_run = None
+    load_run = None
     if lanes > 1:
-        load, load_run, store_run = lanes_access(value, index, real, lanes)
+        load, load_run = lanes_access(value, index, real, lanes)
 
     @no_type_check
     @wp.func
@@ -75,9 +75,7 @@ def algebra(value: type, index: type, real: type, lanes: int, whole: bool) -> Si
     def wedge(p: value, q: value, u: value, v: value):
         return mul(p, v) - mul(q, u)
 
-    return SimpleNamespace(
-        mul=mul, load=load, load_run=load_run, store_run=store_run, dot=dot, wedge=wedge
-    )
+    return SimpleNamespace(mul=mul, load=load, load_run=load_run, dot=dot, wedge=wedge)
 
 
 def keep_fields(t: SimpleNamespace, f: Formula) -> wp.Function:

@@ -15,6 +15,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.stages import leave_of, stage_struct
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
     last, vector, gather = unknowns - 1, wp.array(dtype=real), gather_sum(real)
     rates = pointwise_rates(unknowns, real, point)
     structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
+    leave, stage = leave_of(real, real), stage_struct(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -93,13 +95,15 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        first: int,
         size: int,
         local: vector,
         c: structure,
         x: vector,
+        s: stage,
         out: vector,
     ):
-        i = wp.tid()
+        i = first + wp.tid()
         at = places[i]
         scale = inverse_area[i]
         k = last * size + i
@@ -107,22 +111,22 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
-            out[i] = scale * gather(local, at, 0) + wind[0]
-            out[j] = scale * gather(local, at, stride) + wind[1]
-        out[k] = scale * gather(local, at, last * stride) + rate
+            leave(s, i, 0, scale * gather(local, at, 0) + wind[0], out)
+            leave(s, j, 0, scale * gather(local, at, stride) + wind[1], out)
+        leave(s, k, 0, scale * gather(local, at, last * stride) + rate, out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def pointwise_alone(size: int, c: structure, x: vector, out: vector):
+    def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
         i = wp.tid()
         k = last * size + i
         rate = of_depth(c, i, size + i, k, x, x)
         if wp.static(unknowns == 3):
             j = size + i
             wind = of_wind(c, i, j, k, x)
-            out[i] = wind[0]
-            out[j] = wind[1]
-        out[k] = rate
+            leave(s, i, 0, wind[0], out)
+            leave(s, j, 0, wind[1], out)
+        leave(s, k, 0, rate, out)
 
     return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
 

@@ -11,6 +11,7 @@ from typing import cast
 import warp as wp
 
 from swe_sphere.kernels.formulas import algebra
+from swe_sphere.kernels.stages import stage_struct
 
 LANE_BYTES = 64
 
@@ -74,7 +75,14 @@ def lanes_of(real: type) -> int:
 
 
 def geometry_struct(
-    terms: Terms, value: type, index: type, real: type, fluxes: bool, direct: bool, rotation: bool
+    terms: Terms,
+    value: type,
+    index: type,
+    real: type,
+    fluxes: bool,
+    direct: bool,
+    rotation: bool,
+    steps: bool,
 ) -> type:
     """Warp structure with just the arrays and scalars that `terms` reads.
 
@@ -104,6 +112,7 @@ def geometry_struct(
         "whole": (direct, wp.int32),
         "inverse_area": (direct, on_nodes),
         "coriolis": (direct and rotation, on_nodes),
+        "stage": (direct and steps, stage_struct(real)),
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
     geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
@@ -152,7 +161,9 @@ def kernel_types(
         lanes=lanes,
         value=value,
         index=index,
-        geometry=geometry_struct(terms, value, index, real, shape == "node", direct, rotation),
+        geometry=geometry_struct(
+            terms, value, index, real, shape == "node", direct, rotation, done is None
+        ),
         vector=vector,
         local=wp.array3d(dtype=value),
         direct=direct,

@@ -15,6 +15,7 @@ import warp as wp
 
 from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.element import line_sums
+from swe_sphere.kernels.stages import leave_of, stage_struct
 from swe_sphere.kernels.terms import kernel_types
 
 LANES = (4, 8)
@@ -182,18 +183,18 @@ def stage_kernels(real: type, lanes: int) -> SimpleNamespace:
 
 @functools.cache
 def flux_kernel(real: type) -> wp.Kernel:
-    """Kernel over N: (wind, x, depth, N, first, out): out[first:] = h (u, v).
+    """Kernel over N: (wind, x, depth, N, first, stage, out): out[first:] = h (u, v).
 
     The winds stand in front of `wind`, h in x[depth:].
     """
-    vector = wp.array(dtype=real)
+    vector, leave, stage = wp.array(dtype=real), leave_of(real, real), stage_struct(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
-    def flux(wind: vector, x: vector, depth: int, size: int, first: int, out: vector):
+    def flux(wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector):
         node = wp.tid()
         h = x[depth + node]
-        out[first + node] = h * wind[node]
-        out[first + size + node] = h * wind[size + node]
+        leave(s, first + node, 0, h * wind[node], out)
+        leave(s, first + size + node, 0, h * wind[size + node], out)
 
     return flux

@@ -13,16 +13,18 @@ from typing import no_type_check
 import warp as wp
 
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.stages import leave_of, stage_struct
 
 
 @functools.cache
 def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
     """DSS of `count` fields from local ones into, or `adds` onto, the blocks from `first` on.
 
-    Kernel over N threads: (places (N,), inverse_area (N,), stride, N, count, first, local, out).
+    Kernel over N threads: (places (N,), inverse_area (N,), stride, N, count, first, local,
+    stage, out).
     """
     vector = wp.array(dtype=real)
-    gather = gather_sum(real)
+    gather, leave, stage = gather_sum(real), leave_of(real, real), stage_struct(real)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -34,6 +36,7 @@ def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
         count: int,
         first: int,
         local: vector,
+        s: stage,
         out: vector,
     ):
         node = wp.tid()
@@ -44,7 +47,7 @@ def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
             if wp.static(adds):
                 out[first + k * size + node] += value
             else:
-                out[first + k * size + node] = value
+                leave(s, first + k * size + node, 0, value, out)
 
     return assemble
 

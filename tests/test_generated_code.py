@@ -64,12 +64,16 @@ class Code:
 
     @property
     def stores(self) -> int:
-        return self.count("array_store", "store_run", "put")
+        """Stores, of which `leave` makes one a field."""
+        fields = [int(number) for number in re.findall(r"f < (\d+); \+\+f", self.text)]
+        return self.count("array_store", "put") + self.count("leave") * max(fields, default=0)
 
     @property
     def branches(self) -> int:
-        """Conditions but the end of a loop, that of a sum of DSS, and which nodes need DSS."""
-        own = r"^static [^\n]* (gather_sum|_deliver)\w+\(.*?^\}"
+        """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
+        of_warp = r"(gather_sum|_deliver)\w+\(.*?^\}"
+        of_ours = r"(gather_run|leave_of)\w+\(.*?^    \}"
+        own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)
         return len(conditions) + Code(text).count("where", "select")
@@ -172,7 +176,7 @@ def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> No
     operator = Model(MESH, make_scene(*effects)).component("all").operator
     plain = assembly_kernel(operator.terms.unknowns, operator.mesh.real, "rotation" in effects)
     assert operator.assembly is plain
-    assert len(plain.adj.args) == 7 + 2 * ("rotation" in effects)
+    assert len(plain.adj.args) == 8 + 2 * ("rotation" in effects)
 
 
 @pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])

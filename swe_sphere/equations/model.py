@@ -14,6 +14,7 @@ from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_
 from swe_sphere.equations.tendencies import TendencyComponent, acting
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
@@ -75,6 +76,7 @@ class Model:
         self._forcing = PrescribedFields(made, "forcing", made.fluid, scene.steady_forcing)
         self.set_time(0.0)  # a function that fails does so before anything is computed
         self._components: dict[tuple[object, ...], TendencyComponent] = {}
+        self._stepping: TendencyComponent | None = None
         if not self.diffusive:  # else a stepper may want it without diffusion
             self.component("all")
         self.tracers = TracerEquations(made) if scene.tracers else None
@@ -134,6 +136,18 @@ class Model:
         other.size = len(other.names) * self.device_mesh.size
         return other
 
+    def stepping(self, start: wp.array, tau: float) -> "Model":
+        """This model without diffusion, whose `tendency` leaves start + tau rate, tau in [s].
+
+        `start` is a state, `out` may be that too.  All else is shared.
+        """
+        stage = stage_struct(self.device_mesh.real)()
+        stage.on, stage.start, stage.tau = True, start, tau
+        other = copy.copy(self)
+        other._stepping = self.component("all").stepping(stage)
+        other.carried = self.carried and self.carried.stepping(stage)
+        return other
+
     # --- states
 
     def zeros(self) -> wp.array:
@@ -185,7 +199,7 @@ class Model:
         """out = d state / dt at time t [s], after DSS; counted as one right-hand side."""
         self.counters["rhs_evaluations"] += 1
         self.set_time(t)
-        self.component("all")(state, out)
+        (self._stepping or self.component("all"))(state, out)
         if self.carried is not None:
             self.carried.tendency(state, out)
 

@@ -157,6 +157,12 @@ class TendencyComponent(TermsOperator):
         other.operator = self.operator.at(base)
         return other
 
+    def stepping(self, stage: Any) -> Self:
+        """This component, whose result is what the stage makes of the rate."""
+        other = copy.copy(self)
+        other.operator = self.operator.stepping(stage)
+        return other
+
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """out = this component at the state (or direction) x."""
         super().__call__(x if self._perturbation is None else self._perturbation(x), out)

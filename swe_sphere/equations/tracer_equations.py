@@ -1,6 +1,7 @@
 """What a state carries behind wind and depth: the masses hq of tracers, or the flux of mass."""
 
 import copy
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -50,6 +51,12 @@ class TracerEquations:
         """These equations without diffusion; kernels and work arrays are shared."""
         other = copy.copy(self)
         other._diffusion = None
+        return other
+
+    def stepping(self, stage: Any) -> Self:
+        """These equations without diffusion, whose `tendency` is what the stage makes of it."""
+        other = copy.copy(self)
+        other._transport, other._diffusion = self._transport.stepping(stage), None
         return other
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
@@ -161,7 +168,14 @@ class MassFlux:
         self.depth = self.first - self._size
         """Where the depth begins."""
         self._kernel = flux_kernel(discrete.device_mesh.real)
+        self._stage = discrete.device_mesh.stage
         self._launch.load(self._kernel)
+
+    def stepping(self, stage: Any) -> Self:
+        """This flux, whose `tendency` is what the stage makes of it."""
+        other = copy.copy(self)
+        other._stage = stage
+        return other
 
     def tendency(self, x: wp.array, out: wp.array) -> None:
         """out_G = h V at the state x."""
@@ -172,7 +186,7 @@ class MassFlux:
     def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:
         """out_G = h V with the wind in front of `wind`."""
         size = self._size
-        self._launch(self._kernel, size, wind, x, self.depth, size, self.first, out)
+        self._launch(self._kernel, size, wind, x, self.depth, size, self.first, self._stage, out)
 
     def diffuse(self, x: wp.array, out: wp.array) -> None:
         """Dissipation is no flux: out_G = 0."""

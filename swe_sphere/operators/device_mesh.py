@@ -13,6 +13,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.access import room
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
+from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.kernels.terms import LANE_BYTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
@@ -115,6 +116,11 @@ class DeviceMesh:
         """Address of the work arrays of a group; kernels run one after the other."""
         self._room = self._aligned((room(self.mesh.np),), wp.uint8)
         return int(self._room.ptr)
+
+    @functools.cached_property
+    def stage(self) -> Any:
+        """None: rates are left as they are."""
+        return stage_struct(self.real)()
 
     @functools.cached_property
     def inverse_area(self) -> wp.array:

@@ -53,7 +53,7 @@ class Limiter:
         mesh.exchange(self._flat)
         self._launch(
             self._add, size, self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-            self._flat, state,
+            self._flat, mesh.stage, state,
         )  # fmt: skip
 
     def _over_the_sphere(self, state: wp.array) -> None:

@@ -29,6 +29,7 @@ class PointwiseOperator:
         made = pointwise_kernel(unknowns, mesh.real, point)
         self._kind, self._parameters = made.structure, parameters
         self.kernel, self.structure = made.alone, fill(made.structure, parameters, point)
+        self._stage = mesh.stage
         launch.load(self.kernel)
 
     def at(self, base: wp.array) -> Self:
@@ -37,9 +38,15 @@ class PointwiseOperator:
         other.structure = fill(self._kind, self._parameters | {"base": base}, self.point)
         return other
 
+    def stepping(self, stage: Any) -> Self:
+        """This operator, whose result is what the stage makes of the rate."""
+        other = copy.copy(self)
+        other._stage = stage
+        return other
+
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
-        self._launch(self.kernel, self._size, self._size, self.structure, x, out)
+        self._launch(self.kernel, self._size, self._size, self.structure, x, self._stage, out)
 
 
 def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:

@@ -38,8 +38,9 @@ class TendencyOperator:
         self.compiled = tendency_kernel(
             terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
         )
-        self._begin = (mesh.inner if direct else 0,) if point.plain else ()
-        """The first node that DSS writes, for a kernel that asks for it."""
+        runs = assembly_kernel(terms.unknowns, mesh.real, point.rotation, mesh.lanes)
+        self._runs = runs if direct else None
+        """DSS of what elements have not finished, as many nodes at once as a register holds."""
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
         self._fill(parameters)
@@ -47,14 +48,23 @@ class TendencyOperator:
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
         self._places = mesh.places(terms.unknowns)
         launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
+        if self._runs is not None:
+            launch.load(self._runs)
 
     def at(self, base: wp.array) -> Self:
         """This derivative at another state (unknowns*N,), whose array is kept.
 
         Kernels and work arrays are shared with it.
         """
+        return self._with(base=base)
+
+    def stepping(self, stage: Any) -> Self:
+        """This operator, whose result is what the stage makes of the rate."""
+        return self._with(stage=stage)
+
+    def _with(self, **parameters: Any) -> Self:
         other = copy.copy(self)
-        other._fill(self._parameters | {"base": base})
+        other._fill(self._parameters | parameters)
         other._recorded = recorded(self._launch, other._evaluate)
         return other
 
@@ -89,10 +99,18 @@ class TendencyOperator:
         mesh, size = self.mesh, self.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
         turned = (*self._own, wind) if self._own else ()
-        self._launch(
-            self.assembly, size - sum(self._begin), self._places, mesh.inverse_area, mesh.lanes,
-            *self._begin, size, self._flat, *turned, out,
-        )  # fmt: skip
+        stage = self._parameters.get("stage", mesh.stage)
+        begin, parts = 0, [(self.assembly, 1)]
+        if self._runs is not None:
+            begin, parts = mesh.inner, [(self._runs, mesh.lanes), *parts]
+        for kernel, lanes in parts:
+            count = (size - begin) // lanes
+            if count > 0:
+                self._launch(
+                    kernel, count, self._places, mesh.inverse_area, mesh.lanes, begin, size,
+                    self._flat, *turned, stage, out,
+                )  # fmt: skip
+            begin += count * lanes
 
     @property
     def _flux_kernels(self) -> list[Any]:

@@ -1,6 +1,7 @@
 """Flux-form transport of tracers on the device, DSS included, and their mixing ratios."""
 
-from typing import Any
+import copy
+from typing import Any, Self
 
 import warp as wp
 
@@ -20,8 +21,15 @@ class TracerTransport:
         self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._flat = mesh.local(count, self._kernels.value)
         self._places = mesh.places(count)
+        self._stage = mesh.stage
         launch.load(self._kernels.transport, self._assemble)
         self._has_tangent = False
+
+    def stepping(self, stage: Any) -> Self:
+        """This transport, whose results are what the stage makes of the rates."""
+        other = copy.copy(self)
+        other._stage = stage
+        return other
 
     def __call__(self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int) -> None:
         """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`."""
@@ -42,7 +50,7 @@ class TracerTransport:
         mesh.exchange(self._flat)
         self._launch(
             self._assemble, size, self._places, mesh.inverse_area, mesh.lanes, size, self.count,
-            to, self._flat, out,
+            to, self._flat, self._stage, out,
         )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ class TracerWaves:
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
         self._launch, self._carry = model.launch, flux_kernel(mesh.real)
+        self._plain = mesh.stage
         self._launch.load(self._carry)
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
@@ -58,7 +59,7 @@ class TracerWaves:
     def _carry_rest(self, d: wp.array) -> None:
         """flow = H V."""
         n = self._ones.size
-        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._flow)
+        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._plain, self._flow)
 
 
 class FluxWaves:

@@ -1,18 +1,35 @@
 """Explicit Runge-Kutta methods: a method is its Butcher tableau."""
 
-from typing import ClassVar
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.stability import Complex, largest_step, runge_kutta_growth, tableau
-from swe_sphere.steppers.stepper import Combiner, Stepper
+from swe_sphere.steppers.stepper import Mixer, Stepper
+
+
+class _Stage(NamedTuple):
+    """level = start + dt share K(point, offset), with `start` mixed of the levels before."""
+
+    mixer: Mixer | None
+    start: wp.array
+    point: wp.array
+    offset: float
+    stepping: Model
+    level: wp.array
 
 
 class RungeKutta(Stepper):
-    """Explicit Runge-Kutta method with stages K_i = F(x + dt sum_j a_ij K_j, t + c_i dt)."""
+    """Explicit Runge-Kutta method with stages K_i = F(x + dt sum_j a_ij K_j, t + c_i dt).
+
+    No slope is kept: a stage adds its own to what the levels before it tell of theirs (see
+    `kernels/stages.py`).
+    """
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau below the diagonal, from the second stage on."""
@@ -22,24 +39,42 @@ class RungeKutta(Stepper):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "name" in vars(cls):
-            cls.vectors = 3 + len(cls.b)
+            cls.vectors = 2 + len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
-        stages = len(self.b)
-        stack = wp.zeros((stages, model.size), dtype=self.state.dtype, device=model.device)
-        self._slopes = [stack[i] for i in range(stages)]
-        self._stage = model.zeros()
-        self._sums = [Combiner(model, stack, dt * np.array(row)) for row in (*self.a, self.b)]
-        self._offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
+        stack = wp.zeros((len(self.a), model.size), dtype=self.state.dtype, device=model.device)
+        levels = [*(stack[i] for i in range(len(self.a))), self.state]
+        offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
+        point, mixed, alone = self.state, model.zeros(), len(self.b) == 1
+        self._stages: list[_Stage] = []
+        for (weights, share), offset, level in zip(self._sums(), offsets, levels, strict=True):
+            mixer = Mixer(model, stack, weights) if alone or weights.any() else None
+            start = self.state if mixer is None else mixed if share else model.zeros()
+            stepping = self.model.stepping(start, dt * (share or 1.0))
+            where = start if alone else point  # not what is written
+            self._stages.append(_Stage(mixer, start, where, offset, stepping, level))
+            point = level if share else start
 
     def _advance(self) -> None:
-        t = self.time
-        self.model.tendency(self.state, t, self._slopes[0])
-        for i, combine in enumerate(self._sums[:-1], start=1):
-            combine(self.state, self._stage)
-            self.model.tendency(self._stage, t + self._offsets[i], self._slopes[i])
-        self._sums[-1](self.state, self.state)
+        for stage in self._stages:
+            if stage.mixer is not None:
+                stage.mixer(self.state, stage.start)
+            stage.stepping.tendency(stage.point, self.time + stage.offset, stage.level)
+
+    @classmethod
+    def _sums(cls) -> Iterator[tuple[NDArray[np.float64], float]]:
+        """Of each row the weights of the levels above it, and its share of the slope before it.
+
+        Where it has none of that slope, the level it leads to has all of it, to tell those below.
+        Raises ConfigError where the last slope is for nothing.
+        """
+        rows = tableau((*cls.a, cls.b), 1 + len(cls.b))[1:, :-1]
+        told = rows + np.diag(rows.diagonal() == 0.0)
+        if not rows[-1, -1]:
+            raise ConfigError(f"{cls.name}: the last number of `b` is 0: leave out the last stage")
+        for i, row in enumerate(rows):
+            yield np.linalg.solve(told[:i, :i].T, row[:i]), row[i]
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

@@ -268,7 +268,7 @@ class CarriedWithDepth(TracerSteps):
         )
         ones.fill_(1.0)
         self._ones, self._transport_depth = ones, TracerTransport(mesh, model.launch, 1)
-        self._make_flux = flux_kernel(mesh.real)
+        self._make_flux, self._plain = flux_kernel(mesh.real), mesh.stage
         model.launch.load(self._make_flux)
 
     def _move(self, t: float) -> None:
@@ -276,7 +276,7 @@ class CarriedWithDepth(TracerSteps):
         model.set_time(t + 0.5 * self._length)
         self._step_depth()
         wind = model.parameters["wind"]
-        model.launch(self._make_flux, n, wind, self._mean, 0, n, 0, self._flux)
+        model.launch(self._make_flux, n, wind, self._mean, 0, n, 0, self._plain, self._flux)
 
     def _step_depth(self) -> None:
         """Find the depth `_mean` that the wind carries in the mean."""

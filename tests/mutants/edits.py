@@ -123,8 +123,8 @@ SCHEMES = (
         "stage times of Runge-Kutta a step late",
         "swe_sphere/steppers/runge_kutta.py",
         FORCED,
-        "t + self._offsets[i]",
-        "t + self.dt",
+        "self.time + stage.offset",
+        "self.time + self.dt",
     ),
 )
 

@@ -122,8 +122,8 @@ KERNELS = (
         "Coriolis force of the wrong sign",
         "kernels/assembly.py",
         STEADY,
-        "stride) - f * entry(x, node)",
-        "stride) + f * entry(x, node)",
+        "r[1] - mul(f, load(x, node))",
+        "r[1] + mul(f, load(x, node))",
     ),
     Edit(
         "Coriolis force of the wrong sign inside elements",
@@ -136,7 +136,7 @@ KERNELS = (
         "Coriolis force on one component only",
         "kernels/assembly.py",
         STEADY,
-        " + f * entry(x, size + node)",
+        " + mul(f, load(x, size + node))",
         "",
     ),
     Edit(
