@@ -36,7 +36,7 @@ IMPLICIT_HEAD = (
 )  # fmt: skip
 IMPLICIT, STEPS = "tr-bdf2", (1800.0, 3600.0, 7200.0, 14400.0)
 CASES = {"williamson5": 16, "galewsky": 16}
-NAMES = ("rk4", "kg5", "leapfrog", "semi-implicit", "ark2", "ars343")
+NAMES = ("rk4", "kg5", "forward-backward", "leapfrog", "semi-implicit", "ark2", "ars343")
 BATCH = 10
 """Steps that are timed at once."""
 FINE = 8

@@ -17,11 +17,12 @@ class Diffusion:
     """
 
     formula: Formula
-    """Of the fields that diffuse, without a result."""
+    """Of the fields that diffuse, without a result of its own."""
     fluxes: wp.Function
     """(geometry, d1, d2, e, n): two rows, for the transposed derivatives along each line."""
     result: wp.Function
-    """(geometry, t1, t2, e, n, out): writes, or adds, what is made of those."""
+    """(geometry, t1, t2, e, n, out): what is made of those, a value or rows, added to what `out`
+    has from other terms."""
 
 
 def diffusion(t: SimpleNamespace, height: bool, wind: bool) -> Diffusion:
@@ -30,6 +31,7 @@ def diffusion(t: SimpleNamespace, height: bool, wind: bool) -> Diffusion:
     wedge, mul, value = t.ops.wedge, t.ops.mul, t.value
     formula = _diffused(t, height, wind)
     rows, at_div, at_curl = formula.rows, int(height), height + 1
+    results = t.rows(formula.fields)
 
     @no_type_check
     @wp.func
@@ -63,21 +65,13 @@ def diffusion(t: SimpleNamespace, height: bool, wind: bool) -> Diffusion:
 
     @no_type_check
     @wp.func
-    def descent(t1: rows, t2: rows):
-        if wp.static(wind):
-            return -t1[0] - t2[0]
-        else:
-            return -t1 - t2
-
-    @no_type_check
-    @wp.func
     def result(geo: t.geometry, t1: rows, t2: rows, e: int, n: int, out: t.local):
-        if wp.static(height):
-            r = descent(t1, t2)
+        if wp.static(not wind):
+            r = -t1 - t2
             if wp.static(adds):
                 r += out[e, n, last]
-            out[e, n, last] = r
-        if wp.static(wind):
+            return r
+        else:
             a11 = geo.basis[e, n, 0]
             a12 = geo.basis[e, n, 1]
             a21 = geo.basis[e, n, 2]
@@ -86,11 +80,15 @@ def diffusion(t: SimpleNamespace, height: bool, wind: bool) -> Diffusion:
             rv = -wedge(a11, a21, t1[at_div], t2[at_div])
             ru -= wedge(t1[at_curl], t2[at_curl], a11, a21)
             rv -= wedge(t1[at_curl], t2[at_curl], a12, a22)
+            r = results()
+            r[0] = ru
+            r[1] = rv
+            if wp.static(height):
+                r[2] = -t1[0] - t2[0]
             if wp.static(adds):
-                ru += out[e, n, 0]
-                rv += out[e, n, 1]
-            out[e, n, 0] = ru
-            out[e, n, 1] = rv
+                for k in range(wp.static(formula.fields)):
+                    r[k] = r[k] + out[e, n, k]
+            return r
 
     return Diffusion(formula, fluxes, result)
 
@@ -129,4 +127,4 @@ def _diffused(t: SimpleNamespace, height: bool, wind: bool) -> Formula:
             p.v = v
         return p
 
-    return Formula(winds, no_wind, rows, first, second, read)
+    return Formula(winds, no_wind, rows, first, second, read, fields=height + 2 * wind)

@@ -76,10 +76,13 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
     return sweep
 
 
-def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
-    """Function (geometry, winds, result, e, i, j, out, done): to where that node has it."""
+def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
+    """Function (geometry, winds, result, e, i, j, out, done): to where that node has it.
+
+    first: the field that the result begins with.
+    """
     np_, last, keep = t.np, t.np - 1, keep_fields(t, f)
-    finish = _finish(t, f) if t.done is t.vector else finish_wind(t, f.winds)
+    finish = _finish(t, f, first) if t.done is t.vector else finish_wind(t, f.winds)
 
     @no_type_check
     @wp.func
@@ -97,12 +100,12 @@ def _deliver(t: SimpleNamespace, f: Formula) -> wp.Function:
         if e < geo.whole and i > 0 and i < last and j > 0 and j < last:
             finish(geo, w, r, geo.nodes[e, n], done)
         else:
-            keep(r, e, n, 0, out)
+            keep(r, e, n, first, out)
 
     return deliver
 
 
-def _finish(t: SimpleNamespace, f: Formula) -> wp.Function:
+def _finish(t: SimpleNamespace, f: Formula, first: int) -> wp.Function:
     """Function (geometry, winds, result, node, done): what DSS makes of a run of inner nodes."""
     mul, load, poisson, fields = t.ops.mul, t.ops.load_run, t.terms.poisson, f.fields
     rates = t.rows(fields)
@@ -128,36 +131,39 @@ def _finish(t: SimpleNamespace, f: Formula) -> wp.Function:
             rate = rates()
             rate[0] = u
             rate[1] = v
-            rate[2] = mul(scale, r[2])
-        leave(geo.stage, ~node[0], geo.size, rate, done)
+            if wp.static(fields == 3):
+                rate[2] = mul(scale, r[2])
+        leave(geo.stage, ~node[0] + first * geo.size, geo.size, rate, done)
 
     return finish
 
 
 def element_diffusion(t: SimpleNamespace) -> wp.Function:
-    """Function (geometry, x, e, 0, out): the weak Laplacians at all nodes of a group e."""
-    moves = t.terms.unknowns == 3
-    of_height = _laplacian(t, diffusion(t, height=True, wind=False))
-    of_wind = _laplacian(t, diffusion(t, height=False, wind=True)) if moves else None
+    """Function (geometry, x, e, 0, out, done): the weak Laplacians at all nodes of a group e."""
+    last = t.terms.unknowns - 1
+    of_height = _laplacian(t, diffusion(t, height=True, wind=False), last)
+    of_wind = _laplacian(t, diffusion(t, height=False, wind=True), 0) if last else None
 
     @no_type_check
     @wp.func
-    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
-        of_height(geo, x, e, out)
-        if wp.static(moves):  # one after the other, for the sake of the first-level cache
-            of_wind(geo, x, e, out)
+    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.done):
+        of_height(geo, x, e, out, done)
+        if wp.static(last > 0):  # one after the other, for the sake of the first-level cache
+            of_wind(geo, x, e, out, done)
 
     return diffuse
 
 
-def _laplacian(t: SimpleNamespace, of: Diffusion) -> wp.Function:
-    f, np_ = of.formula, t.np
+def _laplacian(t: SimpleNamespace, of: Diffusion, first: int) -> wp.Function:
+    """Function (geometry, x, e, out, done): of one or two fields, the `first` and the next."""
+    f, np_, real = of.formula, t.np, t.real
     rows, (d1, d2, t1, t2) = f.rows, line_sums(t, f.rows)
     at_1, at_2, at_3, at_4, _ = scratch(np_, rows, rows, rows, rows)
+    keep, deliver = keep_fields(t, f), _deliver(t, f, first) if t.direct else None
 
     @no_type_check
     @wp.func
-    def laplacian(geo: t.geometry, x: t.vector, e: int, out: t.local):
+    def laplacian(geo: t.geometry, x: t.vector, e: int, out: t.local, done: t.done):
         f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=rows)
         if wp.static(f.second is not f.first):
             f2 = wp.array(ptr=geo.work + at_2, shape=(np_, np_), dtype=rows)
@@ -184,7 +190,11 @@ def _laplacian(t: SimpleNamespace, of: Diffusion) -> wp.Function:
             for j in range(np_):
                 s1 = t1(geo.derivative, g1, i, j)
                 s2 = t2(geo.derivative, g2, i, j)
-                of.result(geo, s1, s2, e, i * np_ + j, out)
+                r = of.result(geo, s1, s2, e, i * np_ + j, out)
+                if wp.static(t.direct):
+                    deliver(geo, real(0.0), r, e, i, j, out, done)
+                else:
+                    keep(r, e, i * np_ + j, first, out)
 
     return laplacian
 

@@ -58,7 +58,7 @@ def tendency_kernel(
         elif wp.static(terms.dynamics):
             dynamics(geo, x, x, 0, e, n, 0, out, done)
         if wp.static(terms.diffuses):
-            diffuse(geo, x, e, n, out)
+            diffuse(geo, x, e, n, out, done)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)

@@ -90,9 +90,9 @@ def flux_kernel(t: SimpleNamespace) -> wp.Kernel:
 
 
 def node_diffusion(t: SimpleNamespace) -> wp.Function:
-    """Function (geometry, x, e, n, out): the weak Laplacian from what `flux_kernel` left."""
+    """Function (geometry, x, e, n, out, done): the weak Laplacian from what `flux_kernel` left."""
     of, np_, moves = _diffusion(t), t.np, t.terms.unknowns == 3
-    rows, real = of.formula.rows, t.real
+    rows, real, keep = of.formula.rows, t.real, keep_fields(t, of.formula)
 
     @no_type_check
     @wp.func
@@ -104,7 +104,7 @@ def node_diffusion(t: SimpleNamespace) -> wp.Function:
 
     @no_type_check
     @wp.func
-    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
+    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.done):
         i = n // np_
         j = n % np_
         t1 = rows(real(0.0))
@@ -112,7 +112,7 @@ def node_diffusion(t: SimpleNamespace) -> wp.Function:
         for m in range(np_):
             t1 += geo.derivative[m, i] * fluxes(geo, e, m * np_ + j, 0)
             t2 += geo.derivative[m, j] * fluxes(geo, e, i * np_ + m, 1)
-        of.result(geo, t1, t2, e, n, out)
+        keep(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse
 

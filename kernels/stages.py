@@ -90,3 +90,47 @@ def mix_kernel(real: type, lanes: int) -> wp.Kernel:
         mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
 
     return mix
+
+
+@functools.cache
+def diffusive_stage_kernel(real: type, lanes: int) -> wp.Kernel:
+    """Kernel (begin, x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y).
+
+    Of vectors (n,), over runs of `lanes` numbers from `begin` on: change = cl last + cb before +
+    cr rate + cf first + cs slope and y = x + change; both may be any of what they are made of.
+    """
+    _, register = run_type(real, lanes)
+    vector = wp.array(dtype=real)
+
+    @wp.func_native(f"""
+        {register}
+        const auto scaled = [&](const auto& v, auto c) {{
+            run r = *reinterpret_cast<const run*>(v.data + at);
+            r *= c;
+            return r;
+        }};
+        run d = scaled(last, cl), r = scaled(rate, cr);
+        d += scaled(before, cb);
+        r += scaled(first, cf);
+        r += scaled(slope, cs);
+        d += r;
+        r = *reinterpret_cast<const run*>(x.data + at);
+        r += d;
+        *reinterpret_cast<run*>(y.data + at) = r;
+        *reinterpret_cast<run*>(change.data + at) = d;
+    """)
+    def stage_run(
+        at: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
+        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+    ): ...  # fmt: skip
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False)
+    def diffusive_stage(
+        begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
+        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+    ):  # fmt: skip
+        at = begin + lanes * wp.tid()
+        stage_run(at, x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y)
+
+    return diffusive_stage

@@ -34,7 +34,8 @@ class TendencyOperator:
         point: Pointwise = NO_POINTWISE,
     ) -> None:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
-        direct = mesh.lanes > 1 and point.plain and terms.dynamics and not terms.diffuses
+        inside = not (terms.dynamics or point.rotation) if terms.diffuses else terms.dynamics
+        direct = mesh.lanes > 1 and point.plain and inside
         self.compiled = tendency_kernel(
             terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
         )

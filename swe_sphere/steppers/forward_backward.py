@@ -68,6 +68,7 @@ class ForwardBackward(SplitExplicit):
 
     name, order = "forward-backward", 2
     diffusion_steps = 1
+    diffusion_order = 1
     expected_error = ((900.0, 3.130558e-05, 7.691910e-04), (450.0, 8.782066e-06, 2.055525e-04))
     vectors = RK4.vectors + 6
     repeats_from: ClassVar[int] = 2

@@ -1,8 +1,8 @@
 """Viscosity and hyperviscosity on their own, so that they limit no step.
 
-They are linear, symmetric and cheap to keep stable: a Runge-Kutta-Legendre method of s stages
-damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
-doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order).
+They are linear, symmetric and cheap to keep stable: Runge-Kutta-Legendre methods of s stages damp
+all modes up to a rate times step of s² + s (RKL1, of first order) or (s² + s - 2)/2 (RKL2, of
+second order; Meyer, Balsara & Aslam 2014, doi:10.1016/j.jcp.2013.08.021, section 2).
 """
 
 import math
@@ -11,7 +11,7 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.vectors import diffusive_stage_kernel
+from swe_sphere.kernels.stages import diffusive_stage_kernel
 
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
@@ -22,20 +22,25 @@ MOST_STAGES = 1000
 Stage = tuple[float, float, float, float]
 
 
-def legendre_stages(reach: float) -> list[Stage]:
+def legendre_stages(reach: float, order: int = 2) -> list[Stage]:
     """Coefficients (mu, nu, a, b) of the stages for a rate times step of up to `reach`.
 
     For the changes d_j = Y_j - Y_0 = mu d_(j-1) + nu d_(j-2) + a dt F(Y_(j-1)) + b dt F(Y_0).
 
     Raises ConfigError for so many that no step would ever end.
     """
-    needed = 0.5 * (math.sqrt(9.0 + 8.0 * reach / REACH) - 1.0)
+    inside = 9.0 + 8.0 * reach / REACH if order == 2 else 1.0 + 4.0 * reach / REACH
+    needed = 0.5 * (math.sqrt(inside) - 1.0)
     if not needed <= MOST_STAGES:
         raise ConfigError(
             f"diffusion would take {needed:.2g} stages a step: take a smaller coefficient of"
             " viscosity or hyperviscosity, or a shorter step"
         )
-    stages = max(math.ceil(needed), 2)
+    stages = max(math.ceil(needed), order)
+    if order == 1:
+        unit = 2.0 / (stages**2 + stages)
+        rows = [((2 * j - 1) / j, (1 - j) / j) for j in range(1, stages + 1)]
+        return [(mu, nu, mu * unit, 0.0) for mu, nu in rows]
     unit = 4.0 / (stages**2 + stages - 2)
     b = [1 / 3, 1 / 3, *((j**2 + j - 2) / (2 * j * (j + 1)) for j in range(2, stages + 1))]
     found = [(0.0, 0.0, unit / 3.0, 0.0)]
@@ -49,14 +54,21 @@ def legendre_stages(reach: float) -> list[Stage]:
 class Diffusion:
     """Steps of dt [s] of dy/dt = D(y) + slope, with D the diffusion of a model."""
 
-    def __init__(self, model: Model, dt: float) -> None:
+    def __init__(self, model: Model, dt: float, order: int = 2) -> None:
         self._model, self._dt = model, dt
-        stages = legendre_stages(dt * model.diffusion_radius)
+        stages = legendre_stages(dt * model.diffusion_radius, order)
         self._stages = [(mu, nu, dt * a, dt * b) for mu, nu, a, b in stages]
-        self._nothing, self._first, self._rate, self._stage = (model.zeros() for _ in range(4))
+        self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
-        self._kernel = diffusive_stage_kernel(model.device_mesh.real)
-        model.launch.load(self._kernel)
+        mesh = model.device_mesh
+        whole = model.size // mesh.lanes * mesh.lanes
+        self._runs = [
+            (diffusive_stage_kernel(mesh.real, lanes), (end - begin) // lanes, begin)
+            for lanes, begin, end in ((mesh.lanes, 0, whole), (1, whole, model.size))
+            if begin < end
+        ]
+        """What launches a stage: kernel, threads and the first number."""
+        model.launch.load(*(kernel for kernel, _, _ in self._runs))
 
     @property
     def evaluations(self) -> int:
@@ -66,7 +78,7 @@ class Diffusion:
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
         last, _ = self._changes
-        self._step(state, self._nothing, 1.0, last, state)
+        self._step(state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
         """Make of the slope of all else, held from `past` on, the mean slope of both together.
@@ -76,24 +88,29 @@ class Diffusion:
         self._step(past, slope, 1.0 / self._dt, slope, self._stage)
 
     def _step(
-        self, x: wp.array, slope: wp.array, scale: float, change: wp.array, y: wp.array
+        self, x: wp.array, slope: wp.array | None, scale: float, change: wp.array, y: wp.array
     ) -> None:
         """change = scale (Y - x) and y = x + change after a step from x.
 
         Stages are kept as changes: rounded factors of the state itself would add to its mass.
         """
         first, stage, (last, before) = self._first, self._stage, self._changes
+        held = 0.0 if slope is None else 1.0
+        slope = first if slope is None else slope
         last.zero_()
         before.zero_()
         self._model.diffusion(x, first)
         rate = first
         *stages, end = self._stages
         for mu, nu, a, b in stages:
-            self._combine(x, last, mu, before, nu, rate, a, first, b, slope, a + b, before, stage)
+            c = held * (a + b)
+            self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, before, stage)
             last, before, rate = before, last, self._rate
             self._model.diffusion(stage, rate)
         mu, nu, a, b = (scale * c for c in end)
-        self._combine(x, last, mu, before, nu, rate, a, first, b, slope, a + b, change, y)
+        c = held * (a + b)
+        self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
 
     def _combine(self, *terms: wp.array | float) -> None:
-        self._model.launch(self._kernel, self._model.size, *terms)
+        for kernel, threads, begin in self._runs:
+            self._model.launch(kernel, threads, begin, *terms)

@@ -67,6 +67,8 @@ class Stepper(ABC):
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
     diffusion_steps: ClassVar[int | None] = None
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
+    diffusion_order: ClassVar[int] = 2
+    """Of diffusion by itself; more than it has together with the rest costs, and gains nothing."""
     repeats_from: ClassVar[int | None] = None
     """The step from which on all launch the same kernels, on arrays that `_turn` exchanges, and so
     can be recorded; None: never.  A class that defines `_advance` says so itself."""
@@ -91,7 +93,8 @@ class Stepper(ABC):
             raise ConfigError(f"the time step must be positive and finite, not {dt} s")
         self.diffusion: Diffusion | None = None
         if model.diffusive and self.diffusion_apart:
-            self.diffusion = Diffusion(model, dt * (self.diffusion_steps or 1))
+            whole = dt * (self.diffusion_steps or 1)
+            self.diffusion = Diffusion(model, whole, self.diffusion_order)
             model = model.inviscid
         self.model, self.dt = model, float(dt)
         self.state: wp.array = model.zeros()

@@ -67,7 +67,7 @@ FORMULAS = tuple(
             _CURL,
             _CURL.replace("] - d2", "] + d2"),
         ),
-        ("diffusion", "weak divergence misses a term", DECAY, "return -t1 - t2", "return -t1"),
+        ("diffusion", "weak divergence misses a term", DECAY, "r = -t1 - t2", "r = -t1"),
     )
 )
 
