@@ -17,6 +17,7 @@ from swe_sphere.studies.regimes.figures import by_error, by_refinement, by_step,
 from swe_sphere.studies.regimes.points import (
     BASE,
     OTHERS,
+    UNIT,
     Point,
     Series,
     break_even,
@@ -126,7 +127,19 @@ def _rule(found: Sequence[Series], family: str) -> str:
         if spans:
             ends = dict.fromkeys(words.number(g, 2) for g in (spans[0], spans[-1]))
             text += f"; {what} with steps of {' to '.join(ends)} gravity limits"
-    return f"{text}."
+    return f"{text}. {_beside_unit(found, family)}"
+
+
+def _beside_unit(found: Sequence[Series], family: str) -> str:
+    """Where it is cheaper than one explicit stepper that everybody knows."""
+    ratios = []
+    for point in (point for of in found for point in of.points):
+        offer, base = point.best(family, USUAL), point.best(UNIT, USUAL)
+        if offer and base:
+            ratios.append(offer.cost / base.cost)
+    cheap = sum(value <= 1.0 for value in ratios)
+    least = words.number(min(ratios, default=math.nan), 2)
+    return f"Against `{UNIT}` alone: cheaper at {cheap} of {len(ratios)}, {least} times at best."
 
 
 def _named(point: Point, family: str) -> str:

@@ -81,12 +81,15 @@ class Point:
         return found
 
     def best(self, family: str, error: float) -> Offer | None:
-        """The cheapest step of a family with that error; None where no run there has it."""
+        """The cheapest step with that error of a family, or of the stepper of that name.
+
+        None where no run there has it.
+        """
         found = [
             offer
             for name, runs in self.by_stepper.items()
             if name in STEPPERS
-            and STEPPERS[name].family == family
+            and family in (name, STEPPERS[name].family)
             and (offer := cheapest_step(runs, error)) is not None
         ]
         return min(found, key=lambda offer: offer.cost, default=None)
