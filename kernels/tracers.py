@@ -8,23 +8,28 @@ taken in one launch.
 
 import functools
 from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.stages import leave_of, stage_struct
+from swe_sphere.kernels.access import gather_run, run_of
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
+from swe_sphere.kernels.registers import product_of
+from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
 
 
 @functools.cache
-def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
+def blocks_kernel(real: type, adds: bool, lanes: int = 1) -> wp.Kernel:
     """DSS of `count` fields from local ones into, or `adds` onto, the blocks from `first` on.
 
-    Kernel over N threads: (places (N,), inverse_area (N,), stride, N, count, first, local,
-    stage, out).
+    Kernel over nodes, or on a CPU over runs of `lanes` nodes, which fill a register: (places (N,),
+    inverse_area (N,), stride, begin, N, count, first, local, stage, out), from the node `begin` on.
     """
-    vector = wp.array(dtype=real)
-    gather, leave, stage = gather_sum(real), leave_of(real, real), stage_struct(real)
+    vector, stage = wp.array(dtype=real), stage_struct(real)
+    value, _ = node_types(real, lanes)
+    gather, load = gather_run(value, Contributors, real, lanes), run_of(value, real, lanes)
+    leave = leave_of(value, real, lanes)
+    mul: Any = product_of(value, real, lanes) if lanes > 1 else wp.mul
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -32,6 +37,7 @@ def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
         places: wp.array(dtype=Contributors),
         inverse_area: vector,
         stride: int,
+        begin: int,
         size: int,
         count: int,
         first: int,
@@ -39,15 +45,14 @@ def blocks_kernel(real: type, adds: bool) -> wp.Kernel:
         s: stage,
         out: vector,
     ):
-        node = wp.tid()
-        at = places[node]
-        scale = inverse_area[node]
+        node = begin + lanes * wp.tid()
+        scale = load(inverse_area, node)
         for k in range(count):
-            value = scale * gather(local, at, k * stride)
+            at = first + k * size + node
+            rate = mul(scale, gather(local, places, node, k * stride))
             if wp.static(adds):
-                out[first + k * size + node] += value
-            else:
-                leave(s, first + k * size + node, 0, value, out)
+                rate += load(out, at)
+            leave(s, at, 0, rate, out)
 
     return assemble
 

@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,18 @@ def _identity(argument: Any) -> object:
     if isinstance(argument, wp.array):
         return argument.ptr
     return argument if isinstance(argument, int | float) else id(argument)
+
+
+def in_runs(
+    kernel_of: Callable[[int], Any], lanes: int, begin: int, end: int
+) -> list[tuple[Any, int, int]]:
+    """Kernels that share numbers from `begin` to `end`, with their threads and first numbers.
+
+    `kernel_of(lanes)` takes so many in a thread, and `kernel_of(1)` those that are left over.
+    """
+    whole = begin + (end - begin) // lanes * lanes
+    spans = (lanes, begin, whole), (1, whole, end)
+    return [(kernel_of(n), (last - first) // n, first) for n, first, last in spans if first < last]
 
 
 def find_device(name: str) -> str:

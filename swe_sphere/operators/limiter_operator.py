@@ -1,12 +1,14 @@
 """The limiter of tracers on the device."""
 
+from functools import partial
+
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.tracers import blocks_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, in_runs
 
 
 class Limiter:
@@ -27,7 +29,8 @@ class Limiter:
         self._across = sphere_limiter(mesh.real)
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local, self._flat = mesh.local(self._count, self._inside.value)
-        self._places, self._add = mesh.places(self._count), blocks_kernel(mesh.real, adds=True)
+        self._places = mesh.places(self._count)
+        self._add = in_runs(partial(blocks_kernel, mesh.real, True), mesh.lanes, 0, mesh.size)
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -37,7 +40,8 @@ class Limiter:
         if mesh.comm.shared:
             self._everything = wp.zeros((chunks.total, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
-        launch.load(self._inside.limit, self._add, *vars(self._across).values())
+        kernels = (kernel for kernel, _, _ in self._add)
+        launch.load(self._inside.limit, *kernels, *vars(self._across).values())
 
     def __call__(self, state: wp.array) -> None:
         """Limit the tracers of a state."""
@@ -51,10 +55,11 @@ class Limiter:
             *self._bounds, self._local,
         )  # fmt: skip
         mesh.exchange(self._flat)
-        self._launch(
-            self._add, size, self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-            self._flat, mesh.stage, state,
-        )  # fmt: skip
+        for add, threads, begin in self._add:
+            self._launch(
+                add, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
+                self._count, first, self._flat, mesh.stage, state,
+            )  # fmt: skip
 
     def _over_the_sphere(self, state: wp.array) -> None:
         size, across, chunks = self._mesh.size, self._across, self._mesh.chunks

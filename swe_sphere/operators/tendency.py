@@ -8,7 +8,7 @@ import warp as wp
 from swe_sphere.kernels import Terms, assembly_kernel, tendency_kernel
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.pointwise_operator import fill
 from swe_sphere.operators.replay import recorded
 
@@ -101,17 +101,15 @@ class TendencyOperator:
         wind = self.geometry.base if self.terms.poisson else x
         turned = (*self._own, wind) if self._own else ()
         stage = self._parameters.get("stage", mesh.stage)
-        begin, parts = 0, [(self.assembly, 1)]
+        parts = [(self.assembly, size, 0)]
         if self._runs is not None:
-            begin, parts = mesh.inner, [(self._runs, mesh.lanes), *parts]
-        for kernel, lanes in parts:
-            count = (size - begin) // lanes
-            if count > 0:
-                self._launch(
-                    kernel, count, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                    self._flat, *turned, stage, out,
-                )  # fmt: skip
-            begin += count * lanes
+            either = {mesh.lanes: self._runs, 1: self.assembly}
+            parts = in_runs(either.__getitem__, mesh.lanes, mesh.inner, size)
+        for kernel, threads, begin in parts:
+            self._launch(
+                kernel, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
+                self._flat, *turned, stage, out,
+            )  # fmt: skip
 
     @property
     def _flux_kernels(self) -> list[Any]:

@@ -1,6 +1,7 @@
 """Flux-form transport of tracers on the device, DSS included, and their mixing ratios."""
 
 import copy
+from functools import partial
 from typing import Any, Self
 
 import warp as wp
@@ -8,7 +9,7 @@ import warp as wp
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, in_runs
 
 
 class TracerTransport:
@@ -17,12 +18,13 @@ class TracerTransport:
     def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
         self.mesh, self.count, self._launch = mesh, count, launch
         self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
-        self._assemble = blocks_kernel(mesh.real, adds=False)
+        assembly_of = partial(blocks_kernel, mesh.real, False)
+        self._assembly = in_runs(assembly_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._flat = mesh.local(count, self._kernels.value)
         self._places = mesh.places(count)
         self._stage = mesh.stage
-        launch.load(self._kernels.transport, self._assemble)
+        launch.load(self._kernels.transport, *(kernel for kernel, _, _ in self._assembly))
         self._has_tangent = False
 
     def stepping(self, stage: Any) -> Self:
@@ -48,10 +50,11 @@ class TracerTransport:
         mesh, size = self.mesh, self.mesh.size
         self._launch(kernel, mesh.dim, self._geometry, wind, x, first, self.count, self._local)
         mesh.exchange(self._flat)
-        self._launch(
-            self._assemble, size, self._places, mesh.inverse_area, mesh.lanes, size, self.count,
-            to, self._flat, self._stage, out,
-        )  # fmt: skip
+        for assemble, threads, begin in self._assembly:
+            self._launch(
+                assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
+                self.count, to, self._flat, self._stage, out,
+            )  # fmt: skip
 
 
 class MixingRatio:

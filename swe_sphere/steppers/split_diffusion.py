@@ -6,12 +6,14 @@ second order; Meyer, Balsara & Aslam 2014, doi:10.1016/j.jcp.2013.08.021, sectio
 """
 
 import math
+from functools import partial
 
 import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.stages import diffusive_stage_kernel
+from swe_sphere.operators.launch import in_runs
 
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
@@ -61,13 +63,9 @@ class Diffusion:
         self._first, self._rate, self._stage = (model.zeros() for _ in range(3))
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
-        whole = model.size // mesh.lanes * mesh.lanes
-        self._runs = [
-            (diffusive_stage_kernel(mesh.real, lanes), (end - begin) // lanes, begin)
-            for lanes, begin, end in ((mesh.lanes, 0, whole), (1, whole, model.size))
-            if begin < end
-        ]
-        """What launches a stage: kernel, threads and the first number."""
+        stage_of = partial(diffusive_stage_kernel, mesh.real)
+        self._runs = in_runs(stage_of, mesh.lanes, 0, model.size)
+        """What launches a stage."""
         model.launch.load(*(kernel for kernel, _, _ in self._runs))
 
     @property
