@@ -43,11 +43,12 @@ def run_of(value: type, real: type, lanes: int) -> Any:
 
 
 @functools.cache
-def put_of(real: type) -> Any:
-    """Warp function (x, i, v): x[i] = v, likewise."""
+def put_of(real: type, value: type | None = None, lanes: int = 1) -> Any:
+    """Warp function (x, i, v): x[i] = v, or a run of `lanes` numbers from there on, likewise."""
+    body = "x.data[i] = v;" if lanes == 1 else "__builtin_memcpy(x.data + i, &v, sizeof v);"
 
-    @wp.func_native("x.data[i] = v;")
-    def put(x: wp.array(dtype=real), i: int, v: real): ...
+    @wp.func_native(body)
+    def put(x: wp.array(dtype=real), i: int, v: value or real): ...
 
     return put
 

@@ -10,11 +10,14 @@ repeats bit by bit; a tracer within its bounds is left as it is, to the last bit
 
 import functools
 from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.access import put_of, run_of
 from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.registers import clip_of, run_type
+from swe_sphere.kernels.stages import node_types
 from swe_sphere.kernels.terms import kernel_types
 
 TINY = 1e-30
@@ -33,6 +36,7 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
     value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
     mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
     div = wp.cw_div if t.lanes > 1 else wp.div
+    clip = clip_of(value, real, t.lanes)
 
     @no_type_check
     @wp.func
@@ -72,7 +76,7 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
                 m = load(x, at, node)
                 low = lower[k] * h
                 high = upper[k] * h
-                clipped = wp.min(wp.max(m, low), high)
+                clipped = clip(m, low, high)
                 weight = mass(geo, e, n)
                 excess += mul(weight, m - clipped)
                 above += mul(weight, high - clipped)
@@ -87,7 +91,7 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
                 m = load(x, at, node)
                 low = lower[k] * h
                 high = upper[k] * h
-                clipped = wp.min(wp.max(m, low), high)
+                clipped = clip(m, low, high)
                 change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
                 change += mul(left, h)
                 out[e, n, k] = mul(mass(geo, e, n), change)
@@ -96,16 +100,17 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
 
 
 @functools.cache
-def sphere_limiter(real: type) -> SimpleNamespace:
-    """Kernels for the whole sphere, in the order in which they run.
+def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
+    """Kernels for the whole sphere, in the order in which they run, on a CPU with whole registers.
 
     sums over (count, blocks): (area (N,), x, depth, first, N, starts (kinds, blocks + 1), lower,
     upper, partial (blocks, count) of three numbers): excess and room above and below of the nodes
     from starts[k, block] to starts[k, block + 1], all k.
     parts over (count,): (partial, blocks, part (count,) of two numbers).
-    limit over (count, N): (depth, first, N, lower, upper, part, x).
+    limit_of(lanes) over runs of so many nodes: (begin, depth, first, N, count, lower, upper, part,
+    x), from the node `begin` on.
     """
-    vector = wp.array(dtype=real)
+    vector, rooms = wp.array(dtype=real), _rooms(real, lanes)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -123,16 +128,10 @@ def sphere_limiter(real: type) -> SimpleNamespace:
         k, block = wp.tid()
         total = wp.vec3d()
         for kind in range(starts.shape[0]):
-            for node in range(starts[kind, block], starts[kind, block + 1]):
-                h = x[depth + node]
-                m = x[first + k * size + node]
-                low = lower[k] * h
-                high = upper[k] * h
-                clipped = wp.min(wp.max(m, low), high)
-                rooms = wp.vec3d(
-                    wp.float64(m - clipped), wp.float64(high - clipped), wp.float64(clipped - low)
-                )
-                total += area[node] * rooms
+            total += rooms(
+                area, x, depth, first + k * size, starts[kind, block], starts[kind, block + 1],
+                lower[k], upper[k],
+            )  # fmt: skip
         partial[block, k] = total
 
     @no_type_check
@@ -149,24 +148,84 @@ def sphere_limiter(real: type) -> SimpleNamespace:
         down = wp.max(-total[0], none) / wp.max(total[2], least)
         part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
 
+    return SimpleNamespace(sums=sums, parts=parts, limit_of=functools.partial(_limit, real))
+
+
+def _rooms(real: type, lanes: int) -> Any:
+    """Warp function (area, x, depth, first, begin, end, low, high): sums over those nodes.
+
+    Of what is out of bounds, and of the room above and below; a number is added to the sum of its
+    place after the beginning, wherever in memory that is.
+    """
+    _, register = run_type(real, lanes)
+    _, doubles = run_type(wp.float64, lanes)
+    wide = doubles.replace(" run ", " wide ")
+    as_wide = "__builtin_convertvector(r, wide)" if lanes > 1 else "wide(r)"
+    vector, triple = wp.array(dtype=real), wp.types.vector(3, wp.float64)
+
+    @wp.func_native(f"""
+        {register}
+        {wide}
+        wide sums[3] = {{}};
+        const auto add = [&](auto mass, auto air, auto space, auto to) {{
+            const auto least = low * air, most = high * air;
+            auto clipped = mass > least ? mass : least;
+            clipped = clipped < most ? clipped : most;
+            const auto over = mass - clipped, above = most - clipped, below = clipped - least;
+            to(0, over, space); to(1, above, space); to(2, below, space);
+        }};
+        int i = begin;
+        for (; i + {lanes} <= end; i += {lanes})
+            add(*(const run*)(x.data + first + i), *(const run*)(x.data + depth + i),
+                *(const wide*)(area.data + i),
+                [&](int s, run r, wide a) {{ sums[s] += a * {as_wide}; }});
+        double left[3] = {{}};
+        for (; i < end; ++i)
+            add(x.data[first + i], x.data[depth + i], area.data[i],
+                [&](int s, auto r, double a) {{ left[s] += a * double(r); }});
+        wp::vec3d total;
+        for (int s = 0; s < 3; ++s) {{
+            total[s] = left[s];
+            for (int lane = 0; lane < {lanes}; ++lane)
+                total[s] += reinterpret_cast<const double*>(&sums[s])[lane];
+        }}
+        return total;
+    """)
+    def rooms(
+        area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, begin: int, end: int,
+        low: real, high: real,
+    ) -> triple: ...  # fmt: skip
+
+    return rooms
+
+
+@functools.cache
+def _limit(real: type, lanes: int) -> wp.Kernel:
+    value, _ = node_types(real, lanes)
+    vector, load, put = wp.array(dtype=real), run_of(value, real, lanes), put_of(real, value, lanes)
+    clip = clip_of(value, real, lanes)
+
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def limit(
+        begin: int,
         depth: int,
         first: int,
         size: int,
+        count: int,
         lower: vector,
         upper: vector,
         part: wp.array(dtype=wp.vec2d),
         x: vector,
     ):
-        k, node = wp.tid()
-        h = x[depth + node]
-        at = first + k * size + node
-        low = lower[k] * h
-        high = upper[k] * h
-        clipped = wp.min(wp.max(x[at], low), high)
-        up = real(part[k][0]) * (high - clipped)
-        x[at] = clipped + up - real(part[k][1]) * (clipped - low)
+        node = begin + lanes * wp.tid()
+        h = load(x, depth + node)
+        for k in range(count):
+            at = first + k * size + node
+            low = lower[k] * h
+            high = upper[k] * h
+            clipped = clip(load(x, at), low, high)
+            up = real(part[k][0]) * (high - clipped)
+            put(x, at, clipped + up - real(part[k][1]) * (clipped - low))
 
-    return SimpleNamespace(sums=sums, parts=parts, limit=limit)
+    return limit

@@ -38,6 +38,27 @@ def product_of(value: type, real: type, lanes: int) -> Any:
 
 
 @functools.cache
+def clip_of(value: type, real: type, lanes: int) -> Any:
+    """Warp function (x, low, high): x, or the bound it is beyond; Warp's own are calls in C++."""
+    _, register = run_type(real, lanes)
+
+    @wp.func_native(f"""
+        {register}
+        typedef const run* runs;
+        const run least = *runs(&low), most = *runs(&high);
+        run r = *runs(&x);
+        r = r > least ? r : least;
+        r = r < most ? r : most;
+        auto v = x;
+        *reinterpret_cast<run*>(&v) = r;
+        return v;
+    """)
+    def clip(x: value, low: value, high: value) -> value: ...
+
+    return clip
+
+
+@functools.cache
 def line_sum(rows: type, real: type, lanes: int, np_: int, factor: str, node: str) -> Any:
     """Warp function (d, f, i, j): the sum over m of d at `factor` times f at `node`.
 

@@ -88,7 +88,9 @@ def kernels(real: type) -> list[wp.Kernel]:
         blocks_kernel(real, adds=True),
         *vars(pointwise_kernels(real)).values(),
         element_limiter(4, real, "node").limit,
-        *vars(sphere_limiter(real)).values(),
+        sphere_limiter(real, 1).sums,
+        sphere_limiter(real, 1).parts,
+        sphere_limiter(real, 1).limit_of(1),
         divergence_kernel(4, real, 1),
     ]
 

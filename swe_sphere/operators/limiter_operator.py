@@ -26,7 +26,8 @@ class Limiter:
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
         self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
-        self._across = sphere_limiter(mesh.real)
+        self._across = sphere_limiter(mesh.real, mesh.lanes)
+        self._limits = in_runs(self._across.limit_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local, self._flat = mesh.local(self._count, self._inside.value)
         self._places = mesh.places(self._count)
@@ -40,8 +41,8 @@ class Limiter:
         if mesh.comm.shared:
             self._everything = wp.zeros((chunks.total, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
-        kernels = (kernel for kernel, _, _ in self._add)
-        launch.load(self._inside.limit, *kernels, *vars(self._across).values())
+        kernels = [kernel for kernel, _, _ in (*self._add, *self._limits)]
+        launch.load(self._inside.limit, self._across.sums, self._across.parts, *kernels)
 
     def __call__(self, state: wp.array) -> None:
         """Limit the tracers of a state."""
@@ -70,7 +71,8 @@ class Limiter:
         if self._everything is not self._partial:
             self._everything.assign(chunks.of_all(self._partial.numpy()))
         self._launch(across.parts, self._count, self._everything, chunks.total, self._part)
-        self._launch(
-            across.limit, (self._count, size), *self._offsets, size, *self._bounds, self._part,
-            state,
-        )  # fmt: skip
+        for limit, threads, begin in self._limits:
+            self._launch(
+                limit, threads, begin, *self._offsets, size, self._count, *self._bounds,
+                self._part, state,
+            )  # fmt: skip
