@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -88,15 +88,15 @@ class Measured:
     """A scene's right-hand side: what its kernels hold, and how long it takes."""
 
     def __init__(self, scene: Scene) -> None:
-        self._model = Model(Mesh.build(NE, NP), scene)
+        mesh = Mesh.build(NE, NP)
+        launches = recorded(Model(mesh, scene, shape="node"))
+        self._model = Model(mesh, scene)
         self._state, self._out = self._model.initial_state(), self._model.zeros()
-        launches = recorded(lambda: self._model.tendency(self._state, 0.0, self._out))
         self.kernels = len(launches)
         self.arrays = sum(arrays(arguments) for _, _, arguments in launches)
         """Array arguments of all kernels, members of structures included."""
         self.cost = Cost()
         """Per node of the state."""
-        mesh = self._model.mesh
         for kernel, threads, _ in launches:
             self.cost += cost(kernel, mesh.nodes.size / mesh.size) * (threads / mesh.size)
         self._times = 3
@@ -110,8 +110,9 @@ class Measured:
         return (time.process_time() - start) / self._times
 
 
-def recorded(action: Callable[[], None]) -> list[tuple[Any, int, tuple[Any, ...]]]:
-    """Kernel, threads and arguments of all that an action launches."""
+def recorded(model: Model) -> list[tuple[Any, int, tuple[Any, ...]]]:
+    """Kernel, threads and arguments of all that a right-hand side launches."""
+    state, out = model.initial_state(), model.zeros()
     launches: list[tuple[Any, int, tuple[Any, ...]]] = []
     launch = Launcher.__call__
 
@@ -121,7 +122,7 @@ def recorded(action: Callable[[], None]) -> list[tuple[Any, int, tuple[Any, ...]
 
     Launcher.__call__ = record  # type: ignore[method-assign]
     try:
-        action()
+        model.tendency(state, 0.0, out)
     finally:
         Launcher.__call__ = launch  # type: ignore[method-assign]
     return launches
@@ -131,7 +132,7 @@ def arrays(arguments: tuple[Any, ...]) -> int:
     """Arrays among the arguments of a kernel, and in the structures among them."""
     found = 0
     for argument in arguments:
-        found += isinstance(argument, wp.array)
+        found += isinstance(argument, wp.array) and argument.size > 0
         if hasattr(argument, "_cls"):
             found += arrays(tuple(getattr(argument, name) for name in argument._cls.vars))
     return found

@@ -4,8 +4,8 @@ Every call of an arithmetic function counts by the width of its result, every ac
 the width of what is read or written, and all of it by the trip counts of the loops around (once
 where the code does not say them: over tracers) and by the calls of the function it stands in.  What
 the compiler saves later is not seen.  The work arrays of an element and the tables of the np GLL
-points, which stay in the first-level cache, do not count as loads; one SIMD register of element
-values counts as one value an element.
+points, which stay in the first-level cache, do not count as loads.  It is for kernels of one thread
+a node: those for CPUs have loads and sums in C++ of their own, which are not looked into.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ TABLES = ("derivative", "weight")
 CACHED = ("var_d", "var_f")
 """Parameters of the line sums that are such tables or work arrays."""
 FUNCTION = re.compile(
-    r"^static (?:CUDA_CALLABLE )?[\w:<>, ]+? (\w+)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S
+    r"^static (?!CUDA_CALLABLE)[\w:<>, ]+? (\w+)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S
 )
+NATIVE = re.compile(r"^static CUDA_CALLABLE [\w:<>, ]+? (\w+)\(\n.*?\)\n\{(.*?)\}\n\n", re.M | re.S)
+"""Functions that are C++ in the package too."""
 KERNEL = re.compile(r"^\w+ ?\w* (\w+_cpu_kernel_forward)\(\n(.*?)\)\n\{(.*?)^\}", re.M | re.S)
 DECLARED = re.compile(r"^ *(?:const )?(\w[\w:<>, ]*?[*&]?) (var_\w+)(?: = [^;]+)?;$", re.M)
 ASSIGNED = re.compile(r"(\w+) = wp::(\w+)\((.*)\);")
@@ -55,9 +57,19 @@ def cost(kernel: wp.Kernel, contributors: float) -> Cost:
     """What one thread of the kernel does, with so many contributors to a sum of DSS on average."""
     text = source(kernel)
     gather = Cost(loads=contributors, flops=contributors - 1.0)
-    bodies = {m[1]: Function(m[2], m[3], gather) for m in FUNCTION.finditer(text)}
-    thread = Function(*_entry(text), gather)
+    known = {m[1]: cost for m in NATIVE.finditer(text) if (cost := _native(m[1], m[2], gather))}
+    bodies = {m[1]: Function(m[2], m[3], known) for m in FUNCTION.finditer(text)}
+    thread = Function(*_entry(text), known)
     return thread.cost(bodies)
+
+
+def _native(name: str, body: str, gather: Cost) -> Cost | None:
+    """Of a function in C++ for one node; None of others, whose launch shape is not counted."""
+    if name.startswith("leave_of"):
+        return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
+    costs = {"entry_of": Cost(loads=1.0), "put_of": Cost(stores=1.0)}
+    costs |= {"gather_sum": gather, "gather_run": gather}
+    return next((cost for start, cost in costs.items() if name.startswith(start)), None)
 
 
 def _entry(text: str) -> tuple[str, str]:
@@ -75,15 +87,15 @@ def width(kind: str) -> int:
 class Function:
     """One function of the generated code."""
 
-    def __init__(self, parameters: str, body: str, gather: Cost) -> None:
-        """gather: of one sum of DSS, whose length goes with the node."""
+    def __init__(self, parameters: str, body: str, known: dict[str, Cost]) -> None:
+        """known: of functions in C++; a sum of DSS has a length that goes with the node."""
         given = re.findall(r"([\w:<>, ]+?) (var_\w+)", parameters)
         found = given + DECLARED.findall(body)
         self._types = {name: kind.strip() for kind, name in found if kind.strip() != "return"}
         self._members = dict(re.findall(r"(var_\d+) = &\(\(\w+\)\.(\w+)\)", body))
         copies = re.findall(r"(var_\d+) = wp::load\((var_\d+)\)", body)
         self._members |= {a: self._members[b] for a, b in copies if b in self._members}
-        self._body, self._gather = body, gather
+        self._body, self._known = body, known
 
     def cost(self, functions: dict[str, Function]) -> Cost:
         """Of one call, with the functions that it calls."""
@@ -100,9 +112,11 @@ class Function:
         return total
 
     def _line(self, line: str, functions: dict[str, Function]) -> Cost:
-        if (call := re.search(r"\b(?<!wp::)(\w+)\(", line)) and call[1] in functions:
-            is_sum = call[1].startswith("gather_sum")
-            return self._gather if is_sum else functions[call[1]].cost(functions)
+        if call := re.search(r"\b(?<!wp::)(\w+)\(", line):
+            if call[1] in self._known:
+                return self._known[call[1]]
+            if call[1] in functions:
+                return functions[call[1]].cost(functions)
         if store := re.search(r"wp::array_store\((\w+), .*, (\w+)\);", line):
             return Cost() if self._is_cached(store[1]) else Cost(stores=self._width(store[2]))
         if not (found := ASSIGNED.search(line)):
