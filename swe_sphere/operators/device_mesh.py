@@ -1,7 +1,6 @@
 """Mesh arrays in the order in which the kernels read them."""
 
 import functools
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,23 +9,22 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.access import room
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.kernels.stages import stage_struct
-from swe_sphere.kernels.terms import LANE_BYTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Chunks, Halo
+from swe_sphere.operators.layout import Layout
 from swe_sphere.parallel import Alone
 
 ALONE = Alone()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
-class DeviceMesh:
+class DeviceMesh(Layout):
     """Element data of a mesh, or of this rank's part of it, `lanes` elements side by side.
 
     Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with
@@ -39,16 +37,13 @@ class DeviceMesh:
         self, mesh: Mesh, device: str, real: Any, shape: str, comm: Alone = ALONE,
         part: Part | None = None,
     ) -> None:  # fmt: skip
-        self.mesh, self.device, self.real, self.shape, self.comm = mesh, device, real, shape, comm
         if part is None:
             part = partition(mesh, comm.rank, comm.size) if comm.shared else whole(mesh)
-        self.part = part
-        self.size, self.elements = part.nodes.size, part.elements.size
-        """Nodes and elements of this rank."""
-        self.lanes = lanes_of(real) if shape == "element" else 1
-        self.groups = -(-self.elements // self.lanes)
+        super().__init__(part.elements.size, device, real, shape)
+        self.mesh, self.comm, self.part = mesh, comm, part
+        self.size = part.nodes.size
+        """Nodes of this rank."""
         self.points = mesh.np**2
-        self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
         self._halos: dict[int, Halo] = {}
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
@@ -70,7 +65,7 @@ class DeviceMesh:
     @functools.cached_property
     def nodes(self) -> wp.array:
         """Unique node numbers of the element nodes; runs marked as `kernels/access.py` says."""
-        numbers = self._in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
+        numbers = self.in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
         if self.lanes > 1:
             first = numbers[..., 0]
             first[(np.diff(numbers) == 1).all(axis=-1)] ^= -1
@@ -114,7 +109,7 @@ class DeviceMesh:
     @functools.cached_property
     def work(self) -> int:
         """Address of the work arrays of a group; kernels run one after the other."""
-        self._room = self._aligned((room(self.mesh.np),), wp.uint8)
+        self._room = self.aligned((room(self.mesh.np),), wp.uint8)
         return int(self._room.ptr)
 
     @functools.cached_property
@@ -183,15 +178,10 @@ class DeviceMesh:
         are for what other ranks send.
         """
         shape = (self.rows // self.points, self.points, unknowns)
-        local = self._aligned(shape, value)
+        local = self.aligned(shape, value)
         flat = self.flat(local)
         self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
         return local, flat
-
-    def flat(self, array: wp.array) -> wp.array:
-        """An array of registers of the run's number type as numbers (n,)."""
-        shape = (array.size * self.lanes,)
-        return wp.array(ptr=array.ptr, shape=shape, dtype=self.real, device=self.device)
 
     @property
     def rows(self) -> int:
@@ -240,7 +230,7 @@ class DeviceMesh:
 
         See `local`.
         """
-        room = self._aligned((count, self.rows // self.points, self.points, 1), value)
+        room = self.aligned((count, self.rows // self.points, self.points, 1), value)
         flat = self.flat(room)
         self.share(flat, self.rows * self.lanes * np.arange(count), self.lanes)
         return [Field(room[i], self.flat(room[i])) for i in range(count)], flat
@@ -307,51 +297,3 @@ class DeviceMesh:
     def _owners(self) -> list[NDArray[Any]]:
         """The nodes that each rank counts."""
         return self.comm.tell_all(self.part.nodes[self.part.owned])
-
-    def upload(self, values: Array) -> wp.array:
-        """A numpy array on the device in the number type of the run."""
-        return wp.array(
-            np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
-        )
-
-    def write(self, values: NDArray[Any], to: wp.array) -> None:
-        """Numbers (k,) from the host to the front of an array; on a CPU without Warp's detours."""
-        if to.device.is_cpu:
-            to.numpy()[: values.size] = values
-        else:
-            wp.copy(to, self.upload(values), count=values.size)
-
-    def on_elements(
-        self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None
-    ) -> wp.array:
-        """(E, k, *tail) or (E, np, np, *tail) of this rank's elements: (groups, k, *tail) of lanes.
-
-        scalar: another number type than that of the run.
-        """
-        rows = values.reshape(self.elements, -1, math.prod(tail))
-        lanes = self._in_lanes(rows)
-        return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
-
-    def _in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
-        """(E, k, ...) as (groups, k, ..., lanes)."""
-        short = self.groups * self.lanes - self.elements
-        padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
-        grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
-        return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
-
-    def registers(self, values: NDArray[Any], scalar: Any = None) -> wp.array:
-        """Numbers (..., lanes) on the device, lanes side by side; scalar: as for `on_elements`."""
-        scalar = scalar or self.real
-        dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
-        array = self._aligned(values.shape[:-1], dtype)
-        array.assign(values.astype(wp.dtype_to_numpy(scalar)).reshape(array.numpy().shape))
-        return array
-
-    def _aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
-        """Zeros that begin where a cache line does."""
-        count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
-        whole = wp.zeros(count + LANE_BYTES, dtype=wp.uint8, device=self.device)
-        begin = whole.ptr + -whole.ptr % LANE_BYTES
-        array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
-        array.kept = whole
-        return array
