@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.arrays import Array
 from swe_sphere.kernels.access import room
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.kernels.stages import stage_struct
@@ -17,14 +16,14 @@ from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Chunks, Halo
-from swe_sphere.operators.layout import Layout
+from swe_sphere.operators.part_layout import PartLayout
 from swe_sphere.parallel import Alone
 
 ALONE = Alone()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
-class DeviceMesh(Layout):
+class DeviceMesh(PartLayout):
     """Element data of a mesh, or of this rank's part of it, `lanes` elements side by side.
 
     Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with
@@ -39,10 +38,7 @@ class DeviceMesh(Layout):
     ) -> None:  # fmt: skip
         if part is None:
             part = partition(mesh, comm.rank, comm.size) if comm.shared else whole(mesh)
-        super().__init__(part.elements.size, device, real, shape)
-        self.mesh, self.comm, self.part = mesh, comm, part
-        self.size = part.nodes.size
-        """Nodes of this rank."""
+        super().__init__(mesh, part, comm, device, real, shape)
         self.points = mesh.np**2
         self._halos: dict[int, Halo] = {}
 
@@ -260,40 +256,3 @@ class DeviceMesh(Layout):
             entries >= 0, group * self.points + point, (self.groups + 1) * self.points + behind
         )
         return row * width + np.where(entries >= 0, lane, lane_behind)
-
-    def scatter(self, values: Array) -> wp.array:
-        """Fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
-        return self.upload(self.restrict(values))
-
-    def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
-        if not self.comm.shared:
-            return values
-        fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
-        return fields.reshape(*values.shape[:-1], -1)
-
-    def collect(self, vector: wp.array) -> NDArray[Any]:
-        """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N)."""
-        values: NDArray[Any] = vector.numpy()
-        if not self.comm.shared:
-            return values
-        return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
-
-    def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
-        """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
-        sizes = values.size * self.size, vector.size * self.mesh.size
-        return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
-
-    def _join(self, values: NDArray[Any]) -> NDArray[Any]:
-        numbers, fields = self._owners, len(values)
-        counts = [fields * each.size for each in numbers]
-        parts = self.comm.gather(values[:, self.part.owned], counts)
-        joined = np.empty((fields, self.mesh.size), values.dtype)
-        for number, part in zip(numbers, np.split(parts, np.cumsum(counts)[:-1]), strict=True):
-            joined[:, number] = part.reshape(fields, -1)
-        return joined
-
-    @functools.cached_property
-    def _owners(self) -> list[NDArray[Any]]:
-        """The nodes that each rank counts."""
-        return self.comm.tell_all(self.part.nodes[self.part.owned])
