@@ -30,6 +30,8 @@ ROOT = Path(__file__).parents[1]
 CHECK = ROOT / "tests" / "data" / "advice.json"
 FEWEST = 8
 """Runs that a method must have been seen in."""
+MOST_DOUBT = 4.0
+"""Factor by which errors may scatter about the law of a method that advice is given of."""
 
 
 def main(
@@ -55,7 +57,7 @@ def main(
 
 
 def fitted_to(points: list[Point]) -> list[Method]:
-    """A method for each stepper that was seen often enough."""
+    """A method for each stepper that was seen often enough, and that keeps to a law."""
     runs: dict[str, list[Observation]] = {}
     failures: dict[str, list[tuple[float, float]]] = {}
     for point in points:
@@ -65,10 +67,11 @@ def fitted_to(points: list[Point]) -> list[Method]:
             courant = dt / point.gravity_limit, dt / point.advective_limit
             failures.setdefault(stepper, []).append(courant)
     kinds = {name: STEPPERS[name] for name in runs if len(runs[name]) >= FEWEST}
-    return [
+    methods = [
         fitted(name, kind.order, kind.family == "explicit", runs[name], failures.get(name, ()))
         for name, kind in kinds.items()
     ]
+    return [method for method in methods if method.doubt < MOST_DOUBT]
 
 
 def observed(point: Point) -> Iterator[tuple[str, Observation]]:

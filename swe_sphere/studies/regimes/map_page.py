@@ -11,7 +11,6 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from swe_sphere.durable import write_whole
-from swe_sphere.planet import HOUR
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.regimes.figures import by_error, by_refinement, by_step, slices
 from swe_sphere.studies.regimes.points import (
@@ -132,14 +131,21 @@ def _rule(found: Sequence[Series], family: str) -> str:
 
 def _beside_unit(found: Sequence[Series], family: str) -> str:
     """Where it is cheaper than one explicit stepper that everybody knows."""
-    ratios = []
-    for point in (point for of in found for point in of.points):
-        offer, base = point.best(family, USUAL), point.best(UNIT, USUAL)
-        if offer and base:
-            ratios.append(offer.cost / base.cost)
-    cheap = sum(value <= 1.0 for value in ratios)
-    least = words.number(min(ratios, default=math.nan), 2)
-    return f"Against `{UNIT}` alone: cheaper at {cheap} of {len(ratios)}, {least} times at best."
+    ratios = {}
+    for of in found:
+        for point in of.points:
+            offer, base = point.best(family, USUAL), point.best(UNIT, USUAL)
+            if offer and base:
+                where = f"{of.title}, U/c = {words.number(point.froude, 2)}"
+                ratios[where] = offer.cost / base.cost
+    if not ratios:
+        return f"`{UNIT}` alone has nothing to be compared with."
+    cheap, best = (
+        sum(value <= 1.0 for value in ratios.values()),
+        min(ratios, key=ratios.__getitem__),
+    )
+    text = f"Against `{UNIT}` alone: cheaper at {cheap} of {len(ratios)}"
+    return f"{text}, {words.number(ratios[best], 2)} times at best ({best})."
 
 
 def _named(point: Point, family: str) -> str:
@@ -168,11 +174,8 @@ def _made(folder: Path) -> Mapping[str, Any]:
     versions = ", ".join(f"{name} {version}" for name, version in first.versions.items())
     plan = {key: value for key, value in first.plan.items() if key not in ("scene", "name")}
     runs = [run for path in paths for run in runs_of(path.parent).records]
-    hours = sum(run.numbers.get("total_seconds") or 0.0 for run in runs) / HOUR
-    steps = sum(run.numbers.get("cpu_seconds") or 0.0 for run in runs) / HOUR
     return {
-        "runs": len(runs), "hours": words.number(hours, 2), "steps": words.number(steps, 2),
-        "sweeps": len(headers), "machine": first.machine, "cores": first.cores,
+        "runs": len(runs), "sweeps": len(headers), "machine": first.machine, "cores": first.cores,
         "versions": versions, "plan": json.dumps(plan),
         "days": sorted({header.created[:10] for header in headers}),
     }  # fmt: skip
