@@ -194,10 +194,10 @@ def _errors(dataset: Dataset) -> list[dict[Metric, float]]:
     return found
 
 
-def metrics(rows: Iterable[Row], norm: str = "l2") -> list[Metric]:
-    """For each kind and field, in the order of the report, the error at the last day given."""
+def metrics(rows: Iterable[Row]) -> list[Metric]:
+    """For each kind and field, in the order of the report, the l2 error at the last day given."""
     last: dict[tuple[str, str], Metric] = {}
-    for metric in {m for row in rows if row.compared for m in row.errors if m.norm == norm}:
+    for metric in {m for row in rows if row.compared for m in row.errors if m.norm == "l2"}:
         key = (metric.kind, metric.field)
         if key not in last or metric.day > last[key].day:
             last[key] = metric

@@ -159,12 +159,10 @@ class Threshold:
         return {name: row for name, row in of.items() if row is not None}
 
 
-def threshold(
-    rows: Iterable[Row], metric: Metric, baseline: str = BASELINE, slack: float = SLACK
-) -> Threshold | None:
+def threshold(rows: Iterable[Row], metric: Metric) -> Threshold | None:
     """Up to which error nothing is lost, among rows of one mesh; None where no row has one.
 
-    The largest of `slack` times the smallest error that any stepper reaches, `slack` times the
+    The largest of SLACK times the smallest error that any stepper reaches, SLACK times the
     error of the run converged in time, which no step can be blamed for, and the error of the
     baseline stepper at its largest completed step: who is as good as the explicit scheme at the
     step that one would run it with has lost nothing (Evans, Taylor & Drake 2010 compare so).
@@ -173,11 +171,11 @@ def threshold(
     best = smallest(rows, metric)
     if best is None:
         return None
-    explicit = [row for row in candidates(rows, metric) if row.stepper == baseline]
+    explicit = [row for row in candidates(rows, metric) if row.stepper == BASELINE]
     base = max(explicit, key=lambda row: row.dt, default=None)
     exact = [r for r in rows if r.role == "converged" and math.isfinite(r.error(metric))]
     converged = min(exact, key=lambda row: row.dt, default=None)
-    values = [slack * row.error(metric) for row in (best, converged) if row is not None]
+    values = [SLACK * row.error(metric) for row in (best, converged) if row is not None]
     values += [] if base is None else [base.error(metric)]
     return Threshold(max(values), best, base, converged)
 

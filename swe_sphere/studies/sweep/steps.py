@@ -16,6 +16,8 @@ SHORTEST = 2.0
 GROWTH = 1.25
 """Between steps while the limit is not yet enclosed."""
 REFINEMENTS = 6
+LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
+"""How closely searches find the longest step that works, or is accurate; relative."""
 PLATEAU = 0.9
 """An error that a halved step leaves above this part of itself does not depend on the step."""
 
@@ -51,10 +53,9 @@ def longest_working(
     guess: float,
     shortest: float,
     longest: float,
-    tolerance: float = 0.02,
     growth: float = GROWTH,
 ) -> float | None:
-    """The longest step [s] that works, to the tolerance (relative); None if none does.
+    """The longest step [s] that works, to LIMIT_KNOWN; None if none does.
 
     works: tells of a step, and is taken to fail for all longer ones where it fails for one.  guess:
     where to begin; shortest, longest: the ends of the search.
@@ -70,7 +71,7 @@ def longest_working(
             high = low
         if high <= shortest:
             return None
-    while high > (1.0 + tolerance) * low:
+    while high > (1.0 + LIMIT_KNOWN) * low:
         middle = math.sqrt(low * high)
         low, high = (middle, high) if works(middle) else (low, middle)
     return low
@@ -87,13 +88,9 @@ class Target:
 
 
 def longest_accurate(
-    error: Callable[[float], float],
-    target: float,
-    longest: float,
-    shortest: float,
-    tolerance: float = 0.05,
+    error: Callable[[float], float], target: float, longest: float, shortest: float
 ) -> Target:
-    """The longest step [s] with an error of at most the target, to the tolerance (relative).
+    """The longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
 
     error: error of a step, not finite where the run fails; it is taken to grow with the step.
     From the longest step downwards by halves, then by the secant through the logarithms.  Given up
@@ -113,7 +110,7 @@ def longest_accurate(
             return Target(None, f"the error stays at {found:.3g} however short the step")
     if bad is None:
         return Target(step)
-    return Target(_refined(error, target, (step, found), bad, tolerance))
+    return Target(_refined(error, target, (step, found), bad))
 
 
 def _refined(
@@ -121,11 +118,10 @@ def _refined(
     target: float,
     good: tuple[float, float],
     bad: tuple[float, float],
-    tolerance: float,
 ) -> float:
     """The step between a good and a bad one at which the error passes the target."""
     for _ in range(REFINEMENTS):
-        if bad[0] <= (1.0 + tolerance) * good[0]:
+        if bad[0] <= (1.0 + ACCURATE_KNOWN) * good[0]:
             break
         step = _between(good, bad, target)
         found = error(step)
