@@ -273,8 +273,8 @@ What the kernels do for it:
 - Sums along lines and products at a node are taken in whole registers: of the last field of a sum
   the compiler made four pieces, a sixth of the time.
 - Nodes inside elements ({inner4:.0f} % of all at np 4, {inner8:.0f} % at np 8) need no DSS: the
-  kernel over elements finishes them, unless dynamics and diffusion are taken at once or a term other
-  than rotation acts at a point. DSS begins behind them, eight nodes at once.
+  kernel over elements finishes them, unless dynamics and diffusion are taken at once or a term
+  other than rotation acts at a point. DSS begins behind them, eight nodes at once.
 - What elements finish and what DSS leaves is the next stage of a Runge-Kutta step and not a slope
   to be read again: such a stage takes 1.07 to 1.11 times its right-hand side.
 - Loads and stores of DSS leave out what Warp adds for negative indices and strides.
