@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 import xarray as xr
 from ranks import fingerprint
 
@@ -21,6 +22,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import curve, partition, whole
+from swe_sphere.operators.part_layout import PartLayout
+from swe_sphere.parallel import Alone
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
 
@@ -43,6 +46,36 @@ def test_the_curve_goes_from_neighbour_to_neighbour(mesh):
     nodes = [set(mesh.nodes[e].ravel()) for e in order]
     assert all(len(one & other) == mesh.np for one, other in pairwise(nodes))
     assert all(sorted(curve(ne)) == list(range(6 * ne**2)) for ne in (1, 3, 5, 6))
+
+
+class OneOfFive(Alone):
+    """The first of five ranks, told by hand what the others have."""
+
+    size, shared = 5, True
+
+    def __init__(self, fields, parts):
+        self._owned = [part.nodes[part.owned] for part in parts]
+        self._fields, self.rooms = iter(fields), []
+
+    def tell_all(self, mine):
+        assert np.array_equal(mine, self._owned[0])
+        return self._owned
+
+    def gather(self, mine, counts, out=None):
+        field = next(self._fields)
+        assert np.array_equal(mine, field[self._owned[0]])
+        self.rooms.append(out.size)
+        out[:] = field[np.concatenate(self._owned)]
+        return out
+
+
+def test_fields_of_all_ranks_are_joined_one_after_the_other(mesh, parts):
+    fields = np.random.default_rng(2).standard_normal((4, mesh.size))
+    comm = OneOfFive(fields, parts)
+    layout = PartLayout(mesh, parts[0], comm, "cpu", wp.float64, "node")
+    state = layout.scatter(fields.ravel())
+    np.testing.assert_array_equal(layout.collect(state), fields.ravel())
+    assert comm.rooms == [mesh.size] * 4
 
 
 def test_every_element_and_every_node_is_counted_once(mesh, parts):

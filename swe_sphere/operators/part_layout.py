@@ -49,15 +49,16 @@ class PartLayout(Layout):
         return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
 
     def _join(self, values: NDArray[Any]) -> NDArray[Any]:
-        numbers, fields = self._owners, len(values)
-        counts = [fields * each.size for each in numbers]
-        parts = self.comm.gather(values[:, self.part.owned], counts)
-        joined = np.empty((fields, self.mesh.size), values.dtype)
-        for number, part in zip(numbers, np.split(parts, np.cumsum(counts)[:-1]), strict=True):
-            joined[:, number] = part.reshape(fields, -1)
+        """Field by field, so that messages take no more room than one of them."""
+        joined = np.empty((len(values), self.mesh.size), values.dtype)
+        room = np.empty(self.mesh.size, values.dtype)
+        counts, nodes = self._owners
+        for field, mine in zip(joined, values, strict=True):
+            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
         return joined
 
     @functools.cached_property
-    def _owners(self) -> list[NDArray[Any]]:
-        """The nodes that each rank counts."""
-        return self.comm.tell_all(self.part.nodes[self.part.owned])
+    def _owners(self) -> tuple[list[int], NDArray[Any]]:
+        """How many nodes each rank counts, and all of them, one rank after the other."""
+        numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
+        return [each.size for each in numbers], np.concatenate(numbers)
