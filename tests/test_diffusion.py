@@ -44,16 +44,13 @@ def damped() -> Model:
 
 
 def decayed(modes: np.ndarray, reach: float, order: int) -> np.ndarray:
-    """What is left of modes (n,), rates times step, after a step of RKL1 or RKL2.
+    """What is left of modes (n,), rates times step, after a step of RKL2 (Meyer et al., eq. 15).
 
-    Meyer et al., eqs. 9 and 15.
+    Of Euler's, where first order will do and no mode changes its sign by much.
     """
-    stages = order
-    if order == 1:
-        while 0.75 * (stages**2 + stages) < reach:
-            stages += 1
-        ends = 1.0 - 2.0 * modes / (stages**2 + stages)
-        return legendre.legval(ends, np.eye(stages + 1)[stages])
+    if order == 1 and reach <= 1.25:
+        return 1.0 - modes
+    stages = 2
     while 0.75 * (stages**2 + stages - 2) / 2 < reach:
         stages += 1
     b = (stages**2 + stages - 2) / (2 * stages * (stages + 1))
@@ -61,9 +58,7 @@ def decayed(modes: np.ndarray, reach: float, order: int) -> np.ndarray:
     return 1.0 - b + b * legendre.legval(ends, np.eye(stages + 1)[stages])
 
 
-@pytest.mark.parametrize(
-    ("reach", "order"), [(0.5, 2), (2.5, 2), (40.0, 2), (0.5, 1), (2.5, 1), (40.0, 1)]
-)
+@pytest.mark.parametrize(("reach", "order"), [(0.5, 2), (2.5, 2), (40.0, 2), (1.2, 1), (1.3, 1)])
 def test_every_mode_decays_by_the_polynomial_of_the_method(reach: float, order: int) -> None:
     """And so by e^-z where z is small, by a fifth at least where it is the largest."""
     model = Model(Mesh.build(1, 4), make_scene("pressure", "hyperviscosity"))
@@ -81,7 +76,7 @@ def test_every_mode_decays_by_the_polynomial_of_the_method(reach: float, order: 
     assert np.abs(result - expected).max() < 1e-10
     slow = np.abs(values) < 0.02
     left = decayed(values, reach, order)
-    assert np.abs(left - np.exp(-values))[slow].max() < (1e-5 if order == 2 else 2e-4)
+    assert np.abs(left - np.exp(-values))[slow].max() < (2e-4 if reach == 1.2 else 1e-5)
     assert np.abs(left)[np.abs(values) > 0.5 * reach].max() < 0.8
 
 

@@ -92,6 +92,17 @@ def test_the_limit_is_a_limit(name: str, nu: float) -> None:
         assert growth(name, model, 1.1 * limit, 600) > 1e6
 
 
+def test_one_stage_of_diffusion_is_borne_at_the_limit() -> None:
+    """By the one stepper that has it, where the stage turns the sign of modes most."""
+    kind, plain = STEPPERS["forward-backward"], make_scene(*WAVES)
+    model = Model(Mesh.build(2, 4), plain.with_effect(Viscosity(1e6)))
+    dt = 0.97 * kind.limit(kind.spectrum(model, model.device_mesh.upload(states(model)["rest"])))
+    nu = 1e6 * 1.249 / (dt * model.diffusion_radius)
+    thick = Model(model.mesh, plain.with_effect(Viscosity(nu)))
+    assert kind(thick, dt).diffusion.evaluations == 1
+    assert growth("forward-backward", thick, dt, 600) < 3.0
+
+
 @pytest.mark.parametrize("name", EXPLICIT)
 def test_drag_alone_limits_sharply(name: str) -> None:
     """Without waves the limit is that of the real axis."""

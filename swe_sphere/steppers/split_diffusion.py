@@ -1,8 +1,9 @@
 """Viscosity and hyperviscosity on their own, so that they limit no step.
 
-They are linear, symmetric and cheap to keep stable: Runge-Kutta-Legendre methods of s stages damp
-all modes up to a rate times step of s² + s (RKL1, of first order) or (s² + s - 2)/2 (RKL2, of
-second order; Meyer, Balsara & Aslam 2014, doi:10.1016/j.jcp.2013.08.021, section 2).
+They are linear, symmetric and cheap to keep stable: a Runge-Kutta-Legendre method of s stages
+damps all modes up to a rate times step of (s² + s - 2)/2 (Meyer, Balsara & Aslam 2014,
+doi:10.1016/j.jcp.2013.08.021, section 2.2: RKL2, of second order).  Where first order will do and
+the step is short enough for it, one stage of Euler's is half of that.
 """
 
 import math
@@ -18,6 +19,9 @@ from swe_sphere.operators.launch import in_runs
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
 damped at its end."""
+ONE_STAGE = 1.25
+"""Rate times step up to which one stage is taken: modes beyond 1 change their sign, and
+`forward-backward` amplifies those waves of which less than -0.3 is left."""
 MOST_STAGES = 1000
 """So many even out whole elements in a step."""
 
@@ -31,18 +35,15 @@ def legendre_stages(reach: float, order: int = 2) -> list[Stage]:
 
     Raises ConfigError for so many that no step would ever end.
     """
-    inside = 9.0 + 8.0 * reach / REACH if order == 2 else 1.0 + 4.0 * reach / REACH
-    needed = 0.5 * (math.sqrt(inside) - 1.0)
+    if order == 1 and reach <= ONE_STAGE:
+        return [(0.0, 0.0, 1.0, 0.0)]
+    needed = 0.5 * (math.sqrt(9.0 + 8.0 * reach / REACH) - 1.0)
     if not needed <= MOST_STAGES:
         raise ConfigError(
             f"diffusion would take {needed:.2g} stages a step: take a smaller coefficient of"
             " viscosity or hyperviscosity, or a shorter step"
         )
-    stages = max(math.ceil(needed), order)
-    if order == 1:
-        unit = 2.0 / (stages**2 + stages)
-        rows = [((2 * j - 1) / j, (1 - j) / j) for j in range(1, stages + 1)]
-        return [(mu, nu, mu * unit, 0.0) for mu, nu in rows]
+    stages = max(math.ceil(needed), 2)
     unit = 4.0 / (stages**2 + stages - 2)
     b = [1 / 3, 1 / 3, *((j**2 + j - 2) / (2 * j * (j + 1)) for j in range(2, stages + 1))]
     found = [(0.0, 0.0, unit / 3.0, 0.0)]
