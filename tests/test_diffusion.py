@@ -48,7 +48,7 @@ def decayed(modes: np.ndarray, reach: float, order: int) -> np.ndarray:
 
     Of Euler's, where first order will do and no mode changes its sign by much.
     """
-    if order == 1 and reach <= 1.25:
+    if order == 1 and reach <= 1.24:
         return 1.0 - modes
     stages = 2
     while 0.75 * (stages**2 + stages - 2) / 2 < reach:
