@@ -54,6 +54,20 @@ def put_of(real: type, value: type | None = None, lanes: int = 1) -> Any:
 
 
 @functools.cache
+def bring_of(real: type, back: bool) -> Any:
+    """Warp function (x, places (n,), packed (n,)): packed = x[places], or `back`, the reverse."""
+    to, of = "packed.data[i]", "x.data[places.data[i]]"
+    one = f"{of} = {to};" if back else f"{to} = {of};"
+
+    @wp.func_native(f"for (int i = 0; i < places.shape[0]; ++i) {one}")
+    def bring(
+        x: wp.array(dtype=real), places: wp.array(dtype=wp.int32), packed: wp.array(dtype=real)
+    ): ...
+
+    return bring
+
+
+@functools.cache
 def address_of(value: type) -> Any:
     """Warp function (x, i): the address of the i-th entry of a contiguous array (k, m, n)."""
 

@@ -103,9 +103,9 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
 def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
     """Kernels for the whole sphere, in the order in which they run, on a CPU with whole registers.
 
-    sums over (count, blocks): (area (N,), x, depth, first, N, starts (kinds, blocks + 1), lower,
+    sums over (count, blocks): (area (N,), x, depth, first, N, spans (kinds, blocks, 2), lower,
     upper, partial (blocks, count) of three numbers): excess and room above and below of the nodes
-    from starts[k, block] to starts[k, block + 1], all k.
+    from spans[k, block, 0] to spans[k, block, 1], all k.
     parts over (count,): (partial, blocks, part (count,) of two numbers).
     limit_of(lanes) over runs of so many nodes: (begin, depth, first, N, count, lower, upper, part,
     x), from the node `begin` on.
@@ -120,16 +120,16 @@ def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
         depth: int,
         first: int,
         size: int,
-        starts: wp.array2d(dtype=wp.int32),
+        spans: wp.array3d(dtype=wp.int32),
         lower: vector,
         upper: vector,
         partial: wp.array2d(dtype=wp.vec3d),
     ):
         k, block = wp.tid()
         total = wp.vec3d()
-        for kind in range(starts.shape[0]):
+        for kind in range(spans.shape[0]):
             total += rooms(
-                area, x, depth, first + k * size, starts[kind, block], starts[kind, block + 1],
+                area, x, depth, first + k * size, spans[kind, block, 0], spans[kind, block, 1],
                 lower[k], upper[k],
             )  # fmt: skip
         partial[block, k] = total

@@ -156,7 +156,8 @@ def functions_sum(value: type, real: type, lanes: int, functions: int, points: i
 def diagonals_sum(value: type, real: type, lanes: int) -> Any:
     """Warp function (at, begin, values, x, g): M x in group g of a `SlicedMatrix`.
 
-    In four sums, which do not wait for each other.
+    A row's entries one after the other: the rows beside it, which differ from rank to rank, only
+    add zeros.
     """
     _, run = run_type(real, lanes)
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
@@ -167,13 +168,8 @@ def diagonals_sum(value: type, real: type, lanes: int) -> Any:
             typedef const run* registers;
             return registers(values.data)[k] * *registers(x.data + begin.data[k]);
         }};
-        const int end = at.data[g + 1];
-        int k = at.data[g];
-        run sums[4] = {{}};
-        for (; k + 4 <= end; k += 4)
-            for (int i = 0; i < 4; ++i) sums[i] += part(k + i);
-        for (; k < end; ++k) sums[0] += part(k);
-        const run sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        run sum = {{}};
+        for (int k = at.data[g]; k < at.data[g + 1]; ++k) sum += part(k);
         auto v = *values.data;
         *reinterpret_cast<run*>(&v) = sum;
         return v;

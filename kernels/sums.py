@@ -18,11 +18,11 @@ SPAN = 256
 
 @functools.cache
 def weighted_products_kernel(real: type) -> wp.Kernel:
-    """Kernel (call, weights (n,), starts (kinds, chunks + 1), size), of one thread.
+    """Kernel (call, weights (n,), spans (kinds, chunks, 2), size), of one thread.
 
     call: addresses of a stack (m, n), of v (n,) and of p, how many rows, and d.  p[c d + s] = the
-    part of sum_i w_i stack[s, i] v_i of chunk c, which is the numbers from starts[k, c] to
-    starts[k, c + 1], all k, of each of the n / size fields; in float64.  With d = 0 the parts are
+    part of sum_i w_i stack[s, i] v_i of chunk c, which is the numbers from spans[k, c, 0] to
+    spans[k, c, 1], all k, of each of the n / size fields; in float64.  With d = 0 the parts are
     added up, one after the other.
     """
     kind = f"wp::{real.__name__}"
@@ -37,7 +37,7 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         const auto v = reinterpret_cast<const {kind}*>(call.data[1]);
         const auto partial = reinterpret_cast<double*>(call.data[2]);
         const long rows = call.data[3], apart = call.data[4];
-        const long n = weights.shape[0], chunks = starts.shape[1] - 1;
+        const long n = weights.shape[0], chunks = spans.shape[1];
         const auto all = [](const auto* x) {{
             typedef __typeof__(*x + 0) number;
             typedef number run __attribute__((ext_vector_type(8), aligned(sizeof(number))));
@@ -70,10 +70,10 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         for (long c = 0; c < chunks; ++c)
             for (long s = 0; s < rows; ++s) partial[c * apart + s] = 0.0;
         for (long field = 0; field < n; field += size)
-            for (long k = 0; k < starts.shape[0]; ++k) {{
-                const int* at = starts.data + k * (chunks + 1);
+            for (long k = 0; k < spans.shape[0]; ++k) {{
+                const int* at = spans.data + k * 2 * chunks;
                 for (long c = 0; c < chunks; ++c) {{
-                    const long begin = field + at[c], end = field + at[c + 1];
+                    const long begin = field + at[2 * c], end = field + at[2 * c + 1];
                     double* to = partial + c * apart;
                     long s = 0;
                     for (; s + 4 <= rows; s += 4) add(four(), s, begin, end, to);
@@ -85,7 +85,7 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
     def sum_up(
         call: wp.array(dtype=wp.uint64),
         weights: wp.array(dtype=wp.float64),
-        starts: wp.array2d(dtype=wp.int32),
+        spans: wp.array3d(dtype=wp.int32),
         size: int,
     ): ...
 
@@ -94,10 +94,10 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
     def products(
         call: wp.array(dtype=wp.uint64),
         weights: wp.array(dtype=wp.float64),
-        starts: wp.array2d(dtype=wp.int32),
+        spans: wp.array3d(dtype=wp.int32),
         size: int,
     ):
-        sum_up(call, weights, starts, size)
+        sum_up(call, weights, spans, size)
 
     return products
 

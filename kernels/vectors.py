@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, put_of
+from swe_sphere.kernels.access import bring_of, entry_of, put_of
 from swe_sphere.kernels.assembly import OPTIONS
 
 AT_ONCE = 4
@@ -161,20 +161,22 @@ def least_kernel(real: type) -> wp.Kernel:
 
 @functools.cache
 def packing_kernels(real: type) -> SimpleNamespace:
-    """Kernels (x, places (n,), packed (n,)): pack, packed = x[places], and unpack, the reverse."""
+    """Kernels (x, places (n,), packed (n,)): pack, packed = x[places], and unpack, the reverse.
+
+    Of one thread, on a CPU: a thread for each number takes longer than to bring it.
+    """
     vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
+    bring, bring_back = bring_of(real, back=False), bring_of(real, back=True)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
-    def pack(x: vector, places: numbers, packed: vector) -> None:
-        i = wp.tid()
-        packed[i] = x[places[i]]
+    def pack(x: vector, places: numbers, packed: vector):
+        bring(x, places, packed)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
-    def unpack(x: vector, places: numbers, packed: vector) -> None:
-        i = wp.tid()
-        x[places[i]] = packed[i]
+    def unpack(x: vector, places: numbers, packed: vector):
+        bring_back(x, places, packed)
 
     return SimpleNamespace(pack=pack, unpack=unpack)
 

@@ -3,10 +3,12 @@
 import time
 
 import pytest
+import warp as wp
 
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
 from swe_sphere.cli.show import COMPILING
+from swe_sphere.operators.launch import keep_headers
 
 
 @pytest.fixture
@@ -49,3 +51,15 @@ def test_every_command_tells_of_it(told, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main(["verify"])
     assert capsys.readouterr().err == f"swe-sphere: {COMPILING}\n"
+
+
+def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):
+    """Those of another one, of the same version, would be found by their paths and do not fit."""
+    from warp._src import context
+
+    monkeypatch.setattr(context.runtime, "get_clang_pch_dir", None, raising=False)
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    for place in ("one", "one", "other"):
+        monkeypatch.setattr(wp, "__file__", f"/{place}/warp/__init__.py")
+        keep_headers()
+    assert len([*tmp_path.glob("headers_*")]) == 2

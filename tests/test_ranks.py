@@ -23,7 +23,9 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import curve, partition, whole
 from swe_sphere.operators.part_layout import PartLayout
+from swe_sphere.operators.rim import LEAST
 from swe_sphere.parallel import Alone
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
 
@@ -99,6 +101,24 @@ def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
         assert all(map(np.array_equal, found, [expected[node] for node in part.nodes]))
 
 
+def test_elements_away_from_the_rim_stand_in_front():
+    mesh = Mesh.build(9, 3)
+    parts = [partition(mesh, rank, 5) for rank in range(5)]
+    holders = np.zeros(mesh.size, dtype=int)
+    for part in parts:
+        holders[part.nodes] += 1
+    for part in parts:
+        shared = (holders[part.nodes][part.node_of] > 1).any(axis=(1, 2))
+        assert 0 < part.away < part.elements.size and not shared[: part.away].any()
+
+
+def test_the_finest_meshes_here_have_elements_to_compute_behind_messages():
+    cases = [[*each[4:6], lanes] for each, lanes in ((EXPLICIT[-1], 8), (SUMMING[-1], 16))]
+    for ne, np_, lanes in cases:
+        parts = [partition(Mesh.build(ne, np_), rank, 3) for rank in range(3)]
+        assert min(part.away // lanes for part in parts) >= LEAST
+
+
 def test_large_meshes_are_dealt_out_in_blocks():
     """Inner nodes of a block of elements stand as they do in the mesh itself."""
     mesh = Mesh.build(14, 3)
@@ -111,12 +131,17 @@ EXPLICIT = [
     ["williamson5", "rk4", 900.0, 3, 4, 4, {}],
     ["williamson5", "leapfrog", 400.0, 4, 3, 4, {"effects": {"viscosity.nu": 1e5}}],
     ["galewsky", "forward-backward", 400.0, 4, 3, 4, {}],
+    ["galewsky", "forward-backward", 100.0, 2, 18, 3, {}],
+    ["williamson5", "rk4", 200.0, 2, 18, 3, {"effects": {"viscosity.nu": 1e5}}],
 ]
 SUMMING = [
     ["deformational", "ssprk3", 1800.0, 3, 3, 4, {"effects": {"tracers.limiter": True}}],
     ["williamson5", "semi-implicit", 1200.0, 3, 3, 4, {}],
     ["williamson5", "bdf2", 3600.0, 3, 3, 4, {}],
+    ["deformational", "ssprk3", 600.0, 2, 18, 3, {"effects": {"tracers.limiter": True}}],
+    ["williamson5", "semi-implicit", 300.0, 2, 24, 3, {}],
 ]
+"""On the finest meshes, messages go on their way before all elements are computed."""
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +170,15 @@ def test_explicit_steps_have_the_bits_of_one_process(found, case):
 
 @pytest.mark.thorough
 def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(mpi):
-    cases = [["williamson5", name, 900.0, 3, 2, 4, {}] for name in STEPPERS]
+    """On a mesh so fine that no rank has all coarse functions of the preconditioner."""
+    cases = [["williamson5", name, 600.0, 2, 12, 3, {}] for name in STEPPERS]
+    cases += [
+        ["williamson5", "bdf2", 600.0, 2, 12, 3, {"preconditioner": p}] for p in PRECONDITIONERS
+    ]
     cases += [[name, "rk4", 60.0, 2, 2, 4, {}] for name in SCENES]
-    one, three = ([case[:2] for case in fingerprints(cases, ranks)] for ranks in (1, 3))
-    assert [c[:2] for c, a, b in zip(cases, one, three, strict=True) if a != b] == []
+    one, three, six = ([each[:2] for each in fingerprints(cases, ranks)] for ranks in (1, 3, 6))
+    same = [a == b == c for a, b, c in zip(one, three, six, strict=True)]
+    assert [case for case, is_same in zip(cases, same, strict=True) if not is_same] == []
 
 
 @pytest.mark.parametrize("ranks", [2, 3])

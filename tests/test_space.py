@@ -1,7 +1,7 @@
 """The vector space: weighted sums, orthonormalisation, and its two ways of computing."""
 
 import math
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -226,18 +226,19 @@ def chunk_values() -> np.ndarray:
 
 def chunk_sums(real: type, shift: int) -> np.ndarray:
     """Products of six rows with a seventh by chunks that begin so far from the front; (4, 6)."""
+    bounds = [0, 100, 104, 113, 150]
     values = np.pad(chunk_values(), ((0, 0), (shift, 0)), constant_values=np.nan)
-    rows, weights, starts, found = (
+    rows, weights, spans, found = (
         wp.array(array, dtype=kind, device="cpu")
         for array, kind in (
             (values, real),
             (np.ones(values.shape[1]), wp.float64),
-            (shift + np.array([[0, 100, 104, 113, 150]]), wp.int32),
+            (shift + np.array([list(pairwise(bounds))]), wp.int32),
             (np.zeros(24), wp.float64),
         )
     )
     call = wp.array([rows.ptr, rows[6].ptr, found.ptr, 6, 6], dtype=wp.uint64, device="cpu")
-    inputs = [call, weights, starts, values.shape[1]]
+    inputs = [call, weights, spans, values.shape[1]]
     wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
     return found.numpy().reshape(4, 6)
 

@@ -60,11 +60,10 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        launch(
-            self._fields.transport, mesh.dim, self._geometry, s, rest, self._winds, 1,
-            self._divergence,
+        mesh.sweep(
+            launch, self._fields.transport, mesh.dim, self._flat_divergence, self._geometry, s,
+            rest, self._winds, 1, self._divergence,
         )  # fmt: skip
-        mesh.exchange(self._flat_divergence)
         launch(
             self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
             self._flat_divergence, tau, rate, s, kept, self._path,
@@ -72,10 +71,10 @@ class FastWaves:
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        launch(
-            self._fields.gradient, mesh.dim, self._geometry, s, self._depth, 0, 1, self._gradient
-        )
-        mesh.exchange(self._flat_gradient)
+        mesh.sweep(
+            launch, self._fields.gradient, mesh.dim, self._flat_gradient, self._geometry, s,
+            self._depth, 0, 1, self._gradient,
+        )  # fmt: skip
         launch(
             self._kernels.kick, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
             mesh.size, self._flat_gradient, self._model.scene.planet.gravity, tau, rate, s,

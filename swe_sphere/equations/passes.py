@@ -108,11 +108,11 @@ class Passes:
             model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
-            model.launch(
-                self._transport, mesh.dim, self._geometry, wind, self.carried, self._first * size,
-                self._masses, self._local_depth, *([] if self._runs is None else [step]),
+            mesh.sweep(
+                model.launch, self._transport, mesh.dim, self._flat_depth, self._geometry, wind,
+                self.carried, self._first * size, self._masses, self._local_depth,
+                *([] if self._runs is None else [step]),
             )  # fmt: skip
-            mesh.exchange(self._flat_depth)
         of_run = self._runs and self._runs.depth
         self._sum(self._kernels.depth, of_run, self._flat_depth, step, self._masses)
 
@@ -126,10 +126,10 @@ class Passes:
         mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
             done = out if self._runs is None else step
-            self._model.launch(
-                self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind, done
-            )
-            mesh.exchange(self._flat_wind)
+            mesh.sweep(
+                self._model.launch, self._force, mesh.dim, self._flat_wind, self._force_geometry,
+                self.pushed, self._local_wind, done,
+            )  # fmt: skip
         self._sum(self._kernels.wind, self._runs and self._runs.wind, self._flat_wind, step)
 
     def _sum(self, of_node: Any, of_run: Any, flat: wp.array, step: Any, *count: int) -> None:

@@ -67,10 +67,12 @@ class Part:
     """
 
     elements: Integers
-    """(e,) numbers in the mesh, along the curve."""
+    """(e,) numbers in the mesh, along the curve: the chunks away from the rim, then those on it."""
+    away: int
+    """How many elements are in the former, which share no node with another rank."""
     nodes: Integers
-    """(n,) numbers in the mesh: interior nodes, edges, vertices, each along the curve; on large
-    meshes in blocks of BLOCK elements as in the mesh itself."""
+    """(n,) numbers in the mesh: interior nodes, edges, vertices, each in the order of the elements;
+    on large meshes in blocks of BLOCK elements as in the mesh itself."""
     node_of: NDArray[np.int32]
     """(e, np, np) place among `nodes` of each element node."""
     counts: NDArray[np.integer]
@@ -82,14 +84,14 @@ class Part:
     """Element nodes whose values go to each neighbour."""
     receives: dict[int, int]
     """How many come from each."""
-    starts: Integers
-    """(3, chunks + 1) where among interior nodes, edges and vertices those of each chunk begin,
-    which stand together; a node is of the chunk that comes to it first along the curve."""
+    spans: Integers
+    """(3, chunks, 2) where among interior nodes, edges and vertices those of each chunk begin and
+    end, chunks along the curve; a node is of the chunk that comes to it first there."""
 
     @cached_property
     def owned(self) -> Integers:
         """Places of the nodes that are counted here and nowhere else."""
-        return np.concatenate([np.arange(row[0], row[-1]) for row in self.starts])
+        return np.concatenate([np.arange(*span) for span in self.spans.reshape(-1, 2)])
 
 
 def pieces(ne: int) -> tuple[int, int]:
@@ -113,8 +115,8 @@ def check_ranks(ne: int, ranks: int) -> None:
 def whole(mesh: Mesh) -> Part:
     """All of a mesh, in its own order."""
     return Part(
-        np.arange(mesh.elements), np.arange(mesh.size), mesh.nodes,
-        np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 1), int),
+        np.arange(mesh.elements), mesh.elements, np.arange(mesh.size), mesh.nodes,
+        np.diff(mesh.gather_offsets), mesh.gather_entries, {}, {}, np.zeros((3, 0, 2), int),
     )  # fmt: skip
 
 
@@ -150,18 +152,28 @@ class _Dealer:
         number, lane = np.divmod(first_element, block)
         self._place = np.empty(mesh.size, dtype=np.int64)
         self._place[np.lexsort((lane, first_point, number, self._kind))] = np.arange(mesh.size)
+        ranks = self._rank[element]
+        lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
+        self._late = np.zeros(chunks, dtype=int)
+        """Which chunks come last on their rank: those on the rim, and one that is no whole one."""
+        self._late[self._chunk[(lowest != highest)[mesh.nodes].any(axis=(1, 2))]] = 1
+        self._late[mesh.elements // per_chunk :] = 1
 
     def part(self, rank: int) -> Part:
         mesh = self._mesh
         elements = self._order[self._rank[self._order] == rank]
+        late = self._late[self._chunk[elements]]
+        elements = elements[np.argsort(late, kind="stable")]
         nodes = np.unique(mesh.nodes[elements])
-        nodes = nodes[np.argsort(self._place[nodes])]
+        chunk = self._owner[nodes]
+        turn = np.where(self._is_of(rank, chunk), self._late[chunk], 2)
+        nodes = nodes[np.lexsort((self._place[nodes], turn, self._kind[nodes]))]
         number = np.full(mesh.size, -1, dtype=np.int32)
         number[nodes] = np.arange(nodes.size, dtype=np.int32)
         sends, receives, contributors = self._traffic(rank, elements, nodes)
         return Part(
-            elements, nodes, number[mesh.nodes[elements]],
-            self._counts[nodes], contributors, sends, receives, self._starts(rank, nodes),
+            elements, int(np.sum(late == 0)), nodes, number[mesh.nodes[elements]],
+            self._counts[nodes], contributors, sends, receives, self._spans(rank, nodes),
         )  # fmt: skip
 
     def _traffic(
@@ -190,13 +202,22 @@ class _Dealer:
             sends[int(other)] = contributors[going[np.argsort(entries[going])]]
         return sends, dict(zip(neighbours.tolist(), received.tolist(), strict=True)), contributors
 
-    def _starts(self, rank: int, nodes: Integers) -> Integers:
-        kind, owner = self._kind[nodes], self._owner[nodes]
-        chunks = np.arange(self._bounds[rank], self._bounds[rank + 1] + 1)
-        begins = np.searchsorted(kind, np.arange(4))
-        return np.stack([
-            begins[k] + np.searchsorted(owner[begins[k] : begins[k + 1]], chunks) for k in range(3)
-        ])  # fmt: skip
+    def _is_of(self, rank: int, chunk: Integers) -> NDArray[np.bool_]:
+        first, behind = self._bounds[rank : rank + 2]
+        found: NDArray[np.bool_] = (first <= chunk) & (chunk < behind)
+        return found
+
+    def _spans(self, rank: int, nodes: Integers) -> Integers:
+        kind, chunk = self._kind[nodes], self._owner[nodes]
+        first, behind = self._bounds[rank : rank + 2]
+        own, count = np.flatnonzero(self._is_of(rank, chunk)), behind - first
+        code, begins, lengths = np.unique(
+            kind[own] * count + chunk[own] - first, return_index=True, return_counts=True
+        )
+        spans = np.zeros((3 * count, 2), dtype=np.int64)
+        spans[code, 0] = own[begins]
+        spans[code, 1] = own[begins] + lengths
+        return spans.reshape(3, count, 2)
 
 
 Int = NDArray[np.int64]

@@ -16,7 +16,9 @@ from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Chunks, Halo
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.part_layout import PartLayout
+from swe_sphere.operators.rim import Rim
 from swe_sphere.parallel import Alone
 
 ALONE = Alone()
@@ -237,7 +239,25 @@ class DeviceMesh(PartLayout):
         Between the elements and the nodes of every step; flat: the view that came with `local`.
         """
         if self._halos:
-            self._halos[flat.ptr]()
+            self._halos[flat.ptr].start()
+            self._halos[flat.ptr].wait()
+
+    def sweep(
+        self, launch: Launcher, kernel: Any, dim: int | tuple[int, int], flat: wp.array, *given: Any
+    ) -> None:
+        """Launch a kernel over the elements with those arguments, and exchange what it leaves.
+
+        While messages are on their way, elements away from the rim are computed.
+        """
+        if self._halos:
+            each = dim[1:] if isinstance(dim, tuple) else ()
+            self._rim.launch(launch, kernel, each, given, self._halos[flat.ptr])
+        else:
+            launch(kernel, dim, *given)
+
+    @functools.cached_property
+    def _rim(self) -> Rim:
+        return Rim(self.groups, self.part.away // self.lanes)
 
     @property
     def bytes_sent(self) -> int:

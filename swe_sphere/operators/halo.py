@@ -21,14 +21,11 @@ class Chunks:
     """
 
     def __init__(self, part: Part, comm: Alone, device: str) -> None:
-        starts = part.starts
-        if not comm.shared:
-            size = part.nodes.size
-            span = math.isqrt(size) + 1
-            starts = np.minimum(span * np.arange(-(-size // span) + 1), size)[None]
-        self._comm, self.count = comm, starts.shape[1] - 1
-        self.starts = wp.array(starts, dtype=wp.int32, device=device)
-        """(kinds, count + 1): a chunk is the nodes from starts[k, c] to starts[k, c + 1], all k."""
+        size = part.nodes.size
+        spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
+        self._comm, self.count = comm, spans.shape[1]
+        self.spans = wp.array(spans, dtype=wp.int32, device=device)
+        """(kinds, count, 2): a chunk is the nodes from spans[k, c, 0] to spans[k, c, 1], all k."""
         self._counts = comm.tell_all(self.count)
         self.total = sum(self._counts)
         """Of all ranks."""
@@ -46,6 +43,12 @@ class Chunks:
         return self._rooms[width][1].reshape(-1, *partial.shape[1:])
 
 
+def equal_spans(size: int, length: int) -> NDArray[np.int64]:
+    """(1, k, 2) where pieces of so many of `size` numbers begin and end, the last shorter."""
+    begins = np.arange(0, size, length)
+    return np.stack([begins, np.minimum(begins + length, size)], axis=-1)[None]
+
+
 class Packed:
     """Numbers at fixed places (n,) of an array on the CPU, brought to an array of their own.
 
@@ -59,7 +62,7 @@ class Packed:
         arguments = [x, wp.array(places, dtype=wp.int32, device="cpu"), room]
         self.numbers: NDArray[Any] = room.numpy()
         self._commands = [
-            wp.launch(kernel, places.size, arguments, device="cpu", record_cmd=True)
+            wp.launch(kernel, 1, arguments, device="cpu", record_cmd=True)
             for kernel in (kernels.pack, kernels.unpack)
         ]
 
@@ -95,15 +98,18 @@ class Halo:
         self._scattered = bool(scattered)
         self._channel = comm.channel(outgoing, in_place | incoming)
 
-    def __call__(self) -> None:
-        """Exchange them, or record that."""
+    def start(self) -> None:
+        """Let those for the neighbours go, or record that."""
         self._going.pack()
-        self._comm.do(self._swap)
+        self._comm.do(self._channel.start)
+
+    def wait(self) -> None:
+        """Until those of the neighbours are in their places, or record that."""
+        self._comm.do(self._wait)
         if self._scattered:
             self._coming.unpack()
 
-    def _swap(self) -> None:
-        self._channel.start()
+    def _wait(self) -> None:
         self._channel.wait()
         self.bytes_sent += self._going.numbers.nbytes
 

@@ -1,5 +1,6 @@
 """Cheap repeated launches of Warp kernels."""
 
+import os
 import time
 import zlib
 from collections.abc import Callable, Iterator
@@ -98,13 +99,15 @@ def keep_headers() -> None:
     """Keep Warp's own headers, compiled, beside the kernels: every process would take 2 s for them.
 
     Warp has no setting for the place: each thread has a temporary one.  Clang moves a whole file to
-    its place, so that processes may share it; another processor needs another one.
+    its place, so that processes may share it; another processor needs another one, and so does
+    another installation of Warp, even of the same version, as the headers are known by their paths.
     """
     with suppress(ImportError, AttributeError, OSError):  # another Warp, a cache of others
         from warp._src import context
 
-        processor = zlib.crc32(context.runtime.llvm.wp_get_host_cpu_features())
-        folder = Path(wp.config.kernel_cache_dir, f"headers_{processor:08x}")
+        processor = context.runtime.llvm.wp_get_host_cpu_features()
+        kind = zlib.crc32(os.fsencode(wp.__file__), zlib.crc32(processor))
+        folder = Path(wp.config.kernel_cache_dir, f"headers_{kind:08x}")
         folder.mkdir(parents=True, exist_ok=True)
         context.runtime.get_clang_pch_dir = lambda: str(folder)
 

@@ -51,11 +51,10 @@ class Limiter:
 
     def _within_elements(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
-        self._launch(
-            self._inside.limit, mesh.groups, self._geometry, state, *self._offsets, self._count,
-            *self._bounds, self._local,
+        mesh.sweep(
+            self._launch, self._inside.limit, mesh.groups, self._flat, self._geometry, state,
+            *self._offsets, self._count, *self._bounds, self._local,
         )  # fmt: skip
-        mesh.exchange(self._flat)
         for add, threads, begin in self._add:
             self._launch(
                 add, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
@@ -66,7 +65,7 @@ class Limiter:
         size, across, chunks = self._mesh.size, self._across, self._mesh.chunks
         self._launch(
             across.sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
-            chunks.starts, *self._bounds, self._partial,
+            chunks.spans, *self._bounds, self._partial,
         )  # fmt: skip
         if self._everything is not self._partial:
             self._everything.assign(chunks.of_all(self._partial.numpy()))

@@ -174,15 +174,16 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        self._launch(self._kernels.gradient, x.values, self._east.values, self._north.values)
-        self.mesh.exchange(self._slopes)
+        slopes = self._east.values, self._north.values
+        self._sweep(self._kernels.gradient, self._slopes, x.values, *slopes)
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
-        self._launch(of_fluxes, *arguments, *results)
-        if not self._kernels.together:
-            self._launch(self._kernels.divergence, *results)
-        self.mesh.exchange(self._local.flat)
+        if self._kernels.together:
+            self._sweep(of_fluxes, self._local.flat, *arguments, *results)
+        else:
+            self._launch(of_fluxes, *arguments, *results)
+            self._sweep(self._kernels.divergence, self._local.flat, *results)
 
     def _assemble(self, kernel: Any, *arguments: Any) -> None:
         """A step that takes what `_diverge` left."""
@@ -193,6 +194,9 @@ class SchurOperator:
         """(e, np, np) number in the whole mesh of each element node."""
         numbers: NDArray[np.int32] = self.mesh.mesh.nodes[self.mesh.part.elements]
         return numbers
+
+    def _sweep(self, kernel: Any, flat: wp.array, *arguments: Any) -> None:
+        self.mesh.sweep(self.launch, kernel, self.dim, flat, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)

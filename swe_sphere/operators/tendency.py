@@ -76,8 +76,10 @@ class TendencyOperator:
     def _evaluate(self, x: wp.array, out: wp.array) -> None:
         for flux in self._flux_kernels:
             self._launch(flux, self.mesh.dim, self.geometry, x)
-        self._launch(self.compiled.kernel, self.mesh.dim, self.geometry, x, self.local, out)
-        self.mesh.exchange(self._flat)
+        self.mesh.sweep(
+            self._launch, self.compiled.kernel, self.mesh.dim, self._flat, self.geometry, x,
+            self.local, out,
+        )  # fmt: skip
         self._assemble(x, out)
 
     def _fill(self, parameters: dict[str, Any]) -> None:

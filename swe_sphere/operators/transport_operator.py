@@ -48,8 +48,10 @@ class TracerTransport:
         self, kernel: Any, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int
     ) -> None:
         mesh, size = self.mesh, self.mesh.size
-        self._launch(kernel, mesh.dim, self._geometry, wind, x, first, self.count, self._local)
-        mesh.exchange(self._flat)
+        mesh.sweep(
+            self._launch, kernel, mesh.dim, self._flat, self._geometry, wind, x, first, self.count,
+            self._local,
+        )  # fmt: skip
         for assemble, threads, begin in self._assembly:
             self._launch(
                 assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,

@@ -23,6 +23,7 @@ from swe_sphere.kernels.vectors import (
     products_kernel,
 )
 from swe_sphere.operators import DeviceMesh
+from swe_sphere.operators.halo import equal_spans
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
 
@@ -45,12 +46,11 @@ class HostVectors:
         self._views: dict[tuple[int, int, int], Floats] = {}
         self._sum = np.empty(self.n, self.dtype)
         self._weights = wp.array(weights, dtype=wp.float64, device="cpu")
-        starts = np.minimum(SPAN * np.arange(-(-self.n // SPAN) + 1), self.n)
-        self._starts = wp.array(starts[None], dtype=wp.int32, device="cpu")
+        self._spans = wp.array(equal_spans(self.n, SPAN), dtype=wp.int32, device="cpu")
         self._comm, self._shared, self._parts, self._size = Alone(), None, 1, self.n
         if mesh is not None and mesh.comm.shared:
             chunks = self._shared = mesh.chunks
-            self._starts, self._parts = chunks.starts, chunks.count
+            self._spans, self._parts = chunks.spans, chunks.count
             self._comm, self._size = mesh.comm, mesh.size
         self._call = wp.zeros(5, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
@@ -58,7 +58,7 @@ class HostVectors:
 
     @functools.cached_property
     def _multiply(self) -> Any:
-        inputs = [self._call, self._weights, self._starts, self._size]
+        inputs = [self._call, self._weights, self._spans, self._size]
         return self._record(weighted_products_kernel(self.real), 1, inputs)
 
     def _prepare_combinations(self, rows: int) -> None:
