@@ -57,6 +57,7 @@ def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):
     """Those of another one, of the same version, would be found by their paths and do not fit."""
     from warp._src import context
 
+    wp.init()
     monkeypatch.setattr(context.runtime, "get_clang_pch_dir", None, raising=False)
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     for place in ("one", "one", "other"):
