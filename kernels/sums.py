@@ -103,6 +103,49 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
+def tree_kernel() -> wp.Kernel:
+    """Kernel (nodes (n, 2), whole, sums (n, width)), of one thread: sums along a binary tree.
+
+    nodes: the first leaf and the number of leaves of each.  Two that stand side by side and are the
+    halves of a branch become that branch, and what is left stands in front; where these are all
+    leaves of the tree, `whole`, the last is added to the one before it, until one is left.
+    """
+
+    @wp.func_native("""
+        const long n = sums.shape[0], width = sums.shape[1];
+        int first[64], size[64];  // of the rows in front, whose sizes grow and then shrink
+        long rows = 0;
+        const auto merge = [&]() {
+            double* to = sums.data + (rows - 2) * width;
+            for (long k = 0; k < width; ++k) to[k] += to[width + k];
+            --rows;
+        };
+        const auto are_halves = [&]() {
+            const int at = rows - 2;
+            return at >= 0 && size[at] == size[at + 1] && first[at] % (2 * size[at]) == 0;
+        };
+        for (long i = 0; i < n; ++i) {
+            const double* from = sums.data + i * width;
+            for (long k = 0; k < width; ++k) sums.data[rows * width + k] = from[k];
+            first[rows] = nodes.data[2 * i];
+            size[rows++] = nodes.data[2 * i + 1];
+            for (; are_halves(); size[rows - 1] *= 2) merge();
+        }
+        while (whole && rows > 1) merge();
+    """)
+    def add_up(
+        nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=wp.float64)
+    ): ...
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def tree(nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=wp.float64)):
+        add_up(nodes, whole, sums)
+
+    return tree
+
+
+@functools.cache
 def combinations_kernel(real: type) -> wp.Kernel:
     """Kernel (call, coefficients (1 + m,) float64, n), a thread for each SPAN numbers.
 

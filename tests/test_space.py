@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.sums import weighted_products_kernel
+from swe_sphere.kernels.sums import tree_kernel, weighted_products_kernel
+from swe_sphere.operators.chunks import branches
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -241,6 +242,33 @@ def chunk_sums(real: type, shift: int) -> np.ndarray:
     inputs = [call, weights, spans, values.shape[1]]
     wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
     return found.numpy().reshape(4, 6)
+
+
+@pytest.mark.parametrize("total", [1, 2, 7, 54, 338])
+def test_sums_along_a_tree_are_the_same_however_its_leaves_are_dealt_out(total: int) -> None:
+    x = np.random.default_rng(total).standard_normal((total, 3))
+    sums = [tree_sum(x, ranks) for ranks in (1, 2, 3, 5, total)]
+    assert sums[0] == pytest.approx(x.sum(axis=0))
+    assert all(np.array_equal(each, sums[0]) for each in sums)
+
+
+def tree_sum(x: np.ndarray, ranks: int) -> np.ndarray:
+    """Of rows (n, 3) dealt out to so many, each of which sums up the branches that it has."""
+    bounds = np.arange(ranks + 1) * len(x) // ranks
+    nodes, sums = [], []
+    for first, behind in pairwise(bounds):
+        leaves = np.stack([np.arange(first, behind), np.ones(behind - first)], axis=-1)
+        nodes.append(branches(first, behind))
+        sums.append(summed(leaves, x[first:behind], whole=False)[: len(nodes[-1])])
+    assert sum(map(len, nodes)) <= 2 * ranks * max(1, len(x).bit_length())
+    return summed(np.concatenate(nodes), np.concatenate(sums), whole=True)[0]
+
+
+def summed(nodes: np.ndarray, x: np.ndarray, whole: bool) -> np.ndarray:
+    room = wp.array(x, dtype=wp.float64, device="cpu")
+    inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), room]
+    wp.launch(tree_kernel(), 1, inputs, device="cpu")
+    return room.numpy()
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])

@@ -14,8 +14,9 @@ from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
+from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.halo import Chunks, Halo
+from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.part_layout import PartLayout
 from swe_sphere.operators.rim import Rim

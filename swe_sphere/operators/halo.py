@@ -1,6 +1,5 @@
-"""Between ranks: what elements leave for nodes on the rim, and chunks by which sums are taken."""
+"""Between ranks: what elements leave for nodes on the rim."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,44 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels.vectors import packing_kernels
-from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
-
-
-class Chunks:
-    """Pieces of the nodes of this rank; partial sums of all ranks are added up on the host.
-
-    A single process cuts the nodes, as they stand in memory, into pieces of equal length.
-    """
-
-    def __init__(self, part: Part, comm: Alone, device: str) -> None:
-        size = part.nodes.size
-        spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
-        self._comm, self.count = comm, spans.shape[1]
-        self.spans = wp.array(spans, dtype=wp.int32, device=device)
-        """(kinds, count, 2): a chunk is the nodes from spans[k, c, 0] to spans[k, c, 1], all k."""
-        self._counts = comm.tell_all(self.count)
-        self.total = sum(self._counts)
-        """Of all ranks."""
-        self._rooms: dict[int, tuple[list[int], NDArray[Any]]] = {}
-
-    def of_all(self, partial: NDArray[Any]) -> NDArray[Any]:
-        """Float64 sums (count, ...) of the chunks of all ranks, which the next call overwrites."""
-        if not self._comm.shared:
-            return partial
-        width = partial[:1].size
-        if width not in self._rooms:
-            counts = [width * count for count in self._counts]
-            self._rooms[width] = counts, np.empty((self.total, width))
-        self._comm.gather(partial, *self._rooms[width])
-        return self._rooms[width][1].reshape(-1, *partial.shape[1:])
-
-
-def equal_spans(size: int, length: int) -> NDArray[np.int64]:
-    """(1, k, 2) where pieces of so many of `size` numbers begin and end, the last shorter."""
-    begins = np.arange(0, size, length)
-    return np.stack([begins, np.minimum(begins + length, size)], axis=-1)[None]
 
 
 class Packed:

@@ -37,9 +37,9 @@ class Limiter:
         chunks, count = mesh.chunks, self._count
         self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
         self._everything = self._partial
-        """The partial sums of all ranks."""
+        """The partial sums, or of several ranks their sum."""
         if mesh.comm.shared:
-            self._everything = wp.zeros((chunks.total, count), dtype=wp.vec3d, device=mesh.device)
+            self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
         kernels = [kernel for kernel, _, _ in (*self._add, *self._limits)]
         launch.load(self._inside.limit, self._across.sums, self._across.parts, *kernels)
@@ -68,8 +68,11 @@ class Limiter:
             chunks.spans, *self._bounds, self._partial,
         )  # fmt: skip
         if self._everything is not self._partial:
-            self._everything.assign(chunks.of_all(self._partial.numpy()))
-        self._launch(across.parts, self._count, self._everything, chunks.total, self._part)
+            room = chunks.room(3 * self._count)
+            room[:] = self._partial.numpy().reshape(room.shape)
+            self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
+        blocks = self._everything.shape[0]
+        self._launch(across.parts, self._count, self._everything, blocks, self._part)
         for limit, threads, begin in self._limits:
             self._launch(
                 limit, threads, begin, *self._offsets, size, self._count, *self._bounds,

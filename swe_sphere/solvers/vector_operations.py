@@ -23,15 +23,13 @@ from swe_sphere.kernels.vectors import (
     products_kernel,
 )
 from swe_sphere.operators import DeviceMesh
-from swe_sphere.operators.halo import equal_spans
+from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
 
 Floats = NDArray[np.floating]
 
 MOST_VIEWS = 512
-# What is not finite shows in the sums; the solvers report it.
-QUIETLY = functools.partial(np.errstate, invalid="ignore", over="ignore")
 
 
 class HostVectors:
@@ -47,11 +45,10 @@ class HostVectors:
         self._sum = np.empty(self.n, self.dtype)
         self._weights = wp.array(weights, dtype=wp.float64, device="cpu")
         self._spans = wp.array(equal_spans(self.n, SPAN), dtype=wp.int32, device="cpu")
-        self._comm, self._shared, self._parts, self._size = Alone(), None, 1, self.n
+        self._comm, self._shared, self._size = Alone(), None, self.n
         if mesh is not None and mesh.comm.shared:
             chunks = self._shared = mesh.chunks
-            self._spans, self._parts = chunks.spans, chunks.count
-            self._comm, self._size = mesh.comm, mesh.size
+            self._spans, self._comm, self._size = chunks.spans, mesh.comm, mesh.size
         self._call = wp.zeros(5, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
@@ -118,18 +115,15 @@ class HostVectors:
 
     def _multiplied(self, count: int, calls: list[tuple[wp.array, int, wp.array]]) -> Array:
         """Products of rows of stacks with vectors, so many in all, valid until the next call."""
-        if count * self._parts > self._products.size:
-            self._products = np.empty(max(2 * count, 16) * self._parts)
-        to, apart = self._products.ctypes.data, 0 if self._shared is None else count
+        if count > self._products.size:
+            self._products = np.empty(max(2 * count, 16))
+        room = self._products if self._shared is None else self._shared.room(count)
+        to, apart = room.ctypes.data, 0 if self._shared is None else count
         for stack, rows, v in calls:
             self._arguments[:] = self._address(stack), self._address(v), to, rows, apart
             self._multiply.launch()
-            to += rows * self._products.itemsize
-        products = self._products[: count * self._parts]
-        if self._shared is not None:
-            with QUIETLY():
-                products = np.sum(self._shared.of_all(products.reshape(-1, count)), axis=0)
-        return products
+            to += rows * room.itemsize
+        return self._products[:count] if self._shared is None else self._shared.total(count)
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         lowest = float(self.view(x)[begin:end].min())
