@@ -1,0 +1,85 @@
+"""How long a short run takes from the command line to its end; makes docs/start-up.
+
+python benchmarks/start_up.py [--repeats N]
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Annotated
+
+import typer
+from implicit_common import Section
+from sections import write_page
+
+RUN = ("run", "williamson2", "--ne", "8", "--days", "1", "--quiet")
+CASES = {
+    "rk4": (4.0,),
+    "forward-backward": (4.0,),
+    "semi-implicit": (15.0,),
+    "bdf2": (15.0,),
+    "tr-bdf2": (15.0,),
+    "rk4, two ranks": (4.0, "--ranks", "2"),
+}
+"""Steppers by how they are called here: the aim with an empty cache [s] and further arguments."""
+WARM, COLD = 0.8, 2
+"""The aim with compiled kernels [s], and how often a cache is empty."""
+
+HEAD = f"""# How long a run takes to start
+
+`swe-sphere {" ".join(RUN)}` with several steppers: from the command line to its end. The steps themselves take a
+hundredth of a second. Made by `python benchmarks/start_up.py`.
+
+Most of a start with compiled kernels is Python's: numpy, scipy, Warp and netCDF4, each imported where it is first
+needed. With an empty cache each kernel is compiled in a tenth of a second or two, and Warp's own headers once, in one
+and a half. Of several ranks the first compiles, and the others load what it has compiled. Whatever compiles for longer
+than a second says so in a line on the terminal."""
+
+
+def seconds(arguments: tuple[str, ...], cache: str) -> float:
+    """Wall time [s] of a run in a process of its own, with that cache of compiled kernels."""
+    kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
+    start = time.perf_counter()
+    subprocess.run(command, env=kept | {"WARP_CACHE_PATH": cache}, check=True)
+    return time.perf_counter() - start
+
+
+def row(name: str, repeats: int) -> list[str]:
+    """One of `CASES`, with empty caches and then with full ones."""
+    aim, *more = CASES[name]
+    arguments = ("--stepper", name.split(",")[0], *map(str, more))
+    cold = []
+    for _ in range(COLD):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(seconds(arguments, cache))
+            warm = [seconds(arguments, cache) for _ in range(repeats)]
+    times = f"{min(warm):.2f}", f"{statistics.median(warm):.2f}", f"{min(cold):.2f}"
+    return [name, *times, f"{max(cold):.2f}", f"{aim:.0f}"]
+
+
+def main(
+    repeats: Annotated[int, typer.Option(help="Runs with compiled kernels.")] = 11,
+) -> None:
+    """Measure, print and write the page."""
+
+    def start() -> Section:
+        return Section(
+            "A short run, from the command line to its end",
+            f"Wall time [s] of a process of its own: the least and the median of {repeats} runs"
+            f" with compiled kernels, aimed at {WARM} s, and the less and the more of {COLD} with"
+            " an empty cache of kernels. Python keeps its byte code.",
+            ["stepper", "warm, least", "median", "cold, less", "more", "aim, cold"],
+            [row(name, repeats) for name in CASES],
+        )
+
+    write_page("start-up", HEAD, {"start": start}, [])
+
+
+if __name__ == "__main__":
+    typer.run(main)
