@@ -32,13 +32,13 @@ WARM, COLD = 0.8, 2
 
 HEAD = f"""# How long a run takes to start
 
-`swe-sphere {" ".join(RUN)}` with several steppers: from the command line to its end. The steps themselves take a
-hundredth of a second. Made by `python benchmarks/start_up.py`.
+`swe-sphere {" ".join(RUN)}` with several steppers: from the command line to
+its end. The steps themselves take a hundredth of a second. Made by `python benchmarks/start_up.py`.
 
-Most of a start with compiled kernels is Python's: numpy, scipy, Warp and netCDF4, each imported where it is first
-needed. With an empty cache each kernel is compiled in a tenth of a second or two, and Warp's own headers once, in one
-and a half. Of several ranks the first compiles, and the others load what it has compiled. Whatever compiles for longer
-than a second says so in a line on the terminal."""
+Most of a start with compiled kernels is Python's: numpy, scipy, Warp and netCDF4, each imported
+where it is first needed. With an empty cache a kernel is compiled in a tenth or two of a second,
+and Warp's own headers once, in one and a half. Of several ranks the first compiles, and the others
+load what it has compiled. Whatever compiles for longer than a second says so on the terminal."""
 
 
 def seconds(arguments: tuple[str, ...], cache: str) -> float:
