@@ -49,7 +49,7 @@ class Step:
     sums: float
     """Messages of all to all that carry products."""
     sum_bytes: float
-    """Of all ranks together in one of them."""
+    """Of both of two ranks together in one of them."""
     coarse: float
     """Messages of all to all that carry residuals of smooth coarse functions."""
     coarse_bytes: float
@@ -59,7 +59,7 @@ class Step:
 def as_it_is(
     step: Step, elements: float, ranks: np.ndarray, net: Network, rim: float
 ) -> np.ndarray:
-    """Seconds of a step as the program is: all partial sums and the longest waves everywhere.
+    """Seconds of a step as the program is: sums of large branches and the longest waves everywhere.
 
     rim: element nodes of n elements at nodes of others, over sqrt(n).
     """
@@ -67,7 +67,7 @@ def as_it_is(
     wide = (np.sqrt(elements / ranks) + 2.0 * SWEEPS * RING) ** 2 / elements
     sweeps = size * step.coarse_seconds * np.where(ranks > 1, np.minimum(wide, 1.0), 1.0)
     hops = np.ceil(np.log2(ranks))
-    everywhere = step.sums * (hops * net.latency + step.sum_bytes / net.bandwidth)
+    everywhere = step.sums * (hops * net.latency + 0.5 * ranks * step.sum_bytes / net.bandwidth)
     everywhere += step.coarse * (hops * net.latency + size * step.coarse_bytes / net.bandwidth)
     serial = sweeps + size * step.longest_seconds
     return _shared(step, elements, ranks, net, rim) + serial + np.where(ranks > 1, everywhere, 0.0)

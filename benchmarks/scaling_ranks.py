@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from swe_sphere import Simulation
+from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.work import difference
-from swe_sphere.parallel import Alone, Channel, world
+from swe_sphere.parallel import Alone, world
 from swe_sphere.studies.costs import Stopwatch, modelled_seconds
 
 STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
@@ -30,19 +31,18 @@ LOOKED_AT = 3
 def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
     """Seconds a step, piece by piece; what all ranks do in a step; a hash of the state."""
     dt, at_once = STEPPERS[stepper]
-    traffic = counted(world())
+    traffic = Traffic(world())
     sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne)
     for _ in range(3):
         sim.step()
-    traffic.clear()
-    times = []
+    before, times = traffic.counts(), []
     for _ in range(pieces):
         start = time.perf_counter()
         for _ in range(at_once):
             sim.step()
         times.append((time.perf_counter() - start) / at_once)
     steps = pieces * at_once
-    totals = sum(map(Counter, sim.comm.tell_all(dict(traffic))), Counter())
+    totals = sum(sim.comm.tell_all(traffic.counts() - before), Counter())
     state = np.concatenate([sim.state.h, sim.state.u, sim.state.v])
     return {
         "times": times,
@@ -68,45 +68,51 @@ def coarse_seconds(sim: Simulation) -> dict[str, float]:
     return found
 
 
-def counted(comm: Alone) -> Counter[str]:
-    """Grows by what this rank does from now on; channels made before are not seen."""
-    found, channel, gather = Counter[str](), comm.channel, comm.gather
+class Traffic:
+    """What this rank has sent since it was made, and what it has had a share in."""
 
-    def counting_channel(outgoing: Any, incoming: Any) -> Channel:
-        made = channel(outgoing, incoming)
-        start, sent = made.start, sum(array.nbytes for array in outgoing.values())
+    def __init__(self, comm: Alone) -> None:
+        self._sums, self._halos, gather = Counter[str](), [], comm.gather
+        build = Halo.__init__
 
-        def starting() -> None:
-            found.update(exchanges=1, messages=len(outgoing), bytes=sent)
-            start()
+        def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, receives: Any) -> None:
+            build(halo, comm, flat, sends, receives)
+            self._halos.append((halo, len(sends)))
 
-        made.start = starting  # type: ignore[method-assign]
-        return made
+        def counting(mine: Any, counts: Any, out: Any = None) -> Any:
+            kind = "coarse" if mine.dtype == np.float32 else "sums"
+            self._sums.update({kind: 1, f"{kind} bytes": mine.nbytes})
+            return gather(mine, counts, out)
 
-    def counting_gather(mine: Any, counts: Any, out: Any = None) -> Any:
-        kind = "coarse" if mine.dtype == np.float32 else "sums"
-        found.update({kind: 1, f"{kind} bytes": mine.nbytes})
-        return gather(mine, counts, out)
+        Halo.__init__, comm.gather = kept, counting  # type: ignore[method-assign]
 
-    comm.channel, comm.gather = counting_channel, counting_gather  # type: ignore[method-assign]
-    return found
+    def counts(self) -> Counter[str]:
+        """So far."""
+        found = Counter(self._sums)
+        for halo, neighbours in self._halos:
+            n = halo.exchanges
+            found.update(exchanges=n, messages=n * neighbours, bytes=halo.bytes_sent)
+        return found
 
 
 def ping_pong() -> dict[int, float]:
     """Least seconds that a message takes from one rank to the next, by its size."""
-    comm, found = world(), {}
+    from mpi4py import MPI
+
+    found, comm = {}, MPI.COMM_WORLD
     for size in SIZES:
-        mine, theirs = np.zeros(size, np.int8), np.zeros(size, np.int8)
-        other = 1 - comm.rank
-        back, forth = comm.channel({other: mine}, {}), comm.channel({}, {other: theirs})
+        mine, theirs, other = np.zeros(size, np.int8), np.zeros(size, np.int8), 1 - comm.rank
+        back, forth = comm.Send_init(mine, other), comm.Recv_init(theirs, other)
         times = []
         for _ in range(ROUND_TRIPS):
             start = time.perf_counter()
-            for channel in (back, forth) if comm.rank == 0 else (forth, back):
-                channel.start()
-                channel.wait()
+            for request in (back, forth) if comm.rank == 0 else (forth, back):
+                request.Start()
+                request.Wait()
             times.append(0.5 * (time.perf_counter() - start))
         found[size] = min(times)
+        back.Free()
+        forth.Free()
     return found
 
 

@@ -5,6 +5,7 @@ for itself from the same numbers, every rank does: their decisions agree because
 """
 
 import atexit
+import ctypes
 import functools
 import os
 import signal
@@ -31,16 +32,6 @@ WATCH = 1.0
 """Seconds between looks whether what started a rank is still there."""
 
 
-class Channel:
-    """Messages to neighbours and from them, always of the same arrays; alone there are none."""
-
-    def start(self) -> None:
-        """Let the messages go."""
-
-    def wait(self) -> None:
-        """Until all have come."""
-
-
 class Alone:
     """A single process."""
 
@@ -54,11 +45,11 @@ class Alone:
         """Do what launches no kernels and stands between launches, or have it taken down."""
         (self.recorder or (lambda now: now()))(work)
 
-    def channel(
+    def messages(
         self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
-    ) -> Channel:
-        """What exchanges arrays with neighbours, by their ranks."""
-        return Channel()
+    ) -> "Messages":
+        """What exchanges arrays with neighbours, by their ranks; there are none here."""
+        raise NotImplementedError
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -103,17 +94,19 @@ class Ranks(Alone):
         from mpi4py import MPI
 
         self._mpi, self._comm, self._failures = MPI, cast(Any, MPI.COMM_WORLD), MPI.COMM_WORLD.Dup()
+        self._neighbours = MPI.COMM_WORLD.Dup()
+        self._neighbours.Set_errhandler(MPI.ERRORS_ARE_FATAL)  # nobody looks at their results
         self.rank, self.size = self._comm.rank, self._comm.size
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
-    def channel(
+    def messages(
         self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
-    ) -> Channel:
-        """Messages that do not block."""
-        return _Messages(self._mpi.Prequest, self._comm, outgoing, incoming)
+    ) -> "Messages":
+        """They do not block."""
+        return Messages(self._neighbours, outgoing, incoming)
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -166,6 +159,7 @@ class Ranks(Alone):
         if self._answer is not None:
             self._answer.Wait()
         self._failures.Free()
+        self._neighbours.Free()
 
     def agree_to_fail(self, line: str) -> None:
         """By a barrier that is not waited for any longer than a while."""
@@ -180,20 +174,32 @@ class Ranks(Alone):
             time.sleep(0.01)
 
 
-class _Messages(Channel):
-    """Requests that are made once, and started again and again."""
+class Messages:
+    """Requests that are made once, and started again and again, always of the same arrays.
 
-    def __init__(self, kind: Any, comm: Any, outgoing: Any, incoming: Any) -> None:
-        self._kind = kind
-        self._requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
-        self._requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
-        weakref.finalize(self, _free, self._requests)
+    `start` and `wait` (4,) are calls of MPI in C: the address of the function, how many requests,
+    where they are, and where their statuses go, if there are any.
+    """
 
-    def start(self) -> None:
-        self._kind.Startall(self._requests)
+    def __init__(self, comm: Any, outgoing: Any, incoming: Any) -> None:
+        from mpi4py import MPI
+        from mpi4py.MPI import _addressof as address_of
+        from mpi4py.MPI import _sizeof as size_of
 
-    def wait(self) -> None:
-        self._kind.Waitall(self._requests)
+        requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        weakref.finalize(self, _free, requests)
+        size, count = size_of(MPI.Request), len(requests)
+        handles = b"".join(ctypes.string_at(address_of(each), size) for each in requests)
+        self._handles = np.frombuffer(bytearray(handles), np.uint8)
+        self._statuses = np.zeros(count * size_of(MPI.Status), np.uint8)
+        library, where = ctypes.CDLL(MPI.__file__), self._handles.ctypes.data  # with MPI's own
+        self.start = _address(library.MPI_Startall), count, where, 0
+        self.wait = _address(library.MPI_Waitall), count, where, self._statuses.ctypes.data
+
+
+def _address(function: Any) -> int:
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
 def _free(requests: list[Any]) -> None:

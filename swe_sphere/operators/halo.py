@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.kernels.messages import message_kernel
 from swe_sphere.kernels.vectors import packing_kernels
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
@@ -55,26 +56,40 @@ class Halo:
         runs = {rank: _run(places.ravel()) for rank, places in receives.items()}
         in_place = {rank: flat.numpy()[run] for rank, run in runs.items() if run is not None}
         scattered = {rank: places for rank, places in receives.items() if runs[rank] is None}
-        self._comm, self.bytes_sent = comm, 0
         self._going, outgoing = _packed(comm, flat, sends)
         self._coming, incoming = _packed(comm, flat, scattered)
         self._scattered = bool(scattered)
-        self._channel = comm.channel(outgoing, in_place | incoming)
+        self._messages = comm.messages(outgoing, in_place | incoming)
+        kernel = message_kernel()
+        Launcher("cpu", comm).load(kernel)
+        self._calls = [
+            wp.array([*call, 0], dtype=wp.uint64, device="cpu")
+            for call in (self._messages.start, self._messages.wait)
+        ]
+        self._start, self._wait = (
+            wp.launch(kernel, 1, [call], device="cpu", record_cmd=True) for call in self._calls
+        )
 
     def start(self) -> None:
         """Let those for the neighbours go, or record that."""
         self._going.pack()
-        self._comm.do(self._channel.start)
+        self._start.launch()
 
     def wait(self) -> None:
         """Until those of the neighbours are in their places, or record that."""
-        self._comm.do(self._wait)
+        self._wait.launch()
         if self._scattered:
             self._coming.unpack()
 
-    def _wait(self) -> None:
-        self._channel.wait()
-        self.bytes_sent += self._going.numbers.nbytes
+    @property
+    def exchanges(self) -> int:
+        """So far."""
+        return int(self._calls[0].numpy()[-1])
+
+    @property
+    def bytes_sent(self) -> int:
+        """So far."""
+        return self.exchanges * self._going.numbers.nbytes
 
 
 def _run(places: NDArray[Any]) -> slice | None:
