@@ -75,13 +75,12 @@ class Traffic:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
         build = Halo.__init__
 
-        def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, receives: Any) -> None:
-            build(halo, comm, flat, sends, receives)
-            self._halos.append((halo, len(sends)))
+        def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, *more: Any) -> None:
+            build(halo, comm, flat, sends, *more)
+            self._halos.append((halo, len(sends), comm.rank in sends))
 
         def counting(mine: Any, counts: Any, out: Any = None) -> Any:
-            kind = "coarse" if mine.dtype == np.float32 else "sums"
-            self._sums.update({kind: 1, f"{kind} bytes": mine.nbytes})
+            self._sums.update({"sums": 1, "sums bytes": mine.nbytes})
             return gather(mine, counts, out)
 
         Halo.__init__, comm.gather = kept, counting  # type: ignore[method-assign]
@@ -89,9 +88,12 @@ class Traffic:
     def counts(self) -> Counter[str]:
         """So far."""
         found = Counter(self._sums)
-        for halo, neighbours in self._halos:
-            n = halo.exchanges
-            found.update(exchanges=n, messages=n * neighbours, bytes=halo.bytes_sent)
+        for halo, others, of_all in self._halos:
+            n, sent = halo.exchanges, halo.bytes_sent
+            if of_all:  # the residual of smooth coarse functions
+                found.update({"coarse": n, "coarse bytes": sent // others})
+            else:
+                found.update(exchanges=n, messages=n * others, bytes=sent)
         return found
 
 

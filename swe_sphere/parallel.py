@@ -38,17 +38,11 @@ class Alone:
     rank, size = 0, 1
     shared = False
     """Whether the mesh is dealt out."""
-    recorder: Callable[[Callable[[], None]], None] | None = None
-    """What takes down the work of a step, while it is recorded, to repeat it later."""
-
-    def do(self, work: Callable[[], None]) -> None:
-        """Do what launches no kernels and stands between launches, or have it taken down."""
-        (self.recorder or (lambda now: now()))(work)
 
     def messages(
         self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
     ) -> "Messages":
-        """What exchanges arrays with neighbours, by their ranks; there are none here."""
+        """What exchanges arrays with others, by their ranks; there are none here."""
         raise NotImplementedError
 
     def gather(

@@ -10,13 +10,12 @@ from swe_sphere import Simulation
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import Unstable
-from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.work import difference
 from swe_sphere.simulation.loop import HealthCheck
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import get_stepper
-from swe_sphere.steppers.stepper import STEPPERS, Combiner
+from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
 
 STEPS = 9
@@ -113,22 +112,6 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
         sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
         with pytest.raises(Unstable, match=complaint):
             check.observe(sim)
-
-
-def test_what_ranks_do_between_launches_is_repeated_in_its_place(plain):
-    x, ones, seen = plain.zeros(), wp.full_like(plain.zeros(), 1.0), []
-    add = Combiner(plain, ones.reshape((1, ones.size)), np.ones(1))
-
-    def step():
-        add(x, x)
-        plain.comm.do(lambda: seen.append(x.numpy()[0]))
-        add(x, x)
-
-    replay = Replay(plain.launch)
-    for _ in range(4):
-        replay("step", step)
-    assert seen == [1.0, 3.0, 5.0, 7.0]
-    assert plain.comm.recorder is None
 
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):

@@ -40,9 +40,9 @@ class Packed:
 
 
 class Halo:
-    """Exchanges numbers at fixed positions of one array (n,) with the neighbours of a rank.
+    """Exchanges numbers at fixed positions of an array (n,) with other ranks.
 
-    Only of an array in the memory of a CPU.  What stands in one run there is received in place.
+    Only of arrays in the memory of a CPU.  What stands in one run there is received in place.
     """
 
     def __init__(
@@ -51,13 +51,15 @@ class Halo:
         flat: wp.array,
         sends: Mapping[int, NDArray[Any]],
         receives: Mapping[int, NDArray[Any]],
+        into: wp.array | None = None,
     ) -> None:
-        """sends, receives: positions (...) in the array, by neighbour."""
+        """sends, receives: positions (...) in the array, by rank; into: another one to receive."""
+        into = flat if into is None else into
         runs = {rank: _run(places.ravel()) for rank, places in receives.items()}
-        in_place = {rank: flat.numpy()[run] for rank, run in runs.items() if run is not None}
+        in_place = {rank: into.numpy()[run] for rank, run in runs.items() if run is not None}
         scattered = {rank: places for rank, places in receives.items() if runs[rank] is None}
         self._going, outgoing = _packed(comm, flat, sends)
-        self._coming, incoming = _packed(comm, flat, scattered)
+        self._coming, incoming = _packed(comm, into, scattered)
         self._scattered = bool(scattered)
         self._messages = comm.messages(outgoing, in_place | incoming)
         kernel = message_kernel()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
-from typing import Any
 
 import warp as wp
 
@@ -80,36 +79,19 @@ class Replay:
         """
         work, counted = self._launch.work, dict(self._counters)
         size = sum(calls for calls, _ in launches.values())
-        parts = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
-
-        def launch() -> None:
-            for part in parts:
-                if isinstance(part, wp.Graph):
-                    wp.capture_launch(part)
-                else:
-                    part()
-
+        graph = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
         named = zlib.crc32(repr(sorted(launches.items())).encode())
         name = f"recorded {named:08x}"
         work.merge(launches, name)
         return _Recorded(
-            work.counted(name, launch),
+            work.counted(name, lambda: wp.capture_launch(graph)),
             {each: n - counted[each] for each, n in self._counters.items()},
         )
 
-    def _capture(self, function: Callable[[], None]) -> list[Any]:
-        """Its launches, in as many graphs as there is work of ranks between them, and that work."""
-        device, comm, parts = self._launch.device, self._launch.comm, list[Any]()
-
-        def cut(work: Callable[[], None]) -> None:
-            parts.extend((wp.capture_end(device), work))
-            wp.capture_begin(device, force_module_load=False)
-
-        wp.capture_begin(device, force_module_load=False)
-        comm.recorder = cut
+    def _capture(self, function: Callable[[], None]) -> wp.Graph:
+        wp.capture_begin(self._launch.device, force_module_load=False)
         try:
             function()
         finally:
-            comm.recorder = None
-            parts.append(wp.capture_end(device))
-        return parts
+            graph = wp.capture_end(self._launch.device)
+        return graph

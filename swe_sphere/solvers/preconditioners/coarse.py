@@ -15,7 +15,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.halo import Packed
+from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
@@ -69,10 +69,10 @@ class CoarseCorrection:
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
-            owned = comm.tell_all(mine)
-            self._mine = Packed(comm, self._r.flat, self._part.here(mine))
-            self._joined = Packed(comm, self._smooth_r.flat, np.concatenate(owned))
-            self._counts = [each.size for each in owned]
+            owned = {rank: each for rank, each in enumerate(comm.tell_all(mine)) if each.size}
+            sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
+            self._join = Halo(comm, self._r.flat, sends, owned, self._smooth_r.flat)
+            """The residual of all smooth functions, each from the rank that owns it."""
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -121,16 +121,11 @@ class CoarseCorrection:
         """out = P A^-1 P^T r for the longest waves, or that added to it."""
         once, twice = self._few
         if self._smooth_r is not self._r:
-            self._mine.pack()
-            self._operator.mesh.comm.do(self._join)
-            self._joined.unpack()
+            self._join.start()
+            self._join.wait()
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
-
-    def _join(self) -> None:
-        """The residual of all smooth functions, each from the rank that owns it."""
-        self._operator.mesh.comm.gather(self._mine.numbers, self._counts, self._joined.numbers)
 
     def _sliced(self, matrix: Any) -> SlicedMatrix:
         return SlicedMatrix(
