@@ -29,7 +29,7 @@ from sections import DOCS, write_page
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import partition
-from swe_sphere.solvers.preconditioners.coarse import SPACING, SWEEPS
+from swe_sphere.solvers.preconditioners.coarse import AT_ONCE, SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
@@ -218,8 +218,8 @@ def model() -> Section:
         "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
         "every rank gets the sums of a few large branches from each, and solves for the longest "
         "waves, which ends the gain of implicit steps early; a piece sweeps over coarse functions "
-        f"of {2 * SWEEPS * RING:.0f} elements more along its side; and there are 512 pieces at the "
-        f"most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at ne "
+        f"of {2 * AT_ONCE * RING:.0f} elements more along its side; and there are 512 pieces at "
+        f"the most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at ne "
         f"{LARGE}, where another level would have to stand. The last columns are what trees of "
         "sums, and all of the coarse level dealt out, with two visits to each of its levels, "
         "would make of it." + disturbed(),

@@ -9,14 +9,14 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from swe_sphere.solvers.preconditioners.coarse import SWEEPS
+from swe_sphere.solvers.preconditioners.coarse import AT_ONCE
 
 NODES = 4
 """On an edge of an element, np."""
 NEIGHBOURS = 8
-RING = 1.2
+RING = 1.8
 """Elements by which a piece grows on each side where it is given a ring of coarse functions more:
-from 1.1 to 1.3 on 2 to 8 ranks of ne 30."""
+from 1.6 to 2.0 on 2 to 8 ranks of ne 30."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def as_it_is(
     rim: element nodes of n elements at nodes of others, over sqrt(n).
     """
     size = elements / step.elements
-    wide = (np.sqrt(elements / ranks) + 2.0 * SWEEPS * RING) ** 2 / elements
+    wide = (np.sqrt(elements / ranks) + 2.0 * AT_ONCE * RING) ** 2 / elements
     sweeps = size * step.coarse_seconds * np.where(ranks > 1, np.minimum(wide, 1.0), 1.0)
     hops = np.ceil(np.log2(ranks))
     everywhere = step.sums * (hops * net.latency + 0.5 * ranks * step.sum_bytes / net.bandwidth)
@@ -102,7 +102,7 @@ def _shared(step: Step, elements: float, ranks: np.ndarray, net: Network, rim: f
 def picture(path: Path, steps: Mapping[str, Step], ne: int, net: Network, rim: float) -> None:
     """Time of a step on a mesh over the number of ranks, both ways."""
     figure, axes = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
-    for (name, step), colour in zip(steps.items(), ("C0", "C1", "C2"), strict=False):
+    for (name, step), colour in zip(steps.items(), ("C0", "C1", "C2", "C3"), strict=False):
         few, many = np.logspace(0, np.log10(512), 60), np.logspace(0, 5, 100)
         elements = 6.0 * ne**2
         axes.loglog(few, as_it_is(step, elements, few, net, rim), color=colour, label=name)

@@ -17,7 +17,12 @@ from swe_sphere.operators.work import difference
 from swe_sphere.parallel import Alone, world
 from swe_sphere.studies.costs import Stopwatch, modelled_seconds
 
-STEPPERS = {"rk4": (200.0, 4), "semi-implicit": (900.0, 2), "tr-bdf2": (1800.0, 1)}
+STEPPERS = {
+    "rk4": (200.0, 4),
+    "semi-implicit": (900.0, 2),
+    "tr-bdf2": (1800.0, 1),
+    "bdf2": (3600.0, 1),
+}
 """Steps [s] on ne 30, and how many of them are timed at once."""
 PIECES = 12
 SIZES = (8, 1024, 16384, 131072)

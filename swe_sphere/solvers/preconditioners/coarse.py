@@ -17,7 +17,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
-from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
+from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector, vectors
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
@@ -25,9 +25,10 @@ from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 
 Step = tuple[float, float, float]
 
-SWEEPS = 6
+SWEEPS, AT_ONCE = 6, 3
 """Chebyshev steps on the coarse functions.  Days into a run the computational modes limit the
-convergence: with three steps it takes half as many iterations again."""
+convergence: with three steps it takes half as many iterations again.  So many, an odd number, are
+taken at once between messages of ranks."""
 NEGLIGIBLE = 0.02
 """Couplings of computational modes that are left out, relative to the diagonal."""
 SPACING = 12
@@ -57,15 +58,16 @@ class CoarseCorrection:
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
         numbers = _numbers(spaces)
         self._part = CoarsePart(
-            operator.mesh, numbers, _reach(spaces[0], slopes), SWEEPS + symmetric
+            operator.mesh, numbers, _reach(spaces[0], slopes), AT_ONCE + symmetric
         )
-        self._transfer = Transfer(spaces, numbers, self._part, operator)
         size = self._part.functions.size
-        self._b, self._r, self._d, self._new = (vector(operator.mesh, size) for _ in range(4))
+        self._b, self._d = (vector(operator.mesh, size) for _ in range(2))
+        (self._r, self._new, found), room, starts = vectors(operator.mesh, size, 3)
+        self._transfer = Transfer(spaces, numbers, self._part, operator, found)
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         self._gather = self._sliced(self._longest.T)
         self._spread = self._sliced(self._part.rows(_filled(self._longest, (count, few))))
-        self._smooth_r = self._r
+        self._smooth_r, self._refresh = self._r, None
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
@@ -73,6 +75,12 @@ class CoarseCorrection:
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
             self._join = Halo(comm, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
+            going, coming = (
+                {rank: places[:, None] + starts for rank, places in each.items()}
+                for each in self._part.rings()
+            )
+            self._refresh = Halo(comm, room, going, coming)
+            """Residuals, directions and coefficients of the functions in rings."""
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -101,7 +109,10 @@ class CoarseCorrection:
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
-        for coefficients in self._coefficients:
+        for done, coefficients in enumerate(self._coefficients):
+            if done == AT_ONCE and self._refresh is not None:  # where `d` is `self._new`
+                self._refresh.start()
+                self._refresh.wait()
             self._sweep(product, coefficients, d, new, before)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
@@ -138,7 +149,7 @@ class Transfer:
 
     def __init__(
         self, spaces: list[ElementSpace], numbers: Integers, part: CoarsePart,
-        operator: SchurOperator,
+        operator: SchurOperator, coefficients: Field,
     ) -> None:  # fmt: skip
         """numbers: (E, k) of the functions on each element, among those of all spaces."""
         mesh, launch = operator.mesh, operator.launch
@@ -160,7 +171,7 @@ class Transfer:
             wp.array(half, dtype=Contributors, device=mesh.device)
             for half in np.split(part.contributors(), 2, axis=1)
         ]
-        self.coefficients = vector(mesh, part.functions.size)
+        self.coefficients = coefficients
 
     def restrict(self, b: Field, out: Field) -> None:
         """Integrals of b times each function [m2]."""

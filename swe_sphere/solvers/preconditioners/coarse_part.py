@@ -1,8 +1,8 @@
 """The coarse functions that a rank works on: those of its elements, and rings of others around.
 
-A sweep over the functions reaches one ring further than the last.  With a ring for each of them no
-messages are needed in between: what is wrong at the edge of what a rank has does not come as far
-as its own (the matrix powers kernel of Demmel, Hoemmen, Mohiyuddin & Yelick 2008, Avoiding
+A sweep over the functions reaches one ring further than the last.  With so many rings, so many
+sweeps need no messages in between: what is wrong at the edge of what a rank has does not come as
+far as its own (the matrix powers kernel of Demmel, Hoemmen, Mohiyuddin & Yelick 2008, Avoiding
 communication in sparse matrix computations).
 """
 
@@ -63,10 +63,22 @@ class CoarsePart:
 
     def owned(self, functions: Integers) -> Integers:
         """Those of some functions (V',) of which this rank holds the first element."""
-        _, first = np.unique(self._numbers, return_index=True)
-        owner = self._owner[first[functions] // self._numbers.shape[1]]
-        mine: Integers = functions[owner == self._mesh.comm.rank]
+        mine: Integers = functions[self._owner_of(functions) == self._mesh.comm.rank]
         return mine
+
+    def _owner_of(self, functions: Integers) -> Integers:
+        _, first = np.unique(self._numbers, return_index=True)
+        owner: Integers = self._owner[first[functions] // self._numbers.shape[1]]
+        return owner
+
+    def rings(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
+        """Places of its functions that others have in rings, and of those in its own, by rank."""
+        comm, rings = self._mesh.comm, np.setdiff1d(self.functions, self._numbers[self._here])
+        owner = self._owner_of(rings)
+        wanted = {r: rings[owner == r] for r in np.unique(owner).tolist()}
+        told = comm.tell_all(wanted)
+        sends = {r: self.here(of[comm.rank]) for r, of in enumerate(told) if comm.rank in of}
+        return sends, {r: self.here(functions) for r, functions in wanted.items()}
 
     def traffic(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
         """Places (n, k) of integrals over elements that go to each neighbour, and come from it."""
