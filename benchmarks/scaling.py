@@ -219,8 +219,8 @@ def model() -> Section:
         "every rank gets the sums of a few large branches from each, and solves for the longest "
         "waves, which ends the gain of implicit steps early; a piece sweeps over coarse functions "
         f"of {2 * AT_ONCE * RING:.0f} elements more along its side; and there are 512 pieces at "
-        f"the most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at ne "
-        f"{LARGE}, where another level would have to stand. The last columns are what trees of "
+        f"the most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at "
+        f"ne {LARGE}, where another level would have to stand. The last columns are what trees of "
         "sums, and all of the coarse level dealt out, with two visits to each of its levels, "
         "would make of it." + disturbed(),
         ["stepper", "ranks", "elements a rank", "as it is [s a step]", "in trees [s a step]",
