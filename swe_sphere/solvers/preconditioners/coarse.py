@@ -79,7 +79,7 @@ class CoarseCorrection:
                 {rank: places[:, None] + starts for rank, places in each.items()}
                 for each in self._part.rings()
             )
-            self._refresh = Halo(comm, room, going, coming)
+            self._refresh = Halo(comm, room, going, coming) if comm.size > 1 else None
             """Residuals, directions and coefficients of the functions in rings."""
 
     def setup(self, tau: float, depth: Array) -> None:
