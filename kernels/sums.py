@@ -20,10 +20,11 @@ SPAN = 256
 def weighted_products_kernel(real: type) -> wp.Kernel:
     """Kernel (call, weights (n,), spans (kinds, chunks, 2), size), of one thread.
 
-    call: addresses of a stack (m, n), of v (n,) and of p, how many rows, and d.  p[c d + s] = the
-    part of sum_i w_i stack[s, i] v_i of chunk c, which is the numbers from spans[k, c, 0] to
-    spans[k, c, 1], all k, of each of the n / size fields; in float64.  With d = 0 the parts are
-    added up, one after the other.
+    call: the address of p, d, how many triples follow, and of each the addresses of a stack (m, n)
+    and of v (n,) and how many rows of the stack count.  p[c d + s] = the part of
+    sum_i w_i stack[s, i] v_i of chunk c, s over the rows of all triples; a chunk is the numbers
+    from spans[k, c, 0] to spans[k, c, 1], all k, of each of the n / size fields; in float64.  With
+    d = 0 the parts are added up, one after the other.  All triples are taken chunk by chunk.
     """
     kind = f"wp::{real.__name__}"
 
@@ -32,11 +33,11 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
         typedef long long places __attribute__((ext_vector_type(8)));
         struct one {{ enum {{ value = 1 }}; }};
         struct two {{ enum {{ value = 2 }}; }};
+        struct three {{ enum {{ value = 3 }}; }};
         struct four {{ enum {{ value = 4 }}; }};
-        const auto stack = reinterpret_cast<const {kind}*>(call.data[0]);
-        const auto v = reinterpret_cast<const {kind}*>(call.data[1]);
-        const auto partial = reinterpret_cast<double*>(call.data[2]);
-        const long rows = call.data[3], apart = call.data[4];
+        const auto partial = reinterpret_cast<double*>(call.data[0]);
+        const long apart = call.data[1];
+        const auto first = call.data + 3, last = first + 3 * call.data[2];
         const long n = weights.shape[0], chunks = spans.shape[1];
         const auto all = [](const auto* x) {{
             typedef __typeof__(*x + 0) number;
@@ -51,8 +52,8 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
                 for (long j = i; j < end; ++j) r[j - i] = x[j];
             return r;
         }};
-        const auto add = [&](auto count, long s, long i, long end, double* to) {{
-            const auto row = stack + s * n;
+        typedef const {kind}* numbers;
+        const auto add = [&](auto count, numbers row, numbers v, long i, long end, double* to) {{
             lanes p[count.value] = {{}};
             for (; i + 8 <= end; i += 8) {{
                 const lanes x = all(weights.data + i) * all(v + i);
@@ -64,23 +65,31 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
             }}
             for (long r = 0; r < count.value; ++r) {{
                 const auto q = p[r].lo + p[r].hi;
-                to[s + r] += (q[0] + q[2]) + (q[1] + q[3]);
+                to[r] += (q[0] + q[2]) + (q[1] + q[3]);
             }}
         }};
+        const auto project = [&](const auto* each, long i, long end, double*& to) {{
+            auto row = reinterpret_cast<numbers>(each[0]);
+            const auto v = reinterpret_cast<numbers>(each[1]);
+            long left = each[2];
+            for (; left >= 4; left -= 4, row += 4 * n, to += 4) add(four(), row, v, i, end, to);
+            if (left == 3) add(three(), row, v, i, end, to);
+            if (left == 2) add(two(), row, v, i, end, to);
+            if (left == 1) add(one(), row, v, i, end, to);
+            to += left;
+        }};
+        long sums = 0;
+        for (auto each = first; each < last; each += 3) sums += each[2];
         for (long c = 0; c < chunks; ++c)
-            for (long s = 0; s < rows; ++s) partial[c * apart + s] = 0.0;
+            for (long s = 0; s < sums; ++s) partial[c * apart + s] = 0.0;
         for (long field = 0; field < n; field += size)
-            for (long k = 0; k < spans.shape[0]; ++k) {{
-                const int* at = spans.data + k * 2 * chunks;
+            for (long k = 0; k < spans.shape[0]; ++k)
                 for (long c = 0; c < chunks; ++c) {{
-                    const long begin = field + at[2 * c], end = field + at[2 * c + 1];
+                    const int* at = spans.data + 2 * (k * chunks + c);
                     double* to = partial + c * apart;
-                    long s = 0;
-                    for (; s + 4 <= rows; s += 4) add(four(), s, begin, end, to);
-                    if (s + 2 <= rows) {{ add(two(), s, begin, end, to); s += 2; }}
-                    if (s < rows) add(one(), s, begin, end, to);
+                    for (auto each = first; each < last; each += 3)
+                        project(each, field + at[0], field + at[1], to);
                 }}
-            }}
     """)
     def sum_up(
         call: wp.array(dtype=wp.uint64),

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 import warp as wp
 
+from swe_sphere.operators.work import Work
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.linear_result import LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -196,3 +197,14 @@ def test_repeats_to_the_last_bit() -> None:
         result = solver.solve(operator(matrix.__matmul__), rhs, x, max_iterations=2000)
         found.append((result.history, x.numpy().tobytes()))
     assert found[0] == found[1]
+
+
+def test_an_iteration_takes_one_sum_over_all_ranks() -> None:
+    """Beside those that begin and end a descent."""
+    work = Work()
+    space, matrix = VectorSpace(np.ones(N), work=work), laplacian(0.5)
+    b, x = wp.array(random(), dtype=wp.float64, device="cpu"), space.zeros()
+    result = ConjugateGradients(space).solve(operator(matrix.__matmul__), b, x, rtol=1e-8)
+    kinds = "dots ", "project ", "projections "
+    sums = sum(calls for name, (calls, _) in work.counts().items() if name.startswith(kinds))
+    assert result.iterations > 20 and sums <= result.iterations + 3

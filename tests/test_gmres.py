@@ -9,6 +9,7 @@ import scipy.sparse.linalg as sla
 import warp as wp
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.operators.work import Work
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -319,3 +320,18 @@ def test_a_solver_is_used_again_without_memory_of_the_last(b: np.ndarray) -> Non
 def test_no_room_for_a_basis() -> None:
     with pytest.raises(ConfigError, match="at least one"):
         FlexibleGMRES(VectorSpace(np.ones(3)), 0)
+
+
+@pytest.mark.parametrize(("shift", "passes"), [(8.0, 1), (0.0, 2)])
+def test_an_iteration_takes_one_sum_over_all_ranks(
+    b: np.ndarray, shift: float, passes: int
+) -> None:
+    """Or two, where orthogonality would be lost; beside those that begin and end a cycle."""
+    work, matrix = Work(), advection_diffusion() + shift * sp.eye_array(b.size)
+    space = VectorSpace(np.ones(b.size), work=work)
+    right, x = wp.array(b, dtype=wp.float64, device="cpu"), space.zeros()
+    result = FlexibleGMRES(space, 100).solve(operator(matrix.__matmul__), right, x, rtol=1e-4)
+    sums = sum(
+        calls for name, (calls, _) in work.counts().items() if name.startswith(("dot", "project"))
+    )
+    assert result.iterations > 4 and sums <= passes * result.iterations + 3

@@ -238,7 +238,7 @@ def chunk_sums(real: type, shift: int) -> np.ndarray:
             (np.zeros(24), wp.float64),
         )
     )
-    call = wp.array([rows.ptr, rows[6].ptr, found.ptr, 6, 6], dtype=wp.uint64, device="cpu")
+    call = wp.array([found.ptr, 6, 1, rows.ptr, rows[6].ptr, 6], dtype=wp.uint64, device="cpu")
     inputs = [call, weights, spans, values.shape[1]]
     wp.launch(weighted_products_kernel(real), 1, inputs, device="cpu")
     return found.numpy().reshape(4, 6)

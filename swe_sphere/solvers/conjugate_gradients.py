@@ -1,13 +1,16 @@
 """Conjugate gradients for the symmetric Helmholtz problems of semi-implicit steps.
 
-Flexible: the next direction is found by the formula of Polak and Ribiere, which keeps it conjugate
-to the last one whatever the preconditioner does (Golub & Ye 1999, Inexact preconditioned conjugate
-gradient method with inner-outer iteration, doi:10.1137/S1064827597323415; Notay 2000,
-doi:10.1137/S1064827599362314).  So a preconditioner in float32, or one that is not quite symmetric,
-costs an iteration or two and never the answer.
+Flexible: the next direction is made conjugate to the last one whatever the preconditioner does
+(Golub & Ye 1999, Inexact preconditioned conjugate gradient method with inner-outer iteration,
+doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314).  So a preconditioner in
+float32, or one that is not quite symmetric, costs an iteration or two and never the answer.  With
+A z of the preconditioned residual z at hand, all products of an iteration are taken at once, and
+the image A d of the direction is carried on (Chronopoulos & Gear 1989,
+doi:10.1016/0377-0427(89)90045-9).
 """
 
 import math
+from typing import NamedTuple
 
 import warp as wp
 
@@ -25,15 +28,16 @@ FALL = 1e-3
 class ConjugateGradients(KrylovSolver):
     """Solver of A x = b for A symmetric and positive in the inner product of the space.
 
-    It holds four vectors, and takes products at two places an iteration: ranks wait there for each
+    It holds five vectors, and takes products at one place an iteration: ranks wait there for each
     other.  Diverged means that the operator or the preconditioner is not positive.
     """
 
     def __init__(self, space: VectorSpace) -> None:
         self.space = space
         self._stack = space.stack(3)
-        self._residual, self._product, self._direction = (self._stack[k] for k in range(3))
-        self._preconditioned = space.zeros()
+        self._product, self._residual, self._image = (self._stack[k] for k in range(3))
+        self._direction, self._preconditioned = space.zeros(), space.zeros()
+        self._least = math.sqrt(space.epsilon)
 
     def _iterate(self, p: LinearSolve) -> LinearResult:
         """Descents until the target is met or nothing more is to be gained."""
@@ -57,31 +61,35 @@ class ConjugateGradients(KrylovSolver):
 
     def _descend(self, p: LinearSolve, goal: float) -> LinearResult | None:
         """Iterate from the residual in place until it is down to the goal; None unless it fails."""
-        space, fall, step, known = self.space, 0.0, 0.0, p.history[-1]
+        space, curvature = self.space, 0.0
+        space.clear(self._direction)
+        space.clear(self._product)
         while p.history[-1] > goal and p.iterations < p.limit:
             z = self._precondition(p)
-            new, crossed = (float(product) for product in space.project(self._stack, 2, z))
-            keep = -step * crossed / fall if fall else 0.0
-            space.axpby(1.0, z, keep, self._direction)
-            p.operator(self._direction, self._product)
-            across, square, curvature = (
-                float(product) for product in space.project(self._stack, 3, self._product)
-            )
-            if not (math.isfinite(new) and math.isfinite(curvature)):
+            p.operator(z, self._image)
+            found = self._products(z)
+            keep, curvature = found.turned(curvature, self._least)
+            if not (math.isfinite(found.rz) and math.isfinite(curvature)):
                 return p.end(Status.NAN, "a product or the preconditioner is not finite")
-            if new <= 0.0 or curvature <= 0.0:
-                culprit = "preconditioner" if new <= 0.0 else "operator"
+            if found.rz <= 0.0 or curvature <= 0.0:
+                culprit = "preconditioner" if found.rz <= 0.0 else "operator"
                 return p.end(Status.DIVERGED, f"the {culprit} is not positive")
-            fall, step = new, new / curvature
+            step = found.rz / curvature
+            space.axpby(1.0, z, keep, self._direction)
+            space.axpby(1.0, self._image, keep, self._product)
             space.axpy(step, self._direction, p.x)
             space.axpy(-step, self._product, self._residual)
             p.iterations += 1
-            rest = p.history[-1] ** 2 - 2.0 * step * across + step**2 * square
-            if rest <= (FALL * known) ** 2:  # little is left of what cancels
-                known = space.norm(self._residual)
-                rest = known**2
+            rest = found.left(keep, step)
+            if rest <= FALL**2 * found.rr:  # little is left of what cancels
+                rest = space.dot(self._residual, self._residual)
             p.history.append(math.sqrt(rest))
         return None
+
+    def _products(self, z: wp.array) -> "_Products":
+        s, r, w = (self._stack, 1, self._product), (self._stack, 2, self._residual), self._image
+        products = self.space.projections((self._stack, 3, z), (self._stack, 3, w), r, s)
+        return _Products(*map(float, products))
 
     def _precondition(self, p: LinearSolve) -> wp.array:
         if p.precondition is None:
@@ -94,3 +102,29 @@ class ConjugateGradients(KrylovSolver):
         p.operator(p.x, self._residual)
         self.space.axpby(1.0, p.rhs, -1.0, self._residual)
         return self.space.norm(self._residual)
+
+
+class _Products(NamedTuple):
+    """Of the residual r, z = M r, w = A z, and s = A d, where d is the direction before."""
+
+    sz: float
+    rz: float
+    wz: float
+    sw: float
+    rw: float
+    ww: float
+    sr: float
+    rr: float
+    ss: float
+
+    def turned(self, curvature: float, least: float) -> tuple[float, float]:
+        """How much of d to add to z, to be conjugate to d, and <., A .> of that; from that of d."""
+        keep = -self.sz / curvature if curvature else 0.0
+        found = self.wz + keep * self.sz
+        return (keep, found) if abs(found) > least * abs(self.wz) else (0.0, self.wz)
+
+    def left(self, keep: float, step: float) -> float:
+        """|r - step (w + keep s)|^2."""
+        across = self.rw + keep * self.sr
+        square = self.ww + keep * (2.0 * self.sw + keep * self.ss)
+        return self.rr - step * (2.0 * across - step * square)

@@ -8,6 +8,7 @@ an order of its own.  The kernels are for GPUs, and run on "cpu" to be tested.
 import ctypes
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,7 @@ class HostVectors:
         if mesh is not None and mesh.comm.shared:
             chunks = self._shared = mesh.chunks
             self._spans, self._comm, self._size = chunks.spans, mesh.comm, mesh.size
-        self._call = wp.zeros(5, dtype=wp.uint64, device="cpu")
+        self._call = wp.zeros(3 + 3 * 8, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
 
@@ -113,16 +114,19 @@ class HostVectors:
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
         return self._multiplied(count, [(stack, count, v)])
 
-    def _multiplied(self, count: int, calls: list[tuple[wp.array, int, wp.array]]) -> Array:
+    def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
+        return self._multiplied(sum(rows for _, rows, _ in calls), calls)
+
+    def _multiplied(self, count: int, calls: Sequence[tuple[wp.array, int, wp.array]]) -> Array:
         """Products of rows of stacks with vectors, so many in all, valid until the next call."""
         if count > self._products.size:
             self._products = np.empty(max(2 * count, 16))
         room = self._products if self._shared is None else self._shared.room(count)
-        to, apart = room.ctypes.data, 0 if self._shared is None else count
+        arguments = [room.ctypes.data, 0 if self._shared is None else count, len(calls)]
         for stack, rows, v in calls:
-            self._arguments[:] = self._address(stack), self._address(v), to, rows, apart
-            self._multiply.launch()
-            to += rows * room.itemsize
+            arguments += self._address(stack), self._address(v), rows
+        self._arguments[: len(arguments)] = arguments
+        self._multiply.launch()
         return self._products[:count] if self._shared is None else self._shared.total(count)
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
@@ -192,6 +196,9 @@ class DeviceVectors:
             self._reserve(2 * count)
         self._reduce(self._sum, count, [stack, self._weights, v, self._span, self._partial])
         return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+
+    def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
+        return np.concatenate([self.project(*call).copy() for call in calls])
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         span = -(-(end - begin) // BLOCKS)

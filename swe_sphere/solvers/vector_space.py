@@ -22,6 +22,7 @@ from swe_sphere.solvers.vector_operations import DeviceVectors, HostVectors
 OPERATIONS: dict[str, Callable[..., int] | None] = {
     "copy": None, "clear": None, "scale": None, "axpby": None, "lowest": None,
     "dots": lambda *pairs: len(pairs),
+    "projections": lambda *calls: sum(count for _, count, _ in calls),
     "project": lambda stack, count, v: count,
     "combine_rows": lambda scale, x, stack, c, out: len(c),
 }  # fmt: skip
@@ -47,6 +48,9 @@ class VectorSpace:
     project: Callable[[wp.array, int, wp.array], Array]
     """project(stack, count, v): <stack[s], v> for s < count, as numpy array (count,) that the next
     call overwrites."""
+    projections: Callable[..., Array]
+    """projections((stack, count, v), ...): those of `project`, one behind the other, likewise; of
+    several ranks in one message."""
     combine_rows: Callable[[float, wp.array, wp.array, Array, wp.array], None]
     """combine_rows(scale, x, stack, c, out): as `combine`, for c in an array."""
 
