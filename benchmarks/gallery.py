@@ -99,7 +99,7 @@ def section(name: str) -> str:
         f"## {name}\n\n{scene.title[0].upper()}{scene.title[1:]}. {scene.reference}.\n\n"
         f"![{name}](gallery/{name}.png)\n\n"
         f"```sh\nswe-sphere run {name} {how} --out {name}.nc\n"
-        f"swe-sphere plot {name}.nc {look} --no-panel\n```\n"
+        f"swe-sphere plot {name}.nc {look + ' ' * bool(look)}--no-panel\n```\n"
     )
 
 

@@ -36,6 +36,12 @@ def test_the_script_runs(tmp_path, monkeypatch, capsys):
     assert found["frames"].h.sizes["time"] == 3
 
 
+def test_the_first_lines_of_python_run(capsys):
+    (script,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/start.md").read_text(), re.DOTALL)
+    exec(script, {})
+    assert 0.0 < float(capsys.readouterr().out) < 1e-3
+
+
 def test_the_configuration_file_is_valid(tmp_path):
     block = README.split("can say all of them:\n")[1].split("* **Mesh")[0]
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
@@ -50,9 +56,19 @@ def test_links_lead_somewhere(page):
         assert (ROOT / link).exists(), f"{page}: {link}"
 
 
-INDENTED = re.compile(r"^ {4}(?:.*/)?swe-sphere ([a-z].*?)(?: {2,}.*)?$", re.MULTILINE)
+APART = re.compile(r"^(?: {4}(?:.*/)?)?swe-sphere ([a-z].*?)(?: {2,}.*)?$", re.MULTILINE)
+"""A command on a line of its own, indented or in a block."""
+INLINE = re.compile(
+    r"`swe-sphere ((?:run|plot|sweep) (?!NAME|--help|--fields)[^`]*(?<!--live vorticity))`"
+)
+"""A whole one in the text, but for that which needs a terminal."""
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-COMMANDS = {page: found for page in PAGES if (found := INDENTED.findall(page.read_text()))}
+COMMANDS = [
+    pytest.param(found, id=f"{page.stem}-{kind}")
+    for kind, form in (("apart", APART), ("inline", INLINE))
+    for page in PAGES
+    if (found := form.findall(page.read_text()))
+]
 INSTEAD = {"--out jet.nc --days 8": "--out jet.nc --days 0.1", "--time 4": "--time 0"}
 """Times that are in the files of shortened runs."""
 SHORTER = {
@@ -75,14 +91,16 @@ def _files_of_the_reader(folder):
     (folder / "docs").mkdir()
     for name, text in EXAMPLES:
         (folder / name).write_text(text)
+    (slow,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "scenes.md").read_text(), re.DOTALL)
+    (folder / "slow.toml").write_text(slow)
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
     for name in ("a.nc", "b.nc"):
         run(make_config({"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01, "out": name}))
 
 
-@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: page.stem)
-def test_the_commands_work(page, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("lines", COMMANDS)
+def test_the_commands_work(lines, tmp_path, monkeypatch, capsys):
     """Each command of a page in turn, in one folder: shortened, and of sweeps the plan alone.
 
     A warning is a failure: it says that the whole run would blow up.
@@ -91,7 +109,8 @@ def test_the_commands_work(page, tmp_path, monkeypatch, capsys):
     _files_of_the_reader(tmp_path)
     for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
         monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
-    for line in COMMANDS[page]:
+    monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
+    for line in lines:
         with pytest.raises(SystemExit) as end:
             main(_shortened(line).split())
         said = capsys.readouterr().err
