@@ -1,8 +1,10 @@
 """What is called during a run: functions of the user's own, at steps or at simulated times."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from numbers import Real
 from typing import Any, Protocol
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
@@ -62,25 +64,39 @@ def every(
     Raises:
         ConfigError: none or more than one of the three, or one that is not positive.
     """
-    asked = [value for value in (steps, hours, days) if value is not None]
-    if len(asked) != 1 or not asked[0] > 0 or (steps is not None and steps != int(steps)):
-        raise ConfigError("every: give a positive whole number of steps, or of hours, or of days")
+    units = ((steps, 1.0), (hours, HOUR), (days, DAY))
+    asked = [(value, unit) for value, unit in units if value is not None]
+    if len(asked) != 1 or not _can_be_met(*asked[0]) or (steps is not None and steps != int(steps)):
+        raise ConfigError(
+            "every: give a positive whole number of steps, or of hours, or of days, no less than a"
+            " millisecond"
+        )
     if steps is not None:
         return lambda function: Callback(function, steps=steps)
-    seconds = (hours or 0.0) * HOUR + (days or 0.0) * DAY
-    return lambda function: Callback(function, seconds=seconds)
+    value, unit = asked[0]
+    return lambda function: Callback(function, seconds=value * unit)
 
 
-def scheduled(callbacks: Sequence[Callback | Function]) -> list[Callback]:
+def _can_be_met(value: object, unit: float) -> bool:
+    """Whether it is a number; plans of time are made of milliseconds."""
+    return isinstance(value, Real) and 1e-3 <= float(value) * unit < math.inf
+
+
+def scheduled(callbacks: Iterable[Callback | Function]) -> list[Callback]:
     """All of them as callbacks: a plain function is called after every step.
 
     Raises:
-        ConfigError: one that cannot be called.
+        ConfigError: one that cannot be called, or no list of them.
     """
-    for found in callbacks:
-        if not (isinstance(found, Callback) or callable(found)):
-            raise ConfigError(f"a callback is a function of the simulation, not {found!r}")
-    return [c if isinstance(c, Callback) else Callback(c, steps=1) for c in callbacks]
+    if not isinstance(callbacks, Iterable):
+        raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")
+    return [c if isinstance(c, Callback) else _at_every_step(c) for c in callbacks]
+
+
+def _at_every_step(function: object) -> Callback:
+    if not callable(function):
+        raise ConfigError(f"a callback is a function of the simulation, not {function!r}")
+    return Callback(function, steps=1)
 
 
 class Scheduled:

@@ -28,7 +28,7 @@ TAKEN = frozenset({
 """Names that the files and summaries of all runs have already."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Diagnostic:
     """A number or a field that a function makes of a simulation."""
 
@@ -118,12 +118,14 @@ class OwnDiagnostics:
 
     warn: Callable[[str], None]
     _told: set[str] = field(default_factory=set)
+    _shapes: dict[Diagnostic, tuple[int, ...]] = field(default_factory=dict)
+    """Of what each returned at first: files have variables for that."""
 
     def __call__(self, sim: Any) -> tuple[dict[str, float], Fields]:
         """Numbers and fields (N,) of the state.
 
         Raises:
-            RunFailed: a function fails, or returns what is neither.
+            RunFailed: a function fails, or returns what is neither, or not what it was at first.
         """
         numbers: dict[str, float] = {}
         fields: Fields = {}
@@ -138,7 +140,7 @@ class OwnDiagnostics:
     def _value(self, own: Diagnostic, sim: Any) -> Array:
         what = f"the diagnostic {own.name}"
         try:
-            value = guarded(what, lambda: np.asarray(own.function(sim), dtype=np.float64))
+            value = guarded(what, lambda: _as_numbers(own.function(sim)))
         except SweError as error:
             raise RunFailed(str(error)) from error
         size = sim.mesh.size
@@ -147,7 +149,16 @@ class OwnDiagnostics:
                 f"{what} returned an array of shape {value.shape}: return one number, or a field of"
                 f" {size} values, one a node"
             )
+        if self._shapes.setdefault(own, value.shape) != value.shape:
+            first = "field" if value.ndim == 0 else "number"
+            raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
         if own.name not in self._told and not np.isfinite(value).all():
             self._told.add(own.name)
             self.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
         return value
+
+
+def _as_numbers(found: object) -> Array:
+    if found is None:
+        raise TypeError("it returned nothing")  # which numpy takes for NaN
+    return np.asarray(found, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -125,7 +125,7 @@ class Simulation(Running):
         *,
         out: str | Path | None = None,
         every: float | None = None,
-        callbacks: Sequence[Any] = (),
+        callbacks: Iterable[Any] = (),
         time_limit: float | None = None,
         overwrite: bool = False,
         progress: bool | None = None,
