@@ -25,6 +25,8 @@ and runs made once too often cost less than numbers that are taken for those of 
 """
 FLAT = ("", "studies")
 """Of these the modules count, but not the packages in them."""
+SCENE_FILE = "the scene's file"
+"""What the file that holds the scene is called among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")
 """What else the numbers go through."""
 

@@ -1,5 +1,7 @@
 """Errors against references and between files on different grids."""
 
+import json
+
 import netCDF4
 import numpy as np
 import pytest
@@ -33,8 +35,8 @@ def nodal(mesh):
     return smooth(mesh.lon, mesh.lat) | {"divergence": np.zeros(mesh.size)}
 
 
-def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY, scene="smooth"):
-    attributes = {"title": "smooth", "scene": scene}
+def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY, scene="smooth", sources="{}"):
+    attributes = {"title": "smooth", "scene": scene, "sources": sources}
     with FrameWriter(path, mesh, attributes, bottom) as writer:
         writer.write(0.0, {name: 0.5 * values for name, values in fields.items()})
         writer.write(time, fields)
@@ -176,6 +178,16 @@ def test_runs_of_different_scenes_are_compared_only_when_asked(runs, tmp_path):
     other = write_run(tmp_path / "other.nc", mesh, nodal(mesh), scene="rough")
     with pytest.raises(ConfigError, match=r"first.nc is a run of smooth, .* one of rough: .*"):
         compare(runs["first"], other)
+    assert compare(runs["first"], other, across_scenes=True)["linf"] == 0.0
+
+
+def test_so_are_runs_of_two_scenes_of_one_name(runs, tmp_path):
+    mesh = Mesh.build(6, 6)
+    sources = json.dumps({"the scene's file": "1f"})
+    other = write_run(tmp_path / "other.nc", mesh, nodal(mesh), sources=sources)
+    with pytest.raises(ConfigError, match=r"are runs of two scenes of the name smooth.*--across"):
+        compare(runs["first"], other)
+    assert compare(other, other)["linf"] == 0.0
     assert compare(runs["first"], other, across_scenes=True)["linf"] == 0.0
 
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.fingerprints import SCENE_FILE
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import Reference, reference_field
-from swe_sphere.io.runfile import TOLERANCE, RunFile, reading
+from swe_sphere.io.runfile import TOLERANCE, RunFile, reading, table_in
 from swe_sphere.io.scalar_fields import check_field
 
 Source = RunFile | Reference
@@ -53,12 +54,21 @@ def compare(
 
 def _check_scenes(ours: Source, theirs: Source) -> None:
     """ConfigError for runs of different scenes; a reference does not say of which it is."""
-    names = [source.attributes.get("scene") for source in (ours, theirs)]
-    if None not in names and names[0] != names[1]:
-        raise ConfigError(
-            f"{ours.path} is a run of {names[0]}, {theirs.path} one of {names[1]}: compare runs of"
-            " one scene, or say --across-scenes"
-        )
+    one, other = (source.attributes.get("scene") for source in (ours, theirs))
+    if None in (one, other):
+        return
+    if one != other:
+        what = f"{ours.path} is a run of {one}, {theirs.path} one of {other}"
+    elif _scene_file(ours) != _scene_file(theirs):
+        what = f"{ours.path} and {theirs.path} are runs of two scenes of the name {one}"
+    else:
+        return
+    raise ConfigError(f"{what}: compare runs of one scene, or say --across-scenes")
+
+
+def _scene_file(source: Source) -> str | None:
+    """Fingerprint of the file that holds the scene; None of a scene of the package."""
+    return table_in(str(source.attributes.get("sources", "{}"))).get(SCENE_FILE)
 
 
 def _common_time(ours: Source, theirs: Source) -> float | None:

@@ -73,11 +73,11 @@ def attributes(dataset: Dataset) -> dict[str, Any]:
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 
-def _summary(text: str) -> dict[str, Any]:
-    """How the run ended; nothing of one that was killed while it said so."""
+def table_in(text: str) -> dict[str, Any]:
+    """A table in JSON; nothing of one whose program was killed while it wrote it."""
     try:
         return dict(json.loads(text))
-    except ValueError:
+    except (ValueError, TypeError):
         return {}
 
 
@@ -161,7 +161,7 @@ class RunFile(Nodal):
                 raise ConfigError(
                     f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
                 )
-            self.attributes = found | _summary(found[SUMMARY])
+            self.attributes = found | table_in(found[SUMMARY])
             """The global attributes, and by its names what the summary says."""
             self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
             self.times: Array = dataset["time"][:]

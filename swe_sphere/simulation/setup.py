@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.equations.scene import Parameter, Scene, apply_settings
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import file_fingerprint
+from swe_sphere.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.parallel import world
@@ -103,9 +103,6 @@ def _scene_parameters(config: RunConfig) -> dict[str, Parameter]:
             raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
         parameters["alpha"] = config.alpha
     return parameters
-
-
-SCENE_FILE = "the scene's file"
 
 
 def scene_sources(name: str, scene: Scene) -> dict[str, str]:

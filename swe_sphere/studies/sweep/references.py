@@ -8,11 +8,11 @@ from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import code_fingerprint, file_fingerprint
+from swe_sphere.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint
 from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.setup import SCENE_FILE, make_scene, scene_sources
+from swe_sphere.simulation.setup import make_scene, scene_sources
 from swe_sphere.studies.sweep.runspec import users_fingerprint
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
