@@ -93,9 +93,15 @@ def test_it_goes_on_where_it_stands():
 @pytest.mark.parametrize(
     ("values", "word"),
     [
-        ({"stepper": dict}, "dict is no Stepper"),
+        ({"scene": 3}, "scene: give a name, a file or a Scene, not 3"),
+        ({"stepper": dict}, "stepper: give a name, a file, .* not <class 'dict'>"),
+        ({"stepper": 3}, "stepper: give a name, a file, a class or a Stepper, not 3"),
+        ({"preconditioner": 3}, "preconditioner: give a name, a file or a class, not 3"),
+        ({"preconditioner": dict}, "a class, not <class 'dict'>"),
         ({"mesh": 3}, "give a Mesh, not 3"),
-        ({"effects": ["drag"]}, "not 'drag'"),
+        ({"effects": ["drag"]}, r"not \['drag'\]"),
+        ({"effects": "drag"}, "not 'drag'"),
+        ({"effects": 3}, "not 3"),
         ({"out": "a.nc"}, "out is no setting of a simulation"),
         ({"nee": 3}, "there is no option 'nee'"),
         ({"effects": {"drag.linearr": 1}}, "no effect 'drag'|no parameter"),

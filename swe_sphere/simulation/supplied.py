@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings import SCENE, STEPPER
 from swe_sphere.simulation.config import RunConfig, make_config
@@ -17,6 +17,9 @@ from swe_sphere.simulation.setup import make_scene
 
 if TYPE_CHECKING:
     from swe_sphere.steppers import Stepper
+
+Name = str | Path | None
+"""What a configuration holds."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,13 @@ def supply(
     """
     if isinstance(scene, Scene) and parameters:
         raise ConfigError("parameters are for a scene by name: this one is made already")
-    if mesh is not None and not isinstance(mesh, Mesh):
-        raise ConfigError(f"mesh: give a Mesh, not {mesh!r}")
+    if not isinstance(scene, Scene | Name):
+        raise _unfit("scene", "a name, a file or a Scene", scene)
+    if not isinstance(mesh, Mesh | None):
+        raise _unfit("mesh", "a Mesh", mesh)
     changes, added = _effects(effects)
     kind, instance = _method(stepper)
-    own = None if isinstance(preconditioner, str | Path | None) else preconditioner
+    own = _preconditioner_class(preconditioner)
     objects = Supplied(
         scene if isinstance(scene, Scene) else None,
         instance.model.mesh if instance else mesh,
@@ -80,7 +85,7 @@ def supply(
     said = [f"{of}{k}={v}" for of, table in tables.items() for k, v in table.items()]
     names = {
         "scene": _name(scene),
-        "stepper": kind.name if kind else _name(stepper),
+        "stepper": _name(kind or stepper),
         "preconditioner": _name(preconditioner),
         "settings": (*said, *settings) or None,
     }
@@ -94,31 +99,52 @@ def _effects(
     """Changes of parameters by name, or effects to add."""
     if isinstance(effects, Mapping):
         return effects, ()
-    added = tuple(effects)
+    added = tuple(effects) if isinstance(effects, Iterable) else (effects,)
     for effect in added:
         if not isinstance(effect, Effect):
-            raise ConfigError(f"effects: give parameters {{'viscosity.nu': 1e5}}, not {effect!r}")
+            raise _unfit(
+                "effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects
+            )
     return {}, added
 
 
 def _method(stepper: Any) -> tuple[type[Stepper] | None, Stepper | None]:
     """The class and the instance, as far as they are given."""
+    if isinstance(stepper, Name):
+        return None, None
     from swe_sphere.steppers import Stepper
 
     if isinstance(stepper, Stepper):
         return type(stepper), stepper
-    if not isinstance(stepper, type):
-        return None, None
-    if not issubclass(stepper, Stepper):
-        raise ConfigError(f"stepper: {stepper.__name__} is no Stepper")
+    if not _is_kind(stepper, Stepper):
+        raise _unfit("stepper", "a name, a file, a class or a Stepper", stepper)
     return stepper, None
+
+
+def _preconditioner_class(which: Any) -> Any:
+    """The class, if it is one; None for a name."""
+    if isinstance(which, Name):
+        return None
+    from swe_sphere.solvers.preconditioners import Preconditioner
+
+    if not _is_kind(which, Preconditioner):
+        raise _unfit("preconditioner", "a name, a file or a class", which)
+    return which
+
+
+def _is_kind(thing: object, kind: type) -> bool:
+    return isinstance(thing, type) and issubclass(thing, kind)
+
+
+def _unfit(what: str, choice: str, thing: object) -> ConfigError:
+    return ConfigError(f"{what}: give {choice}, not {shown(thing)}")
 
 
 def _name(thing: Any) -> str | None:
     """What a configuration calls it."""
-    if thing is None or isinstance(thing, str | Path):
-        return None if thing is None else str(thing)
-    return str(getattr(thing, "name", getattr(thing, "__name__", "own")))
+    if thing is None:
+        return None
+    return str(thing if isinstance(thing, Name) else thing.name)
 
 
 def _mesh_settings(mesh: Mesh | None) -> dict[str, float]:
