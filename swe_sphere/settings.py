@@ -89,7 +89,10 @@ def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
 
 def complaint(error: ValidationError) -> str:
     """What a value must be, in words: the first thing that pydantic finds wrong."""
-    message: str = error.errors(include_url=False)[0]["msg"]
+    first = error.errors(include_url=False)[0]
+    if first["type"] == "too_short":
+        return "must not be empty"
+    message: str = first["msg"]
     return message.removeprefix("Value error, ").replace("Input should", "must")
 
 

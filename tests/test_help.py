@@ -14,7 +14,7 @@ def test_the_help_of_a_command_prints_every_text_whole(name, capsys, monkeypatch
     with pytest.raises(SystemExit) as end:
         main([name, "--help"])
     printed = " ".join(capsys.readouterr().out.split())
-    assert end.value.code == 0
+    assert end.value.code == 0 and "None" not in printed
     texts = [parameter.help for parameter in COMMANDS[name].params if parameter.help]
     for text in (COMMANDS[name].help.partition("\n")[0], *texts):
         assert " ".join(text.replace("\\[", "[").split()) in printed

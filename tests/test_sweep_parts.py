@@ -40,7 +40,8 @@ def test_lists_may_be_written_in_any_way():
     [
         ({"scene": "wiliamson2"}, "unknown scene 'wiliamson2'; did you mean 'williamson2'"),
         ({"steppers": "rk5"}, "unknown stepper 'rk5'; did you mean 'rk4'"),
-        ({"steppers": ""}, "steppers: "),
+        ({"steppers": ""}, "steppers: must not be empty"),
+        ({"precision": ""}, "precision: must not be empty"),
         ({"preconditioner": "helmhotz"}, "unknown preconditioner 'helmhotz'"),
         ({"dt": "600,soon"}, "dt: must be positive numbers of seconds or 'auto', not '600,soon'"),
         ({"dt": -1}, "dt: must be positive numbers"),

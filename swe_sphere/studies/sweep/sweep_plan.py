@@ -129,13 +129,13 @@ class SweepPlan(SharedConfig):
     reference: Paths = ()
     """Lat-lon reference solution of a report day; repeatable."""
     finer: Annotated[Whole, Field(ge=0)] | None = None
-    """ne of a finer run for the total error, 0 for none; None: one where nothing else is known."""
+    """ne of a finer run for the total error, 0 for none; by default where nothing else is known."""
     converged_stepper: str = "rk4"
     """Explicit stepper of the time-converged run."""
     converged_part: Annotated[Number, Field(gt=0.0, le=0.5)] = 0.25
     """Its step as a part of its stability limit; a run of twice the step checks it."""
     slow: bool | None = None
-    """Whether to take the slow-flow error; None: where the start of the scene sheds waves."""
+    """Whether to take the slow-flow error; by default where the start of the scene sheds waves."""
     settings: Names = ()
     """Change an effect or the scene; repeatable."""
     name: str = ""
