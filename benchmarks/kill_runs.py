@@ -74,10 +74,16 @@ def whole_run(out: Path) -> tuple[xarray.Dataset, float]:
     """What a run writes that is left alone, and how long it takes to write it [s]."""
     with suppress(SystemExit):
         write(out)
-    out.unlink()
+    remove(out)
     child, start = begun(out), time.perf_counter()
     os.waitpid(child, 0)
     return xarray.load_dataset(out), time.perf_counter() - start
+
+
+def remove(out: Path) -> None:
+    """Take away what a run has written."""
+    for path in (out, checkpoint_path(out)):
+        path.unlink(missing_ok=True)
 
 
 def frames(out: Path, whole: xarray.Dataset) -> int:
@@ -138,8 +144,7 @@ def main() -> None:
         whole, span = whole_run(folder / "whole.nc")
         out = folder / "run.nc"
         while found["kills"] < asked.kills:
-            for path in (out, checkpoint_path(out)):
-                path.unlink(missing_ok=True)
+            remove(out)
             if killed(out, chance.uniform(0.0, span)):
                 found["kills"] += 1
                 examine(out, whole, found)

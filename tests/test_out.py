@@ -73,6 +73,18 @@ def test_what_is_no_run_is_not_replaced(tmp_path, content):
     assert small(out=file, overwrite=True).completed
 
 
+def test_a_checkpoint_without_its_frames_is_not_replaced(finished):
+    """A run can go on from it, and may then write where its frames were."""
+    finished.unlink()
+    kept = checkpoint_path(finished)
+    before = kept.read_bytes()
+    with pytest.raises(ConfigError, match=r"jet.nc.restart is there already.*--overwrite"):
+        small(out=finished)
+    assert kept.read_bytes() == before
+    onwards = {"scene": SMALL["scene"], "restart": kept, "out": finished, "days": 1.0}
+    assert run(make_config(onwards)).completed
+
+
 def test_the_program_refuses_in_one_line(finished, capsys):
     command = ["run", "williamson2", "--ne=2", "--days=0.1", "--quiet", f"--out={finished}"]
     for flags, status in (([], 2), (["--overwrite"], 0)):

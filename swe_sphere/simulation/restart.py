@@ -24,13 +24,20 @@ PICTURES = (".png", ".pdf", ".svg")
 
 def appends(config: RunConfig) -> bool:
     """Whether the run goes on in the file of frames that it restarts from."""
-    out, restart = config.out, config.restart
-    if out is None or restart is None or config.overwrite or not out.exists():
+    out = config.out
+    if out is None or config.restart is None or config.overwrite or not out.exists():
         return False
     from swe_sphere.io.checkpoint import checkpoint_path
 
-    places = (place for place in (out, checkpoint_path(out)) if place.exists())
-    return restart.exists() and any(place.samefile(restart) for place in places)
+    return any(_is_restart(place, config) for place in (out, checkpoint_path(out)))
+
+
+def _is_restart(place: Path, config: RunConfig) -> bool:
+    """Whether the run goes on from the file at that place."""
+    restart = config.restart
+    if restart is None or not (restart.exists() and place.exists()):
+        return False
+    return place.samefile(restart)
 
 
 def check_paths(config: RunConfig) -> None:
@@ -72,6 +79,14 @@ def _check_contents(config: RunConfig) -> None:
         return
     if out.exists():
         raise ConfigError(f"out: {out} {_contents(config)}, or replace it with --overwrite")
+    from swe_sphere.io.checkpoint import checkpoint_path
+
+    checkpoint = checkpoint_path(out)
+    if checkpoint.exists() and not _is_restart(checkpoint, config):
+        raise ConfigError(
+            f"out: {checkpoint} is there already, without its frames: choose another name, or"
+            " replace it with --overwrite"
+        )
 
 
 def _contents(config: RunConfig) -> str:
