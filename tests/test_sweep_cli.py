@@ -132,6 +132,15 @@ def test_a_report_can_be_made_again(swe, tmp_path):
     assert runs == {path: path.read_bytes() for path in (tmp_path / "d" / "runs").iterdir()}
 
 
+@pytest.mark.parametrize("page", ["index.html", "README.md"])
+def test_a_page_that_no_sweep_has_made_is_not_replaced(swe, tmp_path, page):
+    (tmp_path / page).write_text("mine")
+    asked = ("lauter", "--steppers", "rk4", "--dt", 3600, *TINY[:-1])
+    status, _, err = swe(*asked, ".")
+    assert status == 2 and f"{page} is of no sweep" in err
+    assert (tmp_path / page).read_text() == "mine" and not (tmp_path / "runs").exists()
+
+
 def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):
     (tmp_path / "two.toml").write_text(
         'steppers = ["rk4"]\ndays = 9\nrepeats = 1\ndt = [3600]\n'

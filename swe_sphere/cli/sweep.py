@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
+PAGES = ("index.html", "README.md")
+"""What the report of a sweep, and that of several, is called."""
 
 
 @with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
@@ -49,6 +51,7 @@ def sweep(
     if report_only:
         return _report_again(out, loaded, quiet)
     datasets, completed = {}, False
+    _check_pages(out)
     plans, mapped = _plans(values, loaded), loaded if loaded and loaded.mapped else None
     for plan in plans:
         folder = out / plan.folder if mapped or len(plans) > 1 else out
@@ -61,6 +64,15 @@ def sweep(
     elif len(datasets) > 1:
         _join(datasets, out, loaded, quiet)
     return 0 if completed else RunFailed.exit_status
+
+
+def _check_pages(out: Path) -> None:
+    """ConfigError where the page would take the place of one that no sweep has made."""
+    from swe_sphere.studies.sweep.record import HEADER
+
+    there = [out / name for name in PAGES if (out / name).exists()]
+    if there and not any(out.rglob(HEADER)):
+        raise ConfigError(f"out: {there[0]} is of no sweep, and would be replaced: choose another")
 
 
 def _any_completed(dataset: xr.Dataset) -> bool:
