@@ -86,8 +86,8 @@ def geometry_struct(
 ) -> type:
     """Warp structure with just the arrays and scalars that `terms` reads.
 
-    `value` is a number, or one SIMD register of numbers (one an element); `index` its integer
-    companion; `real` the number type.  Arrays on element nodes have shape (group, np*np, ...),
+    `value` is a number, or one SIMD register of numbers (one an element); `index` the integers that
+    go with it; `real` the number type.  Arrays on element nodes have shape (group, np*np, ...),
     arrays on unique nodes (unknowns*N,).
     """
     on_nodes = wp.array(dtype=real)

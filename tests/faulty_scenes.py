@@ -231,7 +231,7 @@ FILES = {
     "import of a name": "from swe_sphere.equations.scene import Scenery\n",
     "exit on import": "import sys\nsys.exit(3)\n",
     "exit": "def scene():\n    raise SystemExit\n",
-    "exit without trouble": "import sys\nsys.exit(0)\n",
+    "exit as if all were well": "import sys\nsys.exit(0)\n",
     "base exception": "raise BaseException('odd')\n",
     "raises on import": "1 / 0\n",
     "raises": "def scene():\n    return [][3]\n",
