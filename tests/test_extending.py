@@ -182,6 +182,20 @@ def test_a_failing_step_names_the_line(here) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("limit", "message"),
+    [("'long'", "stable_dt of stepper low-storage must be a number, not 'long'"),
+     ("0.0", "the stability limit of low-storage is 0 s: choose a step with --dt"),
+     ("float('nan')", "the stability limit of low-storage is nan s: choose a step"),
+     ("-5", "the stability limit of low-storage is -5 s: choose a step")],
+)  # fmt: skip
+def test_a_limit_that_is_none_is_one_clear_line(here, limit: str, message: str) -> None:
+    returned = f"        return {limit}\n        def growth"
+    Path("mine.py").write_text(EXAMPLES["low_storage.py"].replace("        def growth", returned))
+    with pytest.raises(ConfigError, match=message):
+        run(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
+
+
 def test_a_failing_preconditioner_names_the_line(here) -> None:
     text = EXAMPLES["rotation.py"].replace("n, angle = self._nodes", "n, angle = self._edges")
     Path("mine.py").write_text(text)

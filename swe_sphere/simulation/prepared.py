@@ -11,6 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.parallel import world
 from swe_sphere.planet import HOUR
+from swe_sphere.settings import convert
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics
 from swe_sphere.simulation.restart import (
@@ -110,11 +111,16 @@ class Prepared:
 
     @cached_property
     def stable_dt(self) -> float:
-        """Largest stable step at the start [s], about; infinite if there is none."""
+        """Largest stable step at the start [s], about; infinite if there is none.
+
+        Raises:
+            ConfigError: the stepper does not return a number.
+        """
         counted = dict(self.model.counters)
         spectrum = self._kind.spectrum(self.model, self.model.initial_state())
         self.model.counters.update(counted)  # whenever it is asked for, it is no part of the run
-        return self._kind.limit(spectrum)
+        limit = self._kind.limit(spectrum)
+        return float(convert(f"stable_dt of stepper {self._kind.name}", float, limit, finite=False))
 
     @cached_property
     def gravity_limit(self) -> float:
@@ -132,7 +138,12 @@ class Prepared:
         accurate = accurate_step(kind, self.mesh, fields)
         # the limit of a fluid at rest, whose wind is yet to come, says nothing of its waves
         cautious = kind.family == "imex" and not (fields["u"].any() or fields["v"].any())
-        return choose_step(asked, days, self.stable_dt, kind.safety, accurate, cautious)
+        limit = self.stable_dt
+        if asked is None and not limit > 0.0:
+            raise ConfigError(
+                f"the stability limit of {kind.name} is {limit:g} s: choose a step with --dt"
+            )
+        return choose_step(asked, days, limit, kind.safety, accurate, cautious)
 
     def _tracer_steps(self, dt: float) -> int:
         """Steps of dt [s] for one of the tracers: as asked for, or the most that may be.
