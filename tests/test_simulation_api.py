@@ -243,6 +243,7 @@ def test_diagnostics_appear_in_file_and_summary(tmp_path):
     assert np.allclose(data.kinetic, 0.5 * (data.u**2 + data.v**2), rtol=1e-15)
     assert data.jet.values[-1] == summary["jet"] and data.attrs["jet"] == summary["jet"]
     assert "kinetic" in sim.state
+    assert ("jet [m s-1]", f"{summary['jet']:.5g}") in summary.rows()
     assert small().plot("kinetic") is not None
 
 
@@ -288,6 +289,25 @@ def test_a_diagnostic_stays_a_number_or_a_field(first, tmp_path):
 def test_a_diagnostic_needs_a_name_of_its_own(name):
     with pytest.raises(ConfigError, match=r"needs (another|a) name"):
         diagnostic(name=name)(lambda sim: 0.0)
+
+
+WAYS = [
+    ("williamson5", {}), ("williamson5", {"stepper": "tr-bdf2"}),
+    ("williamson5", {"stepper": "tr-bdf2", "adaptive": 1e-3, "dt": "auto"}),
+    ("williamson5", {"stepper": "epi3"}), ("williamson5", {"stepper": "semi-implicit"}),
+    ("williamson5", {"stepper": "leapfrog"}), ("williamson5", {"stepper": "mis2", "dt": 600.0}),
+    ("deformational", {"stepper": "forward-backward", "tracer_steps": "auto", "dt": "auto"}),
+]  # fmt: skip
+"""Runs whose summaries have all kinds of names in them."""
+
+
+@pytest.mark.parametrize(("scene", "values"), WAYS)
+def test_no_diagnostic_takes_a_name_that_files_and_summaries_have(scene, values, tmp_path):
+    found = small(scene, **values).run(days=0.25, every=6.0, out=tmp_path / "a.nc")
+    data = open_run(tmp_path / "a.nc")
+    for name in {*found, *data.variables, *data.dims}:
+        with pytest.raises(ConfigError, match="needs another name"):
+            diagnostic(name=name)(lambda sim: 0.0)
 
 
 def test_a_diagnostic_registered_again_is_replaced():

@@ -19,13 +19,24 @@ F = TypeVar("F", bound=Function)
 
 TAKEN = frozenset({
     "scene", "title", "stepper", "scheme", "ne", "np", "dt", "steps", "days", "completed", "reason",
-    "status", "time", "node", "lat", "lon", "area", "mesh", "sphere", "face_nodes", "b", "h", "u",
-    "v", "vorticity", "divergence", "mass", "energy", "potential_enstrophy", "total_vorticity",
-    "total_divergence", "max_wind", "min_depth", "max_wave", "max_signal", "mass_drift",
-    "energy_drift", "enstrophy_drift", "courant_advective", "courant_gravity", "diagnostic_time",
+    "status", "stretch", "device", "precision", "launch", "out", "dt_rule", "dt_wanted",
+    "days_planned", "stable_dt", "steps_at_once", "accepted_steps", "rejected_steps", "cuts",
+    "wall_seconds", "compile_seconds", "setup_seconds", "setups", "rhs_evaluations",
+    "tangent_evaluations", "preconditioner_applications", "newton_iterations", "krylov_iterations",
+    "krylov_steps", "fast_steps", "tracer_stages", "preconditioner", "tolerance", "diffusion",
+    "strength", "share", "substeps",
+    "time", "node", "lat", "lon", "lat_bnds", "lon_bnds", "area", "mesh", "sphere", "face_nodes",
+    "face", "corner", "b", "f", "coriolis", "h", "u", "v", "vorticity", "divergence", "mass",
+    "energy", "potential_enstrophy", "total_vorticity", "total_divergence", "max_wind",
+    "min_depth", "max_wave", "max_signal", "mass_drift", "energy_drift", "enstrophy_drift",
+    "courant_advective", "courant_gravity", "diagnostic_time",
     *(f"{norm}_{name}" for norm in ("l1", "l2", "linf") for name in "hv"),
 })  # fmt: skip
-"""Names that the files and summaries of all runs have already."""
+"""Names that files and summaries of runs have already."""
+TAKEN_BEGINNINGS = (
+    "counter_", "q_", "hq_", "l1_q_", "l2_q_", "linf_q_", "min_q_", "max_q_", "mass_drift_q_",
+)  # fmt: skip
+"""What more of such names begin with: counters, and all that is said of tracers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +47,11 @@ class Diagnostic:
     function: Function
     units: str
     long_name: str
+
+    @property
+    def label(self) -> str:
+        """What it is called in a table."""
+        return self.name if self.units == "1" else f"{self.name} [{self.units}]"
 
     @property
     def attributes(self) -> dict[str, str]:
@@ -88,7 +104,7 @@ def diagnostic(
     called = name or function.__name__
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
-    if called in TAKEN or called.startswith(("q_", "hq_", "counter_")):
+    if called in TAKEN or called.startswith(TAKEN_BEGINNINGS):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
     words = (function.__doc__ or called).strip().splitlines()[0]
     DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)

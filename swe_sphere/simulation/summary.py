@@ -8,6 +8,7 @@ from html import escape
 from typing import Any, TypeVar
 
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 
 T = TypeVar("T")
 
@@ -95,6 +96,9 @@ class Summary(Outcome):
                 yield title, ", ".join(f"{label} {x:.3g}".strip() for label, x in there.items())
         for tracer in (key.removeprefix("min_q_") for key in n if key.startswith("min_q_")):
             yield f"tracer {tracer}", _tracer(n, tracer)
+        for own in DIAGNOSTICS.values():
+            if own.name in self.numbers:
+                yield own.label, f"{self.numbers[own.name]:.5g}"
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""
