@@ -91,6 +91,25 @@ def test_a_spread_is_that_of_the_members(tmp_path):
         spread(files)
 
 
+def test_members_of_other_code_or_of_an_edited_scene_are_not_kept(tmp_path, monkeypatch):
+    scene = tmp_path / "mine.toml"
+    scene.write_text('base = "galewsky"\n')
+    asked = make_config(SMALL | {"scene": str(scene)})
+    run_members(asked, (1, 2), tmp_path, print)
+    with monkeypatch.context() as edited:
+        edited.setattr("swe_sphere.studies.ensemble.code_fingerprint", lambda: "other")
+        with pytest.raises(ConfigError, match=r"seed1\.nc was made by other code.*--overwrite"):
+            run_members(asked, (1, 2), tmp_path, print)
+    scene.write_text('base = "galewsky"\n[effects]\nviscosity = { nu = 1e5 }\n')
+    with pytest.raises(ConfigError, match="or from files that have been edited since"):
+        run_members(asked, (1, 2), tmp_path, print)
+    told: list[str] = []
+    run_members(asked.model_copy(update={"overwrite": True}), (1, 2), tmp_path, told.append)
+    assert not any("kept" in line for line in told)
+    run_members(asked, (1, 2), tmp_path, told.append)
+    assert all("kept" in line for line in told[2:])
+
+
 @pytest.mark.parametrize(
     ("values", "seeds", "error", "message"),
     [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +13,17 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import area_mean
-from swe_sphere.io.runfile import TOLERANCE, RunFile
+from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in
 from swe_sphere.io.scalar_fields import check_field, describe
 from swe_sphere.pictures.panels import Panel, draw_panel
 from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.run import run
+from swe_sphere.simulation.setup import make_scene, method_sources, scene_sources
 
 MOST = 1000
 """Members there may be."""
@@ -82,10 +83,21 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
 
 
 def _is_of(file: Path, config: RunConfig) -> bool:
-    """Whether a file is of a finished run of the configuration; ConfigError if it is of none."""
+    """Whether a file is of a finished run of the configuration; ConfigError if it is of none.
+
+    Or if the code, or the user's files that the run is made of, are not what they were.
+    """
     found = RunFile(file).attributes
-    stored = json.loads(str(found.get("configuration", "{}")))
-    return bool(found.get("completed")) and stored == config.model_dump(mode="json")
+    stored, asked = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
+    if not found.get("completed") or stored | {"overwrite": False} != asked:
+        return False
+    sources = scene_sources(config.scene, make_scene(config)) | method_sources(config)
+    if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
+        raise ConfigError(
+            f"{file} was made by other code, or from files that have been edited since: make the"
+            " members again (--overwrite), or choose another folder"
+        )
+    return True
 
 
 def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
