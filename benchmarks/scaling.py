@@ -48,7 +48,7 @@ HEAD = """# Scaling over ranks
 
 Made by `python benchmarks/scaling.py`. How a run is shared is told in
 [Several processes](parallel.md). All of it is williamson5, np 4, float64; steps are 200 s (rk4),
-900 s (semi-implicit) and 1800 s (tr-bdf2) on ne 30, and go with 1/ne."""
+900 s (semi-implicit), 1800 s (tr-bdf2) and 3600 s (bdf2) on ne 30, and go with 1/ne."""
 
 
 def child(ranks: int, job: str, ne: int = 0, pieces: int = PIECES) -> Any:
