@@ -8,7 +8,6 @@ an order of its own.  The kernels are for GPUs, and run on "cpu" to be tested.
 import ctypes
 import functools
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -109,16 +108,13 @@ class HostVectors:
         np.multiply(target, self.dtype.type(a), out=target)
 
     def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
-        return self._multiplied(len(pairs), [(a, 1, b) for a, b in pairs])
+        return self.projections(*((a, 1, b) for a, b in pairs))
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        return self._multiplied(count, [(stack, count, v)])
+        return self.projections((stack, count, v))
 
     def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
-        return self._multiplied(sum(rows for _, rows, _ in calls), calls)
-
-    def _multiplied(self, count: int, calls: Sequence[tuple[wp.array, int, wp.array]]) -> Array:
-        """Products of rows of stacks with vectors, so many in all, valid until the next call."""
+        count = sum(rows for _, rows, _ in calls)
         if count > self._products.size:
             self._products = np.empty(max(2 * count, 16))
         room = self._products if self._shared is None else self._shared.room(count)
@@ -189,27 +185,36 @@ class DeviceVectors:
         self.axpby(a, x, 0.0, x)
 
     def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
-        return np.array([float(self.project(a.reshape((1, self.n)), 1, b)[0]) for a, b in pairs])
+        return self.projections(*((a.reshape((1, self.n)), 1, b) for a, b in pairs))
 
     def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        if count > self._rows:
-            self._reserve(2 * count)
-        self._reduce(self._sum, count, [stack, self._weights, v, self._span, self._partial])
-        return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+        return self.projections((stack, count, v))
 
     def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
-        return np.concatenate([self.project(*call).copy() for call in calls])
+        count = sum(rows for _, rows, _ in calls)
+        if count > self._rows:
+            self._reserve(2 * count)
+        row = 0
+        for stack, rows, v in calls:
+            partial = self._partial[row : row + rows]
+            self._reduce(self._sum, rows, [stack, self._weights, v, self._span, partial])
+            row += rows
+        self._fetch(count)
+        return np.sum(self._sums[:count], axis=1, out=self._products[:count])
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
         span = -(-(end - begin) // BLOCKS)
         self._reduce(self._least, 1, [x, begin, end, span, self._partial])
+        self._fetch(1)
         return float(self._sums[0].min())
 
     def _reduce(self, kernel: wp.Kernel, rows: int, inputs: list[Any]) -> None:
-        """Bring what each block makes of the rows to the host."""
         wp.launch_tiled(
             kernel, dim=(rows, BLOCKS), inputs=inputs, block_dim=BLOCK_THREADS, device=self.device
         )
+
+    def _fetch(self, rows: int) -> None:
+        """Bring what each block has made of the rows to the host."""
         wp.copy(self._partial_host, self._partial, count=rows * BLOCKS)
         wp.synchronize_device(self.device)
 
