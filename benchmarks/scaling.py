@@ -152,7 +152,7 @@ def counts() -> Section:
     rows.sort(key=lambda row: [*STEPPERS].index(row[0]))
     return Section(
         "What a step does",
-        f"Counted in the run, ne {SMALL}, by a communicator that counts: exchanges, messages and"
+        f"Counted in the run, ne {SMALL}: exchanges, messages and"
         " sums of a rank, bytes of all ranks. Expected: four right-hand sides of three fields, "
         "counted from the mesh. Ranks beyond the cores of the machine are there for the counts "
         "and for the bits of the state.",

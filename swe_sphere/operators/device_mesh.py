@@ -240,8 +240,7 @@ class DeviceMesh(PartLayout):
         Between the elements and the nodes of every step; flat: the view that came with `local`.
         """
         if self._halos:
-            self._halos[flat.ptr].start()
-            self._halos[flat.ptr].wait()
+            self._halos[flat.ptr]()
 
     def sweep(
         self, launch: Launcher, kernel: Any, dim: int | tuple[int, int], flat: wp.array, *given: Any

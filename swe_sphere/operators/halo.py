@@ -60,7 +60,6 @@ class Halo:
         scattered = {rank: places for rank, places in receives.items() if runs[rank] is None}
         self._going, outgoing = _packed(comm, flat, sends)
         self._coming, incoming = _packed(comm, into, scattered)
-        self._scattered = bool(scattered)
         self._messages = comm.messages(outgoing, in_place | incoming)
         kernel = message_kernel()
         Launcher("cpu", comm).load(kernel)
@@ -72,6 +71,11 @@ class Halo:
             wp.launch(kernel, 1, [call], device="cpu", record_cmd=True) for call in self._calls
         )
 
+    def __call__(self) -> None:
+        """Exchange them, or record that."""
+        self.start()
+        self.wait()
+
     def start(self) -> None:
         """Let those for the neighbours go, or record that."""
         self._going.pack()
@@ -80,7 +84,7 @@ class Halo:
     def wait(self) -> None:
         """Until those of the neighbours are in their places, or record that."""
         self._wait.launch()
-        if self._scattered:
+        if self._coming.numbers.size:
             self._coming.unpack()
 
     @property

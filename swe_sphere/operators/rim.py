@@ -29,16 +29,19 @@ class Rim:
         self, launch: Launcher, kernel: Any, each: tuple[int, ...], arguments: Any, halo: Halo
     ) -> None:
         """Compute all elements and exchange what they leave; each: threads of a group."""
-        behind = [self._behind(argument) for argument in arguments] if self._away else arguments
+        if not self._away:
+            launch(kernel, (self._groups, *each), *arguments)
+            halo()
+            return
+        behind = map(self._behind, arguments)
         launch(kernel, (self._groups - self._away, *each), *behind)
         halo.start()
-        if self._away:
-            launch(kernel, (self._away, *each), *arguments)
+        launch(kernel, (self._away, *each), *arguments)
         halo.wait()
 
     def _behind(self, argument: Any) -> Any:
         """An argument of a kernel as it is for the groups behind the first ones."""
-        if not isinstance(argument, wp.array) and not hasattr(argument, "cls"):
+        if not (self._is_on_elements(argument) or hasattr(argument, "cls")):
             return argument
         if id(argument) not in self._known:
             if len(self._known) >= REMEMBERED:
@@ -46,10 +49,13 @@ class Rim:
             self._known[id(argument)] = argument, self._cut(argument)
         return self._known[id(argument)][1]
 
+    def _is_on_elements(self, argument: Any) -> bool:
+        is_table = isinstance(argument, wp.array) and argument.ndim > 1
+        return is_table and argument.shape[0] >= self._groups
+
     def _cut(self, argument: Any) -> Any:
         if isinstance(argument, wp.array):
-            of_elements = argument.ndim > 1 and argument.shape[0] >= self._groups
-            return argument[self._away :] if of_elements else argument
+            return argument[self._away :]
         other = type(argument)()
         for name in argument.cls.__annotations__:
             value = getattr(argument, name)

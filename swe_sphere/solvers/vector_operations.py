@@ -30,6 +30,8 @@ from swe_sphere.parallel import Alone
 Floats = NDArray[np.floating]
 
 MOST_VIEWS = 512
+MOST_CALLS = 8
+"""Stacks, each with a vector, whose products are taken at once."""
 
 
 class HostVectors:
@@ -49,7 +51,7 @@ class HostVectors:
         if mesh is not None and mesh.comm.shared:
             chunks = self._shared = mesh.chunks
             self._spans, self._comm, self._size = chunks.spans, mesh.comm, mesh.size
-        self._call = wp.zeros(3 + 3 * 8, dtype=wp.uint64, device="cpu")
+        self._call = wp.zeros(3 + 3 * MOST_CALLS, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
 

@@ -111,8 +111,7 @@ class CoarseCorrection:
         before, product = d, self._smooth
         for done, coefficients in enumerate(self._coefficients):
             if done == AT_ONCE and self._refresh is not None:  # where `d` is `self._new`
-                self._refresh.start()
-                self._refresh.wait()
+                self._refresh()
             self._sweep(product, coefficients, d, new, before)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
@@ -132,8 +131,7 @@ class CoarseCorrection:
         """out = P A^-1 P^T r for the longest waves, or that added to it."""
         once, twice = self._few
         if self._smooth_r is not self._r:
-            self._join.start()
-            self._join.wait()
+            self._join()
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
