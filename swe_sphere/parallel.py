@@ -28,6 +28,8 @@ SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE")
 """Where those who start the ranks say how many there are."""
 PATIENCE = 4.0
 """Seconds that a rank which fails waits for the others to fail too."""
+HEARD = 0.2
+"""Seconds that mpiexec has to pass on what a rank says, before it is told to end all of them."""
 WATCH = 1.0
 """Seconds between looks whether what started a rank is still there."""
 
@@ -163,6 +165,7 @@ class Ranks(Alone):
             if time.monotonic() > patience:
                 sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
                 sys.stderr.flush()
+                time.sleep(HEARD)
                 self._comm.Abort(1)
                 time.sleep(10.0 * PATIENCE)  # the end comes from outside
             time.sleep(0.01)
