@@ -41,6 +41,7 @@ preconditioner reads the depth.  Winds and forcings that change in time are eval
 sent.
 Tracer steps that are longer than those of the flow
 hold an element's values in memory of a thread's own (the stack in the table).
+[Several processes](parallel.md) share a run on GPUs as on CPUs.
 Made by `python benchmarks/gpu.py`."""
 
 ARCHITECTURES = (80, 90)

@@ -54,15 +54,19 @@ def put_of(real: type, value: type | None = None, lanes: int = 1) -> Any:
 
 
 @functools.cache
-def bring_of(real: type, back: bool) -> Any:
-    """Warp function (x, places (n,), packed (n,)): packed = x[places], or `back`, the reverse."""
-    to, of = "packed.data[i]", "x.data[places.data[i]]"
-    one = f"{of} = {to};" if back else f"{to} = {of};"
+def bring_of(real: type, back: bool, one: bool) -> Any:
+    """Warp function (i, x, places (n,), packed (n,)): packed = x[places], or `back`, the reverse.
 
-    @wp.func_native(f"for (int i = 0; i < places.shape[0]; ++i) {one}")
+    Of `one` number i, or of all.
+    """
+    to, of = "packed.data[i]", "x.data[places.data[i]]"
+    bring_it = f"{of} = {to};" if back else f"{to} = {of};"
+
+    @wp.func_native(bring_it if one else f"for (; i < places.shape[0]; ++i) {bring_it}")
     def bring(
-        x: wp.array(dtype=real), places: wp.array(dtype=wp.int32), packed: wp.array(dtype=real)
-    ): ...
+        i: int, x: wp.array(dtype=real), places: wp.array(dtype=wp.int32),
+        packed: wp.array(dtype=real),
+    ): ...  # fmt: skip
 
     return bring
 

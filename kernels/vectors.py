@@ -1,7 +1,6 @@
 """Linear combinations of state vectors, steps among them, and numbers brought to other places."""
 
 import functools
-from types import SimpleNamespace
 from typing import no_type_check
 
 import warp as wp
@@ -105,11 +104,12 @@ def axpby_kernel(real: type) -> wp.Kernel:
 
 @functools.cache
 def products_kernel(real: type) -> wp.Kernel:
-    """Kernel (stack (m, n), weights (n,) float64, v (n,), span, partial (m, blocks) float64).
+    """Kernel (stack (m, n), weights (n,) float64, v (n,), spans (kinds, c, 2), size, partial).
 
-    To be launched tiled over (rows, blocks): partial[s, b] = the part of sum_i w_i stack[s, i] v_i
-    with b span <= i < (b + 1) span.  The sums run in float64 and in an order fixed by the launch,
-    without atomics, so that a run repeats bit by bit; the caller adds the blocks up.
+    To be launched tiled over (rows, chunks): partial[s, c], float64 (m, c), becomes the part of
+    sum_i w_i stack[s, i] v_i of chunk c, the numbers from spans[k, c, 0] to spans[k, c, 1], all k,
+    of each of the n / size fields.  The sums run in float64 and in an order fixed by the launch,
+    without atomics, so that a run repeats bit by bit; the caller adds the chunks up.
     """
 
     @no_type_check
@@ -118,15 +118,18 @@ def products_kernel(real: type) -> wp.Kernel:
         stack: wp.array2d(dtype=real),
         weights: wp.array(dtype=wp.float64),
         v: wp.array(dtype=real),
-        span: int,
+        spans: wp.array3d(dtype=wp.int32),
+        size: int,
         partial: wp.array2d(dtype=wp.float64),
     ) -> None:
-        row, block, lane = wp.tid()
-        end = wp.min((block + 1) * span, v.shape[0])
+        row, chunk, lane = wp.tid()
         total = wp.float64(0.0)
-        for i in range(block * span + lane, end, wp.block_dim()):
-            total += weights[i] * wp.float64(stack[row, i]) * wp.float64(v[i])
-        wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=block)
+        for field in range(0, v.shape[0], size):
+            for kind in range(spans.shape[0]):
+                end = field + spans[kind, chunk, 1]
+                for i in range(field + spans[kind, chunk, 0] + lane, end, wp.block_dim()):
+                    total += weights[i] * wp.float64(stack[row, i]) * wp.float64(v[i])
+        wp.tile_store(partial[row], wp.tile_sum(wp.tile(total)), offset=chunk)
 
     return products
 
@@ -160,25 +163,26 @@ def least_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def packing_kernels(real: type) -> SimpleNamespace:
-    """Kernels (x, places (n,), packed (n,)): pack, packed = x[places], and unpack, the reverse.
+def packing_kernels(real: type, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
+    """Kernels (x, places (n,), packed (n,)): packed = x[places], and the reverse.
 
-    Of one thread, on a CPU: a thread for each number takes longer than to bring it.
+    Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
+    to bring it.
     """
     vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
-    bring, bring_back = bring_of(real, back=False), bring_of(real, back=True)
+    bring, bring_back = (bring_of(real, back, in_threads) for back in (False, True))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def pack(x: vector, places: numbers, packed: vector):
-        bring(x, places, packed)
+        bring(wp.tid(), x, places, packed)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def unpack(x: vector, places: numbers, packed: vector):
-        bring_back(x, places, packed)
+        bring_back(wp.tid(), x, places, packed)
 
-    return SimpleNamespace(pack=pack, unpack=unpack)
+    return pack, unpack
 
 
 @functools.cache

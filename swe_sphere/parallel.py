@@ -37,15 +37,18 @@ WATCH = 1.0
 class Alone:
     """A single process."""
 
-    rank, size = 0, 1
+    rank, size, local = 0, 1, 0
+    """local: which of those on this machine it is."""
     shared = False
     """Whether the mesh is dealt out."""
 
-    def messages(
-        self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
-    ) -> "Messages":
+    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> "Messages":
         """What exchanges arrays with others, by their ranks; there are none here."""
         raise NotImplementedError
+
+    def reaches(self, device: str) -> bool:
+        """Whether messages come from the memory of that device and go there, with no copies."""
+        return True
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -93,16 +96,22 @@ class Ranks(Alone):
         self._neighbours = MPI.COMM_WORLD.Dup()
         self._neighbours.Set_errhandler(MPI.ERRORS_ARE_FATAL)  # nobody looks at their results
         self.rank, self.size = self._comm.rank, self._comm.size
+        here = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
+        self.local = here.rank
+        here.Free()
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
-    def messages(
-        self, outgoing: Mapping[int, NDArray[Any]], incoming: Mapping[int, NDArray[Any]]
-    ) -> "Messages":
+    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> "Messages":
         """They do not block."""
         return Messages(self._neighbours, outgoing, incoming)
+
+    def reaches(self, device: str) -> bool:
+        """All MPIs reach the memory of CPUs, some that of GPUs."""
+        ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
+        return device == "cpu" or (ask is not None and bool(ask()))
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None

@@ -156,9 +156,9 @@ def found(mpi):
     return {ranks: fingerprints(EXPLICIT + SUMMING, ranks) for ranks in (2, 3)}
 
 
-def fingerprints(cases, ranks):
+def fingerprints(cases, ranks, *options):
     script = str(Path(__file__).with_name("ranks.py"))
-    command = [*MPIEXEC, str(ranks), sys.executable, script, json.dumps(cases)]
+    command = [*MPIEXEC, str(ranks), sys.executable, script, json.dumps(cases), *options]
     return json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
 
 
@@ -200,6 +200,23 @@ def test_steps_that_sum_up_have_the_same_bits_on_any_number_of_ranks(found, case
     (two, depth, _), (three, _, _) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
     assert two == three
     assert depth == pytest.approx(fingerprint(*SUMMING[case])[1], rel=1e-9)
+
+
+def test_ranks_of_gpus_have_the_same_bits_on_any_number(mpi):
+    """Copies by way of the host, pieces of graphs and sums by kernels, tried on a CPU."""
+    tried = *EXPLICIT[::3], *SUMMING[1:4]
+    cases = [[*case[:6], case[6] | {"launch": "node"}] for case in tried]
+    one, two, three = (fingerprints(cases, ranks, "as-gpu") for ranks in (1, 2, 3))
+    assert [a[0] == b[0] == c[0] for a, b, c in zip(one, two, three, strict=True)] == [True] * 5
+    assert [told[1] for told in two] == pytest.approx([fingerprint(*c)[1] for c in cases], rel=1e-9)
+
+
+@pytest.mark.skipif(wp.get_cuda_device_count() == 0, reason="no GPU on this machine")
+def test_gpus_have_the_same_bits_on_any_number_of_ranks(mpi):
+    """They share what GPUs there are."""
+    cases = [[*case[:6], case[6] | {"device": "cuda"}] for case in (*EXPLICIT, *SUMMING)]
+    one, two, three = (fingerprints(cases, ranks) for ranks in (1, 2, 3))
+    assert [a[0] == b[0] == c[0] for a, b, c in zip(one, two, three, strict=True)] == [True] * 10
 
 
 def program(*arguments, ranks=None):

@@ -10,6 +10,8 @@ from swe_sphere import Simulation
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import Unstable
+from swe_sphere.kernels.vectors import axpby_kernel
+from swe_sphere.operators.replay import Replay, between
 from swe_sphere.operators.work import difference
 from swe_sphere.simulation.loop import HealthCheck
 from swe_sphere.solvers import vector_space
@@ -66,6 +68,21 @@ def test_recorded_steps_are_the_same_bit_by_bit(plain, name, monkeypatch):
     np.testing.assert_array_equal(state, expected)
     assert evaluations == others
     assert not any(kind.startswith("recorded") for kind in every)
+
+
+def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
+    """Each time it is launched, and not while it is recorded."""
+    x, seen = wp.zeros(1, dtype=wp.float64, device="cpu"), []
+    replay, one = Replay(plain.launch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x]
+
+    def twice_with_a_look():
+        plain.launch(axpby_kernel(wp.float64), 1, *one)
+        between("cpu", lambda: seen.append(float(x.numpy()[0])))
+        plain.launch(axpby_kernel(wp.float64), 1, *one)
+
+    for _ in range(4):
+        replay("key", twice_with_a_look)
+    assert seen == [1.0, 3.0, 5.0, 7.0] and x.numpy()[0] == 8.0
 
 
 @pytest.mark.parametrize("name", SPLIT)

@@ -53,12 +53,12 @@ class Model:
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         self.mesh, self.scene, self.precision = mesh, scene, precision
-        self.device = find_device(device)
+        self.comm = comm or Alone()
+        """The ranks that share the mesh."""
+        self.device = find_device(device, self.comm.local)
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-        self.comm = comm or Alone()
-        """The ranks that share the mesh."""
         self.launch = Launcher(self.device, self.comm)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape, self.comm)
         made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)

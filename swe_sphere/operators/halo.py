@@ -10,39 +10,52 @@ from numpy.typing import NDArray
 from swe_sphere.kernels.messages import message_kernel
 from swe_sphere.kernels.vectors import packing_kernels
 from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.replay import between
 from swe_sphere.parallel import Alone
 
 
 class Packed:
-    """Numbers at fixed places (n,) of an array on the CPU, brought to an array of their own.
+    """Numbers at fixed places (n,) of an array, brought to where messages take them from.
 
-    All ranks make theirs together.
+    All ranks make theirs together.  Those of a GPU go by way of the host, through memory that the
+    GPU reaches by itself, unless MPI does.
     """
 
     def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
-        kernels = packing_kernels(x.dtype)
-        Launcher("cpu", comm).load(kernels.pack, kernels.unpack)
-        room = wp.empty(places.size, dtype=x.dtype, device="cpu")
-        arguments = [x, wp.array(places, dtype=wp.int32, device="cpu"), room]
-        self.numbers: NDArray[Any] = room.numpy()
-        self._commands = [
-            wp.launch(kernel, 1, arguments, device="cpu", record_cmd=True)
-            for kernel in (kernels.pack, kernels.unpack)
-        ]
+        device = str(x.device)
+        kernels = packing_kernels(x.dtype, not x.device.is_cpu)
+        Launcher(device, comm).load(*kernels)
+        self._room = wp.empty(places.size, dtype=x.dtype, device=device)
+        self.numbers = self._room
+        """(n,) for messages."""
+        if not comm.reaches(device):
+            pinned = not x.device.is_cpu
+            self.numbers = wp.empty(places.size, dtype=x.dtype, device="cpu", pinned=pinned)
+        arguments = [x, wp.array(places, dtype=wp.int32, device=device), self._room]
+        threads = 1 if x.device.is_cpu else places.size
+        self._pack, self._unpack = (
+            wp.launch(kernel, threads, arguments, device=device, record_cmd=True)
+            for kernel in kernels
+        )
 
     def pack(self) -> None:
         """Bring them from their places."""
-        self._commands[0].launch()
+        self._pack.launch()
+        if self.numbers is not self._room:
+            wp.copy(self.numbers, self._room)
 
     def unpack(self) -> None:
         """Bring them to their places."""
-        self._commands[1].launch()
+        if self.numbers is not self._room:
+            wp.copy(self._room, self.numbers)
+        self._unpack.launch()
 
 
 class Halo:
     """Exchanges numbers at fixed positions of an array (n,) with other ranks.
 
-    Only of arrays in the memory of a CPU.  What stands in one run there is received in place.
+    What stands in one run there is received in place, if messages come from there.  On a CPU MPI is
+    called by a kernel, among those that are recorded; on a GPU when it has done what came before.
     """
 
     def __init__(
@@ -55,12 +68,16 @@ class Halo:
     ) -> None:
         """sends, receives: positions (...) in the array, by rank; into: another one to receive."""
         into = flat if into is None else into
-        runs = {rank: _run(places.ravel()) for rank, places in receives.items()}
-        in_place = {rank: into.numpy()[run] for rank, run in runs.items() if run is not None}
-        scattered = {rank: places for rank, places in receives.items() if runs[rank] is None}
+        self._device = str(flat.device)
+        reached = comm.reaches(self._device)
+        self._in_order = flat.device.is_cpu and reached
+        runs = {rank: _run(places.ravel()) for rank, places in receives.items() if reached}
+        in_place = {rank: into[run] for rank, run in runs.items() if run is not None}
+        scattered = {rank: places for rank, places in receives.items() if rank not in in_place}
         self._going, outgoing = _packed(comm, flat, sends)
         self._coming, incoming = _packed(comm, into, scattered)
-        self._messages = comm.messages(outgoing, in_place | incoming)
+        self._bytes = int(self._going.numbers.size * flat.strides[0])
+        self._messages = comm.messages(_memory(outgoing), _memory(in_place | incoming))
         kernel = message_kernel()
         Launcher("cpu", comm).load(kernel)
         self._calls = [
@@ -73,19 +90,36 @@ class Halo:
 
     def __call__(self) -> None:
         """Exchange them, or record that."""
-        self.start()
-        self.wait()
+        self._going.pack()
+        self._call_mpi(self._start, self._wait)
+        self._arrive()
 
     def start(self) -> None:
         """Let those for the neighbours go, or record that."""
         self._going.pack()
-        self._start.launch()
+        self._call_mpi(self._start)
 
     def wait(self) -> None:
         """Until those of the neighbours are in their places, or record that."""
-        self._wait.launch()
+        self._call_mpi(self._wait)
+        self._arrive()
+
+    def _arrive(self) -> None:
         if self._coming.numbers.size:
             self._coming.unpack()
+
+    def _call_mpi(self, *calls: Any) -> None:
+        def when_ready() -> None:
+            if self._start in calls:
+                wp.synchronize_device(self._device)
+            for call in calls:
+                call.launch()
+
+        if self._in_order:
+            for call in calls:
+                call.launch()
+        else:
+            between(self._device, when_ready)
 
     @property
     def exchanges(self) -> int:
@@ -95,7 +129,7 @@ class Halo:
     @property
     def bytes_sent(self) -> int:
         """So far."""
-        return self.exchanges * self._going.numbers.nbytes
+        return self.exchanges * self._bytes
 
 
 def _run(places: NDArray[Any]) -> slice | None:
@@ -107,10 +141,16 @@ def _run(places: NDArray[Any]) -> slice | None:
 
 def _packed(
     comm: Alone, flat: wp.array, places: Mapping[int, NDArray[Any]]
-) -> tuple[Packed, dict[int, NDArray[Any]]]:
+) -> tuple[Packed, dict[int, wp.array]]:
     """The numbers at all places, and those of each neighbour."""
     packed = Packed(
         comm, flat, np.concatenate([*(p.ravel() for p in places.values()), np.zeros(0, int)])
     )
-    ends = np.cumsum([p.size for p in places.values()], dtype=int)
-    return packed, dict(zip(places, np.split(packed.numbers, ends[:-1]), strict=False))
+    ends = np.cumsum([0, *(p.size for p in places.values())], dtype=int).tolist()
+    parts = zip(places, ends, ends[1:], strict=False)
+    return packed, {rank: packed.numbers[begin:end] for rank, begin, end in parts}
+
+
+def _memory(arrays: Mapping[int, wp.array]) -> dict[int, Any]:
+    """As mpi4py takes it: it knows arrays of numpy, and those of GPUs as they are."""
+    return {r: array.numpy() if array.device.is_cpu else array for r, array in arrays.items()}

@@ -131,11 +131,13 @@ def in_runs(
     return [(kernel_of(n), (last - first) // n, first) for n, first, last in spans if first < last]
 
 
-def find_device(name: str) -> str:
-    """The Warp device of that name.
+def find_device(name: str, local: int = 0) -> str:
+    """The Warp device of that name; of several GPUs "cuda" is that of a rank, `local` by number.
 
     Raises ConfigError when this machine has no such device.
     """
+    if name == "cuda" and wp.get_cuda_device_count():
+        return f"cuda:{local % wp.get_cuda_device_count()}"
     try:
         return str(wp.get_device(name))
     except (ValueError, RuntimeError, AssertionError):

@@ -28,6 +28,24 @@ def recorded(
     return lambda x, out: replay((x.ptr, out.ptr), lambda: function(x, out))
 
 
+_OPEN: dict[str, list[Callable[[], None]]] = {}
+"""Pieces of what is being recorded, by device: graphs, and what is done between them."""
+
+
+def between(device: str, function: Callable[[], None]) -> None:
+    """Do what is no launch on the device in its place among those that are, recorded or not."""
+    if device in _OPEN:
+        _OPEN[device] += [_end(device), function]
+        wp.capture_begin(device, force_module_load=False)
+    else:
+        function()
+
+
+def _end(device: str) -> Callable[[], None]:
+    graph = wp.capture_end(device)
+    return lambda: wp.capture_launch(graph)
+
+
 class Replay:
     """Runs functions that launch kernels: a CUDA graph on a GPU, a list in Warp's C++ on a CPU.
 
@@ -79,19 +97,22 @@ class Replay:
         """
         work, counted = self._launch.work, dict(self._counters)
         size = sum(calls for calls, _ in launches.values())
-        graph = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
+        pieces = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
         named = zlib.crc32(repr(sorted(launches.items())).encode())
         name = f"recorded {named:08x}"
         work.merge(launches, name)
         return _Recorded(
-            work.counted(name, lambda: wp.capture_launch(graph)),
+            work.counted(name, lambda: [piece() for piece in pieces]),
             {each: n - counted[each] for each, n in self._counters.items()},
         )
 
-    def _capture(self, function: Callable[[], None]) -> wp.Graph:
-        wp.capture_begin(self._launch.device, force_module_load=False)
+    def _capture(self, function: Callable[[], None]) -> list[Callable[[], None]]:
+        device = self._launch.device
+        pieces = _OPEN[device] = []
+        wp.capture_begin(device, force_module_load=False)
         try:
             function()
         finally:
-            graph = wp.capture_end(self._launch.device)
-        return graph
+            pieces.append(_end(device))
+            del _OPEN[device]
+        return pieces

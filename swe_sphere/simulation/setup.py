@@ -65,14 +65,11 @@ def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
 def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
     """The compiled right-hand side; ConfigError for a device that is not there,
     or a function of the scene that fails."""
-    comm = world()
-    if comm.shared and config.device != "cpu":
-        raise ConfigError(f"device={config.device}: several ranks run on the cpu only")
     start_warp()  # takes its time: after the cheap checks
     from swe_sphere.equations.model import Model
 
     scene.check_answers(mesh.lon, mesh.lat)
-    return Model(mesh, scene, config.device, config.precision, config.launch, comm=comm)
+    return Model(mesh, scene, config.device, config.precision, config.launch, comm=world())
 
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:

@@ -34,23 +34,34 @@ MOST_CALLS = 8
 """Stacks, each with a vector, whose products are taken at once."""
 
 
-class HostVectors:
-    """The operations of `VectorSpace` on device "cpu"; see there for their meaning.
+class _Summed:
+    """Vectors whose products are taken piece by piece: of `length` numbers, or chunks of ranks."""
 
-    Ranks that share them take their sums chunk by chunk of the mesh.
-    """
+    def __init__(
+        self, weights: Array, real: type, device: str, mesh: DeviceMesh | None, length: int
+    ) -> None:
+        self.real, self.device, self.n = real, device, weights.size
+        self._weights = wp.array(weights, dtype=wp.float64, device=device)
+        self._comm, self._shared, self._size = Alone(), None, self.n
+        if mesh is not None and mesh.comm.shared:
+            self._comm, self._shared, self._size = mesh.comm, mesh.chunks, mesh.size
+            self._spans = mesh.chunks.spans
+        else:
+            self._spans = wp.array(equal_spans(self.n, length), dtype=wp.int32, device=device)
+
+    def _least_of_all(self, lowest: float) -> float:
+        """Of what each rank has found, -infinity where one is NaN."""
+        return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
+
+
+class HostVectors(_Summed):
+    """The operations of `VectorSpace` on device "cpu"; see there for their meaning."""
 
     def __init__(self, weights: Array, real: type, mesh: DeviceMesh | None = None) -> None:
-        self.real, self.n = real, weights.size
+        super().__init__(weights, real, "cpu", mesh, SPAN)
         self.dtype = np.dtype(wp.dtype_to_numpy(real))
         self._views: dict[tuple[int, int, int], Floats] = {}
         self._sum = np.empty(self.n, self.dtype)
-        self._weights = wp.array(weights, dtype=wp.float64, device="cpu")
-        self._spans = wp.array(equal_spans(self.n, SPAN), dtype=wp.int32, device="cpu")
-        self._comm, self._shared, self._size = Alone(), None, self.n
-        if mesh is not None and mesh.comm.shared:
-            chunks = self._shared = mesh.chunks
-            self._spans, self._comm, self._size = chunks.spans, mesh.comm, mesh.size
         self._call = wp.zeros(3 + 3 * MOST_CALLS, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
@@ -128,8 +139,7 @@ class HostVectors:
         return self._products[:count] if self._shared is None else self._shared.total(count)
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
-        lowest = float(self.view(x)[begin:end].min())
-        return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
+        return self._least_of_all(float(self.view(x)[begin:end].min()))
 
     def combine_rows(
         self, scale: float, x: wp.array, stack: wp.array, coefficients: Array, out: wp.array
@@ -147,18 +157,19 @@ class HostVectors:
         return address
 
 
-# Sums are cut in this many blocks, added up on the host in a fixed order.
 BLOCKS = 64
+"""So many pieces the sums of a process alone are cut in."""
 BLOCK_THREADS = 256
 
 
-class DeviceVectors:
+class DeviceVectors(_Summed):
     """The operations of `VectorSpace` on any Warp device; see there for their meaning."""
 
-    def __init__(self, weights: Array, real: type, device: str) -> None:
-        self.real, self.device, self.n = real, wp.get_device(device), weights.size
-        self._weights = wp.array(weights, dtype=wp.float64, device=self.device)
-        self._span = -(-self.n // BLOCKS)
+    def __init__(
+        self, weights: Array, real: type, device: str, mesh: DeviceMesh | None = None
+    ) -> None:
+        super().__init__(weights, real, device, mesh, -(-weights.size // BLOCKS))
+        self._blocks = self._spans.shape[1]
         self._combine, self._axpby = combine_rows_kernel(real), axpby_kernel(real)
         self._sum, self._least = products_kernel(real), least_kernel(real)
         self._reserve(32)
@@ -166,8 +177,9 @@ class DeviceVectors:
     def _reserve(self, rows: int) -> None:
         """Room for the coefficients and partial sums of so many rows."""
         self._rows = rows
-        self._partial = wp.zeros((rows, BLOCKS), dtype=wp.float64, device=self.device)
-        self._partial_host = wp.zeros((rows, BLOCKS), dtype=wp.float64, device="cpu")
+        shape = rows, self._blocks
+        self._partial = wp.zeros(shape, dtype=wp.float64, device=self.device)
+        self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu")
         self._coefficients = wp.zeros(rows, dtype=wp.float64, device=self.device)
         # Pageable memory: a copy to the device has left it when wp.copy returns.
         self._coefficients_host = wp.zeros(rows, dtype=wp.float64, device="cpu")
@@ -199,25 +211,33 @@ class DeviceVectors:
         row = 0
         for stack, rows, v in calls:
             partial = self._partial[row : row + rows]
-            self._reduce(self._sum, rows, [stack, self._weights, v, self._span, partial])
+            inputs = [stack, self._weights, v, self._spans, self._size, partial]
+            self._reduce(self._sum, rows, inputs)
             row += rows
         self._fetch(count)
-        return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+        if self._shared is None:
+            return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+        self._shared.room(count)[:] = self._sums[:count].T
+        return self._shared.total(count)
 
     def lowest(self, x: wp.array, begin: int, end: int) -> float:
-        span = -(-(end - begin) // BLOCKS)
+        span = -(-(end - begin) // self._blocks)
         self._reduce(self._least, 1, [x, begin, end, span, self._partial])
         self._fetch(1)
-        return float(self._sums[0].min())
+        return self._least_of_all(float(self._sums[0].min()))
 
     def _reduce(self, kernel: wp.Kernel, rows: int, inputs: list[Any]) -> None:
         wp.launch_tiled(
-            kernel, dim=(rows, BLOCKS), inputs=inputs, block_dim=BLOCK_THREADS, device=self.device
+            kernel,
+            dim=(rows, self._blocks),
+            inputs=inputs,
+            block_dim=BLOCK_THREADS,
+            device=self.device,
         )
 
     def _fetch(self, rows: int) -> None:
         """Bring what each block has made of the rows to the host."""
-        wp.copy(self._partial_host, self._partial, count=rows * BLOCKS)
+        wp.copy(self._partial_host, self._partial, count=rows * self._blocks)
         wp.synchronize_device(self.device)
 
     def combine_rows(

@@ -80,8 +80,8 @@ class VectorSpace:
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels
         do: HostVectors | DeviceVectors
-        if by_kernels and not (mesh is not None and mesh.comm.shared):
-            do = DeviceVectors(values, real, self.device)
+        if by_kernels:
+            do = DeviceVectors(values, real, self.device, mesh)
         else:
             do = HostVectors(values, real, mesh)
         name = f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}"
