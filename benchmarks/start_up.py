@@ -39,8 +39,9 @@ its end. The steps themselves take a hundredth of a second. Made by `python benc
 
 Most of a start with compiled kernels is Python's: numpy, scipy, Warp and netCDF4, each imported
 where it is first needed. With an empty cache a kernel is compiled in a tenth or two of a second,
-and Warp's own headers once, in one and a half. Of several ranks the first compiles, and the others
-load what it has compiled. Whatever compiles for longer than a second says so on the terminal."""
+those of an operator on all cores, and Warp's own headers once, in one and a half. Of several ranks
+the first compiles, and the others load what it has compiled. Whatever compiles for longer than a
+second says so on the terminal."""
 
 
 def seconds(arguments: tuple[str, ...], cache: str) -> float:

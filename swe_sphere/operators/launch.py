@@ -4,7 +4,8 @@ import os
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,17 +46,30 @@ class Launcher:
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start = time.perf_counter()
+        self.kernels |= {kernel.module.name: kernel for kernel in kernels}
+        modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
         with self.comm.root_first():  # which compiles for all
-            for kernel in kernels:
-                self.kernels[kernel.module.name] = kernel
-                with nullcontext() if self._is_cached(kernel.module) else compiling():
-                    kernel.module.load(self.device, block_dim=self._block_dim)
+            new = [module for module in modules if not self._is_cached(module)]
+            if new:
+                with compiling():
+                    self._compile(*new)
+            for module in modules:
+                self._load(module)
         self.compile_seconds += time.perf_counter() - start
 
     def _is_cached(self, module: Any) -> bool:
         """Whether Warp has compiled the module before."""
         folder = module.get_module_identifier(self._block_dim)
         return Path(wp.config.kernel_cache_dir, folder).is_dir()
+
+    def _compile(self, first: Any, *others: Any) -> None:
+        """On all cores, but for the first, with which Warp's headers are."""
+        self._load(first)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(self._load, others))
+
+    def _load(self, module: Any) -> None:
+        module.load(self.device, block_dim=self._block_dim)
 
     def __call__(self, kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
         """Run the kernel over `dim` threads."""

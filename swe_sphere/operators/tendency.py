@@ -39,8 +39,8 @@ class TendencyOperator:
         self.compiled = tendency_kernel(
             terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
         )
-        runs = assembly_kernel(terms.unknowns, mesh.real, point.rotation, mesh.lanes)
-        self._runs = runs if direct else None
+        of_runs = assembly_kernel(terms.unknowns, mesh.real, point.rotation, mesh.lanes)
+        self._runs = of_runs if direct else None
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
@@ -48,9 +48,8 @@ class TendencyOperator:
         self._recorded = recorded(launch, self._evaluate)
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
         self._places = mesh.places(terms.unknowns)
-        launch.load(self.compiled.kernel, self.assembly, *self._flux_kernels)
-        if self._runs is not None:
-            launch.load(self._runs)
+        runs = () if self._runs is None else (self._runs,)
+        launch.load(self.compiled.kernel, self.assembly, *runs, *self._flux_kernels)
 
     def at(self, base: wp.array) -> Self:
         """This derivative at another state (unknowns*N,), whose array is kept.

@@ -78,8 +78,8 @@ class TracerStep:
             TracerTransport(mesh, launch, 1),
             mesh.upload(np.ones(size)),
         )
-        launch.load(self._divergence, self._kernels.begin, self._kernels.stage)
-        launch.load(self._kernels.finish)
+        made = self._kernels
+        launch.load(self._divergence, made.begin, made.stage, made.finish)
 
     def rate_of_air(self, flux: wp.array, out: wp.array) -> None:
         """out (N,) = -div(F)."""
