@@ -235,6 +235,14 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
     assert [path.name for path in tmp_path.iterdir()] == ["damaged.nc"]
 
 
+@pytest.mark.parametrize("command", ["verify --quick", "stress --quick"])
+def test_a_page_of_somebody_else_is_not_replaced(swe, tmp_path, command):
+    (tmp_path / "page.md").write_text("# Mine\n")
+    status, out, err = swe(*command.split(), "--out", "page.md")
+    assert (status, out) == (2, "") and "page.md is no such page" in err
+    assert (tmp_path / "page.md").read_text() == "# Mine\n"
+
+
 def _has_gpu():
     import warp as wp
 

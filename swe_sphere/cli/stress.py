@@ -45,9 +45,12 @@ def stress(
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
     from swe_sphere.studies.jobs import checked_jobs
+    from swe_sphere.studies.pages import check_page
     from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
     checked_jobs(jobs)
+    if out is not None:
+        check_page(out, "Stability")
     chosen = choose(names_in(groups), names_in(steppers), quick)
     trials = [trial for group in chosen for trial in group.trials]
     store = None if out is None else Store(out, quick)

@@ -151,9 +151,13 @@ def _conclusion(rows: Sequence[Row], files: Sequence[Path]) -> str:
 
 def _files(out: Path | None) -> list[Path]:
     """The page, and in a folder the numbers; checked before anything is run."""
+    from swe_sphere.studies.pages import check_page
+
     if out is None:
         return []
     folder = out.parent if out.suffix == ".md" else out
     with clear_errors(f"cannot write to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    return [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
+    files = [out] if out.suffix == ".md" else [out / PAGE, out / NUMBERS]
+    check_page(files[0], "Verification")
+    return files

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
-from swe_sphere.errors import in_one_line
+from swe_sphere.durable import clear_errors
+from swe_sphere.errors import ConfigError, in_one_line
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
@@ -21,6 +23,13 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
     )  # fmt: skip
     made.filters |= {each.__name__.lstrip("_"): each for each in (anchor, in_table, *filters)}
     return made.get_template(template).render(values)
+
+
+def check_page(path: Path, title: str) -> None:
+    """ConfigError where something would be replaced that is no page of that title."""
+    with clear_errors(f"cannot write to {path}"):
+        if path.exists() and not path.read_bytes().startswith(f"# {title}\n".encode()):
+            raise ConfigError(f"out: {path} is no such page, and would be replaced: choose another")
 
 
 def anchor(title: str) -> str:
