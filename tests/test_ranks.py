@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -224,6 +225,18 @@ def program(*arguments, ranks=None):
     if ranks is not None:
         command = [*MPIEXEC, str(ranks), *command]
     return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
+    """Its commands, shortened."""
+    page = Path(__file__).parents[1] / "docs" / "parallel.md"
+    lines = re.findall(r"^    (.*swe-sphere run .*)$", page.read_text(), re.MULTILINE)
+    assert len(lines) == 2
+    for line in lines:
+        program, *words = line.replace("--days 15", "--days 0.01 --quiet").split()
+        command = [str(Path(sys.executable).with_name(program)), *words]
+        (tmp_path / program).mkdir()
+        subprocess.run(command, cwd=tmp_path / program, check=True, timeout=60)
 
 
 def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):

@@ -1,12 +1,14 @@
 """What the README says works."""
 
 import re
+import runpy
 import shutil
 import textwrap
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+import typer
 
 from swe_sphere.cli.main import main
 from swe_sphere.simulation.config import load_config, make_config
@@ -66,7 +68,8 @@ def test_links_lead_somewhere(page):
 APART = re.compile(r"^(?: {4}(?:.*/)?)?swe-sphere ([a-z].*?)(?: {2,}.*)?$", re.MULTILINE)
 """A command on a line of its own, indented or in a block."""
 INLINE = re.compile(
-    r"`swe-sphere ((?:run|plot|sweep) (?!NAME|--help|--fields)[^`]*(?<!--live vorticity))`"
+    r"`swe-sphere ((?:run|plot|sweep|verify|stress)(?! NAME| --help| --fields| --out)"
+    r"(?:| [^`]*)(?<!--live vorticity))`"
 )
 """A whole one in the text, but for that which needs a terminal."""
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -104,6 +107,29 @@ def _files_of_the_reader(folder):
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
     for name in ("a.nc", "b.nc"):
         run(make_config({"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01, "out": name}))
+
+
+BENCHMARKS = ROOT / "benchmarks"
+SCRIPTS = re.compile(r"python benchmarks/(\w+\.py)((?: [\w.,/=-]+)*)")
+SCRIPT_LINES = {
+    found
+    for page in (*PAGES, ROOT / "CONTRIBUTING.md", *BENCHMARKS.glob("*.py"))
+    for found in SCRIPTS.findall(page.read_text())
+}
+
+
+@pytest.mark.parametrize(("script", "arguments"), sorted(SCRIPT_LINES))
+def test_the_benchmarks_take_these_arguments(script, arguments, monkeypatch):
+    """They take long: the scripts are loaded, and what they are given is read."""
+    asked: list = []
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    monkeypatch.setattr(typer, "run", asked.append)
+    if "typer.run(main)" not in (BENCHMARKS / script).read_text():
+        return
+    runpy.run_path(str(BENCHMARKS / script), run_name="__main__")
+    app = typer.Typer()
+    app.command()(*asked)
+    typer.main.get_command(app).make_context(script, arguments.split())
 
 
 @pytest.mark.parametrize("lines", COMMANDS)

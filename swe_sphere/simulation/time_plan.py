@@ -168,7 +168,7 @@ def _whole(name: str, length: float, dt: float) -> int:
     if steps < 1 or abs(steps * dt - length) > 1e-6 * dt:
         raise ConfigError(
             f"{name}: {length / HOUR:g} h is no whole number of the steps of {dt:g} s that the run"
-            " has taken; choose a multiple"
+            " takes; choose a multiple"
         )
     return steps
 
