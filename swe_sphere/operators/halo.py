@@ -23,16 +23,18 @@ class Packed:
 
     def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
         device = str(x.device)
-        kernels = packing_kernels(x.dtype, not x.device.is_cpu)
+        reached = comm.reaches(device)
+        in_threads = not (x.device.is_cpu and reached)
+        kernels = packing_kernels(x.dtype, in_threads)
         Launcher(device, comm).load(*kernels)
         self._room = wp.empty(places.size, dtype=x.dtype, device=device)
         self.numbers = self._room
         """(n,) for messages."""
-        if not comm.reaches(device):
+        if not reached:
             pinned = not x.device.is_cpu
             self.numbers = wp.empty(places.size, dtype=x.dtype, device="cpu", pinned=pinned)
         arguments = [x, wp.array(places, dtype=wp.int32, device=device), self._room]
-        threads = 1 if x.device.is_cpu else places.size
+        threads = places.size if in_threads else 1
         self._pack, self._unpack = (
             wp.launch(kernel, threads, arguments, device=device, record_cmd=True)
             for kernel in kernels
@@ -40,12 +42,16 @@ class Packed:
 
     def pack(self) -> None:
         """Bring them from their places."""
+        if not self.numbers.size:
+            return
         self._pack.launch()
         if self.numbers is not self._room:
             wp.copy(self.numbers, self._room)
 
     def unpack(self) -> None:
         """Bring them to their places."""
+        if not self.numbers.size:
+            return
         if self.numbers is not self._room:
             wp.copy(self._room, self.numbers)
         self._unpack.launch()
@@ -92,7 +98,7 @@ class Halo:
         """Exchange them, or record that."""
         self._going.pack()
         self._call_mpi(self._start, self._wait)
-        self._arrive()
+        self._coming.unpack()
 
     def start(self) -> None:
         """Let those for the neighbours go, or record that."""
@@ -102,11 +108,7 @@ class Halo:
     def wait(self) -> None:
         """Until those of the neighbours are in their places, or record that."""
         self._call_mpi(self._wait)
-        self._arrive()
-
-    def _arrive(self) -> None:
-        if self._coming.numbers.size:
-            self._coming.unpack()
+        self._coming.unpack()
 
     def _call_mpi(self, *calls: Any) -> None:
         def when_ready() -> None:
