@@ -54,22 +54,8 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool, lanes: int = 1) -
     """
     place, vector, stage = wp.array(dtype=Contributors), wp.array(dtype=real), stage_struct(real)
     value, rows = node_types(real, lanes, unknowns)
-    gather, load = gather_run(value, Contributors, real, lanes), run_of(value, real, lanes)
-    leave = leave_of(rows, real, lanes, unknowns)
-    mul: Any = product_of(value, real, lanes) if lanes > 1 else wp.mul
-
-    @no_type_check
-    @wp.func
-    def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
-        scale = load(inverse_area, node)
-        if wp.static(unknowns == 1):
-            return mul(scale, gather(local, places, node, 0))
-        else:
-            r = rows()
-            r[0] = mul(scale, gather(local, places, node, 0))
-            r[1] = mul(scale, gather(local, places, node, stride))
-            r[2] = mul(scale, gather(local, places, node, 2 * stride))
-            return r
+    means, load = means_of(unknowns, real, lanes), run_of(value, real, lanes)
+    leave, mul = leave_of(rows, real, lanes, unknowns), run_product(real, lanes)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -108,3 +94,32 @@ def assembly_kernel(unknowns: int, real: type, rotation: bool, lanes: int = 1) -
         leave(s, node, size, r, out)
 
     return assemble_rotating if rotation else assemble
+
+
+@functools.cache
+def means_of(unknowns: int, real: type, lanes: int) -> Any:
+    """Warp function (places, inverse_area, stride, node, local): DSS of a node, or of a run."""
+    place, vector = wp.array(dtype=Contributors), wp.array(dtype=real)
+    value, rows = node_types(real, lanes, unknowns)
+    gather, load = gather_run(value, Contributors, real, lanes), run_of(value, real, lanes)
+    mul = run_product(real, lanes)
+
+    @no_type_check
+    @wp.func
+    def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
+        scale = load(inverse_area, node)
+        if wp.static(unknowns == 1):
+            return mul(scale, gather(local, places, node, 0))
+        else:
+            r = rows()
+            r[0] = mul(scale, gather(local, places, node, 0))
+            r[1] = mul(scale, gather(local, places, node, stride))
+            r[2] = mul(scale, gather(local, places, node, 2 * stride))
+            return r
+
+    return means
+
+
+def run_product(real: type, lanes: int) -> Any:
+    """Warp function (p, q): the product of two numbers, or of two runs."""
+    return product_of(node_types(real, lanes)[0], real, lanes) if lanes > 1 else wp.mul

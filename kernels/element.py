@@ -68,8 +68,10 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
                 s1 = d1(geo.derivative, f1, i, j)
                 s2 = d2(geo.derivative, f2, i, j)
                 r = f.result(geo, w, s1, s2, e, p)
-                if wp.static(t.direct):
-                    deliver(geo, w, r, e, i, j, out, done)
+                if wp.static(t.direct and t.terms.poisson):
+                    deliver(geo, a, w, r, e, i, j, out, done)
+                elif wp.static(t.direct):
+                    deliver(geo, x, w, r, e, i, j, out, done)
                 else:
                     keep(r, e, p, k, out)
 
@@ -77,17 +79,19 @@ def element_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
 
 
 def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
-    """Function (geometry, winds, result, e, i, j, out, done): to where that node has it.
+    """Function (geometry, x, winds, result, e, i, j, out, done): to where that node has it.
 
-    first: the field that the result begins with.
+    first: the field that the result begins with.  x: the state, as pointwise terms take it.
     """
     np_, last, keep = t.np, t.np - 1, keep_fields(t, f)
-    finish = _finish(t, f, first) if t.done is t.vector else finish_wind(t, f.winds)
+    rates = t.done is t.vector
+    finish = _finish(t, f, first) if rates else finish_wind(t, f.winds)
 
     @no_type_check
     @wp.func
     def deliver(
         geo: t.geometry,
+        x: t.vector,
         w: f.winds,
         r: t.rows(f.fields),
         e: int,
@@ -98,7 +102,10 @@ def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
     ):
         n = i * np_ + j
         if e < geo.whole and i > 0 and i < last and j > 0 and j < last:
-            finish(geo, w, r, geo.nodes[e, n], done)
+            if wp.static(rates):
+                finish(geo, x, w, r, geo.nodes[e, n], done)
+            else:
+                finish(geo, w, r, geo.nodes[e, n], done)
         else:
             keep(r, e, n, first, out)
 
@@ -106,14 +113,22 @@ def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
 
 
 def _finish(t: SimpleNamespace, f: Formula, first: int) -> wp.Function:
-    """Function (geometry, winds, result, node, done): what DSS makes of a run of inner nodes."""
+    """Function (geometry, x, winds, result, node, done): what DSS makes of a run of inner nodes."""
     mul, load, poisson, fields = t.ops.mul, t.ops.load_run, t.terms.poisson, f.fields
     rates = t.rows(fields)
     leave = leave_of(rates, t.real, t.lanes, fields)
+    add = t.point and t.point.add
 
     @no_type_check
     @wp.func
-    def finish(geo: t.geometry, w: f.winds, r: t.rows(f.fields), node: t.index, done: t.vector):
+    def finish(
+        geo: t.geometry,
+        x: t.vector,
+        w: f.winds,
+        r: t.rows(f.fields),
+        node: t.index,
+        done: t.vector,
+    ):
         scale = load(geo.inverse_area, 0, node)
         if wp.static(fields == 1):
             rate = mul(scale, r)
@@ -133,6 +148,8 @@ def _finish(t: SimpleNamespace, f: Formula, first: int) -> wp.Function:
             rate[1] = v
             if wp.static(fields == 3):
                 rate[2] = mul(scale, r[2])
+        if wp.static(add is not None):
+            rate = add(geo.point, ~node[0], geo.size, x, rate)
         leave(geo.stage, ~node[0] + first * geo.size, geo.size, rate, done)
 
     return finish
@@ -192,7 +209,7 @@ def _laplacian(t: SimpleNamespace, of: Diffusion, first: int) -> wp.Function:
                 s2 = t2(geo.derivative, g2, i, j)
                 r = of.result(geo, s1, s2, e, i * np_ + j, out)
                 if wp.static(t.direct):
-                    deliver(geo, real(0.0), r, e, i, j, out, done)
+                    deliver(geo, x, real(0.0), r, e, i, j, out, done)
                 else:
                     keep(r, e, i * np_ + j, first, out)
 

@@ -20,7 +20,8 @@ from swe_sphere.kernels.element import (
 )
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
-from swe_sphere.kernels.terms import Terms, kernel_types
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
+from swe_sphere.kernels.terms import Terms, kernel_types, lanes_of
 
 
 def tendency_kernel(
@@ -29,18 +30,22 @@ def tendency_kernel(
     real: type,
     shape: str,
     direct: bool = False,
-    rotation: bool = False,
+    point: Pointwise = NO_POINTWISE,
     done: type | None = None,
 ) -> SimpleNamespace:
     """Kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)): tendencies of those terms.
 
     Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
-    go to `done` as DSS would leave them, with `rotation` as well; else `done` is not written.  Of
-    the type `levels_struct` it has the nodes stepped.
+    go to `done` as DSS would leave them, with the rates of `point`; else `done` is not written.  Of
+    the type `levels_struct` it has the nodes stepped, by no more than rotation.
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    t = kernel_types(np_, real, shape, terms, direct, rotation, done)
+    lanes, added = lanes_of(real), None
+    if direct and not point.plain:
+        added = pointwise_sum(terms.unknowns, real, point, lanes)
+    turns = point.rotation and added is None
+    t = kernel_types(np_, real, shape, terms, direct, turns, done, point=added)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:

@@ -13,9 +13,9 @@ from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.stages import leave_of, stage_struct
+from swe_sphere.kernels.access import entry_of, run_of
+from swe_sphere.kernels.assembly import OPTIONS, Contributors, means_of, run_product
+from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,15 @@ class Pointwise:
     @property
     def plain(self) -> bool:
         """Whether a kernel of `assembly.py` has all the terms."""
-        return replace(self, rotation=False, tangent=False) == Pointwise()
+        return replace(self, rotation=False, tangent=False) == NO_POINTWISE
 
     @property
     def needs_base(self) -> bool:
         """Whether there are derivatives that have to know the state they are taken at."""
         return self.tangent and bool(self.terms)
+
+
+NO_POINTWISE = Pointwise()
 
 
 def pointwise_struct(unknowns: int, point: Pointwise, real: type, terms: type | None) -> type:
@@ -77,17 +80,19 @@ def _struct(name: str, members: dict[str, Any]) -> type:
 
 
 @functools.cache
-def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace:
+def pointwise_kernel(
+    unknowns: int, real: type, point: Pointwise, lanes: int = 1
+) -> SimpleNamespace:
     """Kernels for the tendency of the unique nodes with these terms, and their `structure`.
 
     `assembly`: from local tendencies; arguments as in `assembly_kernel`, with the structure and the
-    state before the result, whatever the terms.  `alone` (N, structure, state, result): where there
-    are no terms with derivatives and so nothing to assemble.
+    state before the result, whatever the terms.  `alone` (N, structure, state, stage, result):
+    where there are no terms with derivatives and so nothing to assemble.
     """
-    last, vector, gather = unknowns - 1, wp.array(dtype=real), gather_sum(real)
-    rates = pointwise_rates(unknowns, real, point)
-    structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
-    leave, stage = leave_of(real, real), stage_struct(real)
+    vector, (_, rows) = wp.array(dtype=real), node_types(real, lanes, unknowns)
+    means, added = means_of(unknowns, real, lanes), pointwise_sum(unknowns, real, point, lanes)
+    leave, stage = leave_of(rows, real, lanes, unknowns), stage_struct(real)
+    structure, add = added.structure, added.add
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -103,32 +108,83 @@ def pointwise_kernel(unknowns: int, real: type, point: Pointwise) -> SimpleNames
         s: stage,
         out: vector,
     ):
-        i = first + wp.tid()
-        at = places[i]
-        scale = inverse_area[i]
-        k = last * size + i
-        rate = of_depth(c, i, size + i, k, x, x)
-        if wp.static(unknowns == 3):
-            j = size + i
-            wind = of_wind(c, i, j, k, x)
-            leave(s, i, 0, scale * gather(local, at, 0) + wind[0], out)
-            leave(s, j, 0, scale * gather(local, at, stride) + wind[1], out)
-        leave(s, k, 0, scale * gather(local, at, last * stride) + rate, out)
+        node = first + lanes * wp.tid()
+        r = means(places, inverse_area, stride, node, local)
+        leave(s, node, size, add(c, node, size, x, r), out)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
-        i = wp.tid()
-        k = last * size + i
-        rate = of_depth(c, i, size + i, k, x, x)
-        if wp.static(unknowns == 3):
-            j = size + i
-            wind = of_wind(c, i, j, k, x)
-            leave(s, i, 0, wind[0], out)
-            leave(s, j, 0, wind[1], out)
-        leave(s, k, 0, rate, out)
+        node = lanes * wp.tid()
+        if wp.static(rows is real):  # noqa: SIM108 - a static choice takes an if
+            r = real(0.0)
+        else:
+            r = rows()
+        leave(s, node, size, add(c, node, size, x, r), out)
 
     return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
+
+
+@functools.cache
+def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> SimpleNamespace:
+    """Warp function `add` (c, node, size, x, r): r and the rates at a node, or at a run of nodes.
+
+    c is an instance of their `structure`, the same for all lanes.
+    """
+    structure, terms = _structure(unknowns, real, point)
+    own = replace(point, rotation=False, forcing=False)
+    of_wind = _wind_rates(structure, real, own, terms)
+    of_depth = _depth_rates(structure, real, own, terms, unknowns)
+    value, rows = node_types(real, lanes, unknowns)
+    vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
+    one, last = lanes == 1, unknowns - 1
+
+    @no_type_check
+    @wp.func
+    def add_terms(c: structure, node: int, size: int, x: vector, r: rows):
+        k = last * size + node
+        for lane in range(lanes):
+            i = node + lane
+            rate = of_depth(c, i, size + i, k + lane, x, x)
+            if wp.static(unknowns == 3):
+                wind = of_wind(c, i, size + i, k + lane, x)
+                if wp.static(one):
+                    r += rows(wind[0], wind[1], rate)
+                else:
+                    r[0, lane] = r[0, lane] + wind[0]
+                    r[1, lane] = r[1, lane] + wind[1]
+                    r[2, lane] = r[2, lane] + rate
+            elif wp.static(one):
+                r += rate
+            else:
+                r[lane] = r[lane] + rate
+        return r
+
+    @no_type_check
+    @wp.func
+    def add(c: structure, node: int, size: int, x: vector, r: rows):
+        if wp.static(point.rotation):
+            f = load(c.coriolis, node)
+            r[0] = r[0] + mul(f, load(x, size + node))
+            r[1] = r[1] - mul(f, load(x, node))
+        if wp.static(point.forcing and unknowns == 3):
+            r[0] = r[0] + load(c.forcing, node)
+            r[1] = r[1] + load(c.forcing, size + node)
+            r[2] = r[2] + load(c.forcing, 2 * size + node)
+        elif wp.static(point.forcing):
+            r += load(c.forcing, node)
+        if wp.static(terms is not None):
+            r = add_terms(c, node, size, x, r)
+        return r
+
+    return SimpleNamespace(structure=structure, add=add)
+
+
+@functools.cache
+def _structure(unknowns: int, real: type, point: Pointwise) -> tuple[type, SimpleNamespace | None]:
+    """What a structure for these holds, and the sum of the terms, if there are any."""
+    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
+    return pointwise_struct(unknowns, point, real, terms.structure if terms else None), terms
 
 
 @functools.cache
@@ -138,8 +194,7 @@ def pointwise_rates(unknowns: int, real: type, point: Pointwise) -> SimpleNamesp
     `wind` (c, i, j, k, x): those of (x[i], x[j]), where the depth is x[k].  `depth` (c, i, j, k, w,
     x): that of x[k], where the wind is (w[i], w[j]).
     """
-    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
-    structure = pointwise_struct(unknowns, point, real, terms.structure if terms else None)
+    structure, terms = _structure(unknowns, real, point)
     wind = _wind_rates(structure, real, point, terms)
     depth = _depth_rates(structure, real, point, terms, unknowns)
     return SimpleNamespace(structure=structure, wind=wind, depth=depth)

@@ -83,6 +83,7 @@ def geometry_struct(
     direct: bool,
     rotation: bool,
     steps: bool,
+    point: type | None,
 ) -> type:
     """Warp structure with just the arrays and scalars that `terms` reads.
 
@@ -113,6 +114,7 @@ def geometry_struct(
         "inverse_area": (direct, on_nodes),
         "coriolis": (direct and rotation, on_nodes),
         "stage": (direct and steps, stage_struct(real)),
+        "point": (point is not None, point),
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
     geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
@@ -128,11 +130,12 @@ def kernel_types(
     rotation: bool = False,
     done: type | None = None,
     whole: bool = True,
+    point: SimpleNamespace | None = None,
 ) -> SimpleNamespace:
     """Types of kernels on element nodes.
 
     done: where `direct` kernels put what they finish, if not in a vector.
-    whole: see `algebra`.
+    whole: see `algebra`.  point: the `pointwise_sum` that they add.
 
     `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
     `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
@@ -162,12 +165,21 @@ def kernel_types(
         value=value,
         index=index,
         geometry=geometry_struct(
-            terms, value, index, real, shape == "node", direct, rotation, done is None
+            terms,
+            value,
+            index,
+            real,
+            shape == "node",
+            direct,
+            rotation,
+            done is None,
+            None if point is None else point.structure,
         ),
         vector=vector,
         local=wp.array3d(dtype=value),
         direct=direct,
         rotation=rotation,
+        point=point,
         done=done or vector,
         ops=algebra(value, index, real, lanes, whole),
         rows=rows,

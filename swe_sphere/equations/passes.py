@@ -70,7 +70,7 @@ class Passes:
         self._force, self._force_geometry = None, None
         if terms.gradient:
             alone, done = replace(terms, momentum=True), levels_struct(self._real)
-            turns = (direct, point.rotation, done) if direct else ()
+            turns = (direct, point, done) if direct else ()
             made = tendency_kernel(alone, np_, self._real, mesh.shape, *turns)
             self._force = made.kernel
             self._force_geometry = mesh.geometry(made.geometry, model.parameters)

@@ -16,10 +16,8 @@ from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms, combine_kernel
-from swe_sphere.kernels.pointwise import PointTerm, Pointwise
+from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.operators import PointwiseOperator, TendencyOperator
-
-NO_POINTWISE = Pointwise()
 
 
 def element_terms(scene: Scene, component: str) -> Terms:

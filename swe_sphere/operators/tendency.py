@@ -6,13 +6,11 @@ from typing import Any, Self
 import warp as wp
 
 from swe_sphere.kernels import Terms, assembly_kernel, tendency_kernel
-from swe_sphere.kernels.pointwise import Pointwise, pointwise_kernel
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.pointwise_operator import fill
 from swe_sphere.operators.replay import recorded
-
-NO_POINTWISE = Pointwise()
 
 
 class TendencyOperator:
@@ -34,13 +32,12 @@ class TendencyOperator:
         point: Pointwise = NO_POINTWISE,
     ) -> None:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
-        inside = not (terms.dynamics or point.rotation) if terms.diffuses else terms.dynamics
-        direct = mesh.lanes > 1 and point.plain and inside
-        self.compiled = tendency_kernel(
-            terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point.rotation
-        )
-        of_runs = assembly_kernel(terms.unknowns, mesh.real, point.rotation, mesh.lanes)
-        self._runs = of_runs if direct else None
+        inside = terms.dynamics
+        if terms.diffuses:
+            inside = point.plain and not (terms.dynamics or point.rotation)
+        direct = mesh.lanes > 1 and inside
+        self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point)
+        self._runs = self._assembly(mesh.lanes)[0] if direct else None
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         if "fluxes" in self.compiled.geometry.vars:
             parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
@@ -83,18 +80,21 @@ class TendencyOperator:
 
     def _fill(self, parameters: dict[str, Any]) -> None:
         """Put the parameters into the arguments of the kernels."""
-        self._parameters = parameters
-        self.assembly, self._own = self._make_assembly(parameters)
+        self._parameters, point = parameters, self.point
+        self.assembly, structure = self._assembly(1)
+        self._own = (parameters["coriolis"],) if point.plain and point.rotation else ()
+        if structure is not None:
+            self._own = (fill(structure, parameters, point),)
+            parameters = parameters | {"point": self._own[0]}
         self.geometry = self.mesh.geometry(self.compiled.geometry, parameters)
 
-    def _make_assembly(self, parameters: dict[str, Any]) -> tuple[Any, tuple[Any, ...]]:
-        """The kernel for DSS and pointwise terms, and its arguments beside those for DSS."""
+    def _assembly(self, lanes: int) -> tuple[Any, Any]:
+        """The kernel for DSS and pointwise terms, and the structure of what these read."""
         point, unknowns, real = self.point, self.terms.unknowns, self.mesh.real
         if point.plain:
-            kernel = assembly_kernel(unknowns, real, point.rotation)
-            return kernel, (parameters["coriolis"],) if point.rotation else ()
-        made = pointwise_kernel(unknowns, real, point)
-        return made.assembly, (fill(made.structure, parameters, point),)
+            return assembly_kernel(unknowns, real, point.rotation, lanes), None
+        made = pointwise_kernel(unknowns, real, point, lanes)
+        return made.assembly, made.structure
 
     def _assemble(self, x: wp.array, out: wp.array) -> None:
         """DSS, and what acts at a point."""
