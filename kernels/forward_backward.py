@@ -38,13 +38,18 @@ def finish_mass(t: SimpleNamespace, moves: bool) -> wp.Function:
 
     moves: whether the depth pushes the wind.
     """
-    load, mul = t.ops.load_run, t.ops.mul
+    load, mul, of_depth = t.ops.load_run, t.ops.mul, t.point and t.point.depth
     step = step_run(t.value, t.index, t.real, t.lanes)
 
     @no_type_check
     @wp.func
     def finish(geo: t.geometry, s: t.done, k: int, at: int, node: t.index, result: t.value):
         rate = mul(load(geo.inverse_area, 0, node), result)
+        if wp.static(of_depth is not None):  # noqa: SIM102 - a static choice is an if of its own
+            if k == 0:
+                rate += of_depth(geo.point, ~node[0], geo.size, s.pushed, s.carried)
+        if wp.static(t.damped):
+            rate += load(s.loss, at, node)
         if wp.static(moves) and k == 0:  # first, as `out` may be a level, which is gone then
             step(s.now, s.past, at, node, rate, s.tau, s.mixes, s.pushed, s.pushed)
         step(s.now, s.past, at, node, rate, s.tau, s.weights, s.out, s.carried)
@@ -54,7 +59,7 @@ def finish_mass(t: SimpleNamespace, moves: bool) -> wp.Function:
 
 def finish_wind(t: SimpleNamespace, winds: type) -> wp.Function:
     """Function (geometry, winds, result, node, levels): of both winds."""
-    load, mul = t.ops.load_run, t.ops.mul
+    load, mul, of_wind = t.ops.load_run, t.ops.mul, t.point and t.point.wind
     step = step_run(t.value, t.index, t.real, t.lanes)
 
     @no_type_check
@@ -67,6 +72,13 @@ def finish_wind(t: SimpleNamespace, winds: type) -> wp.Function:
             f = load(geo.coriolis, 0, node)
             rate_u += mul(f, x.v)
             rate_v -= mul(f, x.u)
+        if wp.static(of_wind is not None):
+            more = of_wind(geo.point, ~node[0], geo.size, s.pushed)
+            rate_u += more[0]
+            rate_v += more[1]
+        if wp.static(t.damped):
+            rate_u += load(s.loss, 0, node)
+            rate_v += load(s.loss, geo.size, node)
         step(s.now, s.past, 0, node, rate_u, s.tau, s.weights, s.out, s.pushed)
         step(s.now, s.past, geo.size, node, rate_v, s.tau, s.weights, s.out, s.pushed)
 

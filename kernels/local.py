@@ -20,8 +20,8 @@ from swe_sphere.kernels.element import (
 )
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
-from swe_sphere.kernels.terms import Terms, kernel_types, lanes_of
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, added_in_runs
+from swe_sphere.kernels.terms import Terms, kernel_types
 
 
 def tendency_kernel(
@@ -32,20 +32,19 @@ def tendency_kernel(
     direct: bool = False,
     point: Pointwise = NO_POINTWISE,
     done: type | None = None,
+    damped: bool = False,
 ) -> SimpleNamespace:
     """Kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)): tendencies of those terms.
 
     Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
     go to `done` as DSS would leave them, with the rates of `point`; else `done` is not written.  Of
-    the type `levels_struct` it has the nodes stepped, by no more than rotation.
+    the type `levels_struct` it has the nodes stepped, with a loss where `damped`.
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    lanes, added = lanes_of(real), None
-    if direct and not point.plain:
-        added = pointwise_sum(terms.unknowns, real, point, lanes)
+    added = added_in_runs(terms.unknowns, real, point) if direct else None
     turns = point.rotation and added is None
-    t = kernel_types(np_, real, shape, terms, direct, turns, done, point=added)
+    t = kernel_types(np_, real, shape, terms, direct, turns, done, point=added, damped=damped)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:

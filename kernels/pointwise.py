@@ -16,6 +16,7 @@ import warp as wp
 from swe_sphere.kernels.access import entry_of, run_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, means_of, run_product
 from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
+from swe_sphere.kernels.terms import lanes_of
 
 
 @dataclass(frozen=True)
@@ -127,57 +128,92 @@ def pointwise_kernel(
 
 @functools.cache
 def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> SimpleNamespace:
-    """Warp function `add` (c, node, size, x, r): r and the rates at a node, or at a run of nodes.
+    """Warp functions for the rates at a node, or at a run of nodes, as `pointwise_rates` has them.
 
-    c is an instance of their `structure`, the same for all lanes.
+    `wind` (c, node, size, x): two rows of them.  `depth` (c, node, size, w, x).  `add` (c, node,
+    size, x, r): r and all of them.  c is an instance of their `structure`, the same for all lanes.
     """
-    structure, terms = _structure(unknowns, real, point)
-    own = replace(point, rotation=False, forcing=False)
-    of_wind = _wind_rates(structure, real, own, terms)
-    of_depth = _depth_rates(structure, real, own, terms, unknowns)
-    value, rows = node_types(real, lanes, unknowns)
-    vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
-    one, last = lanes == 1, unknowns - 1
-
-    @no_type_check
-    @wp.func
-    def add_terms(c: structure, node: int, size: int, x: vector, r: rows):
-        k = last * size + node
-        for lane in range(lanes):
-            i = node + lane
-            rate = of_depth(c, i, size + i, k + lane, x, x)
-            if wp.static(unknowns == 3):
-                wind = of_wind(c, i, size + i, k + lane, x)
-                if wp.static(one):
-                    r += rows(wind[0], wind[1], rate)
-                else:
-                    r[0, lane] = r[0, lane] + wind[0]
-                    r[1, lane] = r[1, lane] + wind[1]
-                    r[2, lane] = r[2, lane] + rate
-            elif wp.static(one):
-                r += rate
-            else:
-                r[lane] = r[lane] + rate
-        return r
+    _, rows = node_types(real, lanes, unknowns)
+    structure, _ = _structure(unknowns, real, point)
+    vector, depth = wp.array(dtype=real), _depth_of_run(unknowns, real, point, lanes)
+    wind = _wind_of_run(unknowns, real, point, lanes) if unknowns == 3 else None
 
     @no_type_check
     @wp.func
     def add(c: structure, node: int, size: int, x: vector, r: rows):
+        if wp.static(unknowns == 3):
+            two = wind(c, node, size, x)
+            r[0] = r[0] + two[0]
+            r[1] = r[1] + two[1]
+            r[2] = r[2] + depth(c, node, size, x, x)
+            return r
+        else:
+            return r + depth(c, node, size, x, x)
+
+    return SimpleNamespace(structure=structure, add=add, wind=wind, depth=depth)
+
+
+def added_in_runs(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace | None:
+    """The same of as many nodes as a register holds; None where there is no more than rotation."""
+    return None if point.plain else pointwise_sum(unknowns, real, point, lanes_of(real))
+
+
+def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
+    structure, terms = _structure(unknowns, real, point)
+    own = _wind_rates(structure, real, replace(point, rotation=False, forcing=False), terms)
+    value, pair = node_types(real, lanes, 2)
+    vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
+    one, acts = lanes == 1, any(term.wind for term in point.terms)
+
+    @no_type_check
+    @wp.func
+    def wind(c: structure, node: int, size: int, x: vector):
+        r = pair()
+        if wp.static(point.forcing):
+            r[0] = load(c.forcing, node)
+            r[1] = load(c.forcing, size + node)
         if wp.static(point.rotation):
             f = load(c.coriolis, node)
             r[0] = r[0] + mul(f, load(x, size + node))
             r[1] = r[1] - mul(f, load(x, node))
-        if wp.static(point.forcing and unknowns == 3):
-            r[0] = r[0] + load(c.forcing, node)
-            r[1] = r[1] + load(c.forcing, size + node)
-            r[2] = r[2] + load(c.forcing, 2 * size + node)
-        elif wp.static(point.forcing):
-            r += load(c.forcing, node)
-        if wp.static(terms is not None):
-            r = add_terms(c, node, size, x, r)
+        if wp.static(acts):
+            for lane in range(lanes):
+                i = node + lane
+                rate = own(c, i, size + i, 2 * size + i, x)
+                if wp.static(one):
+                    r += rate
+                else:
+                    r[0, lane] = r[0, lane] + rate[0]
+                    r[1, lane] = r[1, lane] + rate[1]
         return r
 
-    return SimpleNamespace(structure=structure, add=add)
+    return wind
+
+
+def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
+    structure, terms = _structure(unknowns, real, point)
+    own = _depth_rates(structure, real, replace(point, forcing=False), terms, unknowns)
+    value, _ = node_types(real, lanes)
+    vector, load, last = wp.array(dtype=real), run_of(value, real, lanes), unknowns - 1
+    one, acts = lanes == 1, any(term.depth for term in point.terms)
+
+    @no_type_check
+    @wp.func
+    def depth(c: structure, node: int, size: int, w: vector, x: vector):
+        r = value(real(0.0))
+        if wp.static(point.forcing):
+            r = load(c.forcing, last * size + node)
+        if wp.static(acts):
+            for lane in range(lanes):
+                i = node + lane
+                rate = own(c, i, size + i, last * size + i, w, x)
+                if wp.static(one):
+                    r += rate
+                else:
+                    r[lane] = r[lane] + rate
+        return r
+
+    return depth
 
 
 @functools.cache

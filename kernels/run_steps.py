@@ -15,17 +15,19 @@ from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.forward_backward import finish_mass, finish_wind, levels_struct
+from swe_sphere.kernels.pointwise import Pointwise, added_in_runs
 from swe_sphere.kernels.terms import kernel_types
 
 
 @functools.cache
-def carrying_kernel(np_: int, real: type, moves: bool) -> SimpleNamespace:
+def carrying_kernel(
+    np_: int, unknowns: int, real: type, point: Pointwise, damped: bool
+) -> SimpleNamespace:
     """Kernel (geometry, a, x, first, count, out, levels): `transport` of the field kernels.
 
-    Nodes inside the elements of the first `whole` groups are stepped.  moves: whether the depth
-    pushes the wind.
+    Nodes inside the elements of the first `whole` groups are stepped.
     """
-    t = kernel_types(np_, real, "element", direct=True, done=levels_struct(real))
+    t, moves = _stepping_types(np_, unknowns, real, point, damped), unknowns == 3
     value, last, (d1, d2, _, _) = t.value, np_ - 1, line_sums(t, t.value)
     geometry, vector, local = t.geometry, t.vector, t.local
     load, wedge, flux, finish = t.ops.load, t.ops.wedge, mass_flux(t, False), finish_mass(t, moves)
@@ -63,13 +65,13 @@ def carrying_kernel(np_: int, real: type, moves: bool) -> SimpleNamespace:
 
 
 @functools.cache
-def run_kernels(unknowns: int, real: type, rotation: bool) -> SimpleNamespace:
-    """Kernels over runs of nodes that step `depth` and `wind`, as `level_kernels` do without terms.
+def run_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> SimpleNamespace:
+    """Kernels over runs of nodes that step `depth` and `wind`, as `level_kernels` do.
 
     Arguments: the `geometry`, places, stride, begin, for the depth the count of masses, the local
     tendencies and the levels.
     """
-    t = kernel_types(2, real, "element", direct=True, rotation=rotation, done=levels_struct(real))
+    t = _stepping_types(2, unknowns, real, point, damped)
     lanes, numbers, winds, pair = t.lanes, t.index, t.struct("Winds", ["u", "v"]), t.rows(2)
     gather = gather_run(t.value, Contributors, real, lanes)
     load, first = t.ops.load_run, unknowns - 1
@@ -102,3 +104,14 @@ def run_kernels(unknowns: int, real: type, rotation: bool) -> SimpleNamespace:
         wind(geo, x, r, node, s)
 
     return SimpleNamespace(depth=run_depth, wind=run_wind, geometry=t.geometry)
+
+
+def _stepping_types(
+    np_: int, unknowns: int, real: type, point: Pointwise, damped: bool
+) -> SimpleNamespace:
+    added = added_in_runs(unknowns, real, point)
+    turns = point.rotation and added is None
+    return kernel_types(
+        np_, real, "element", direct=True, rotation=turns, done=levels_struct(real), point=added,
+        damped=damped,
+    )  # fmt: skip

@@ -131,11 +131,13 @@ def kernel_types(
     done: type | None = None,
     whole: bool = True,
     point: SimpleNamespace | None = None,
+    damped: bool = False,
 ) -> SimpleNamespace:
     """Types of kernels on element nodes.
 
     done: where `direct` kernels put what they finish, if not in a vector.
-    whole: see `algebra`.  point: the `pointwise_sum` that they add.
+    whole: see `algebra`.  point: the `pointwise_sum` that they add.  damped: whether a loss is
+    added to rates, see `levels_struct`.
 
     `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
     `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
@@ -180,6 +182,7 @@ def kernel_types(
         direct=direct,
         rotation=rotation,
         point=point,
+        damped=damped,
         done=done or vector,
         ops=algebra(value, index, real, lanes, whole),
         rows=rows,

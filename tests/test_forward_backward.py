@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, relative
 
+from swe_sphere import Simulation
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
@@ -99,6 +100,22 @@ def test_fb_rk3_is_what_its_formulas_say(small_mesh, effects) -> None:
         x = np.concatenate([u, h])
         stepper.step()
         assert relative(stepper.state.numpy(), x, 3) < 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_launch_shapes_step_alike(name: str) -> None:
+    """Dissipation and what acts at a point are added in registers too, inside whole groups."""
+    effects = {"viscosity.nu": 1e5, "drag.linear": 1e-5, "drag.quadratic": 1e-8}
+    ends = []
+    for launch in ("node", "element"):
+        sim = Simulation(
+            "williamson4", ne=4, np=4, stepper=name, dt=300, effects=effects, launch=launch
+        )
+        for _ in range(5):
+            sim.step()
+        ends.append(sim.stepper.state.numpy())
+    assert sim.model.device_mesh.whole > 0
+    np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-13 * np.abs(ends[0]).max())
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -47,15 +47,20 @@ class Passes:
         )
         self._structure = fill(self._kernels.structure, {"base": None, **model.parameters}, point)
         self._steps: dict[Any, Any] = {}
-        plain = point.plain and not (point.tangent or model.dissipative)
-        direct = mesh.lanes > 1 and plain and terms.dynamics and terms.gradient == self._moves
+        damped, parameters = model.dissipative, model.parameters | {"point": self._structure}
+        direct = (
+            mesh.lanes > 1
+            and not point.tangent
+            and terms.dynamics
+            and terms.gradient == self._moves
+        )
         self._runs = None
         """Kernels that step what elements have not, as many nodes at once as a register holds."""
         self._begin, self._behind = 0, 0
         """The first nodes that they, and that `_kernels` step."""
         if direct:
-            self._runs = run_kernels(terms.unknowns, self._real, point.rotation)
-            self._run_geometry = mesh.geometry(self._runs.geometry, model.parameters)
+            self._runs = run_kernels(terms.unknowns, self._real, point, damped)
+            self._run_geometry = mesh.geometry(self._runs.geometry, parameters)
             self._begin = mesh.inner
             self._behind = mesh.size - (mesh.size - mesh.inner) % mesh.lanes
         of_fields = field_kernels(np_, self._real, mesh.shape)
@@ -63,17 +68,18 @@ class Passes:
         self._local_wind, self._flat_wind = mesh.local(2, of_fields.value)
         self._transport, self._geometry = None, mesh.geometry(of_fields.geometry)
         if direct:
-            carrying = carrying_kernel(np_, self._real, self._moves)
-            self._transport, self._geometry = carrying.kernel, mesh.geometry(carrying.geometry)
+            carrying = carrying_kernel(np_, terms.unknowns, self._real, point, damped)
+            self._transport = carrying.kernel
+            self._geometry = mesh.geometry(carrying.geometry, parameters)
         elif terms.dynamics:
             self._transport = of_fields.tangent if terms.tangent else of_fields.transport
         self._force, self._force_geometry = None, None
         if terms.gradient:
             alone, done = replace(terms, momentum=True), levels_struct(self._real)
-            turns = (direct, point, done) if direct else ()
+            turns = (direct, point, done, damped) if direct else ()
             made = tendency_kernel(alone, np_, self._real, mesh.shape, *turns)
             self._force = made.kernel
-            self._force_geometry = mesh.geometry(made.geometry, model.parameters)
+            self._force_geometry = mesh.geometry(made.geometry, parameters)
         wanted = [self._kernels.depth, self._transport, self._force, self._combine]
         wanted += [self._kernels.wind] * self._moves + [self._add] * (flux is not None)
         if self._runs is not None:
