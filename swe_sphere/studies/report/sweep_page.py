@@ -19,8 +19,15 @@ from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.axes import inline, save_svg
-from swe_sphere.studies.report.claims import Claim, verdicts
-from swe_sphere.studies.report.content import OneMesh, Section, attribute, read_sections
+from swe_sphere.studies.report.content import (
+    HEADS,
+    Claim,
+    OneMesh,
+    Section,
+    attribute,
+    read_sections,
+    verdicts,
+)
 from swe_sphere.studies.report.diagrams import Diagram, render
 from swe_sphere.studies.report.rows import REPEATABLE, Row
 from swe_sphere.studies.report.statistics import BASELINE, SLACK
@@ -48,9 +55,11 @@ def write_report(
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
     out = _made(out, "report")
-    sections, pictures = read_sections(datasets), _Pictures(out, png=True)
-    values = {"title": title or _title(datasets), "sections": sections, "notes": notes or {}}
-    text = _rendered("report.html.j2", values | {"picture": pictures.inline})
+    sections = read_sections(datasets)
+    text = _rendered(
+        "report.html.j2", title=title or _title(datasets), sections=sections, notes=notes or {},
+        picture=_Pictures(out, png=True).inline,
+    )  # fmt: skip
     rows = csv_text([(section.title, section.rows) for section in sections])
     write_whole(out / "table.csv", rows)
     write_whole(out / "index.html", text)
@@ -74,11 +83,12 @@ def write_markdown(
     figures: diagrams beside those of the errors, by name.  The rest is as for `write_report`.
     """
     folder = _made(folder, "page")
-    values: dict[str, Any] = {"title": title, "introduction": introduction, "notes": notes or {}}
-    values |= {"sections": read_sections(datasets), "shown": SHOWN, "figures": figures}
-    values |= {"claims": claims or {}, "verdicts": verdicts(values["sections"], claims or {})}
-    pictures = _Pictures(folder, png=False)
-    text = _rendered("page.md.j2", values | {"picture": pictures.file})
+    sections, claims = read_sections(datasets), claims or {}
+    text = _rendered(
+        "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
+        shown=SHOWN, figures=figures, claims=claims, verdicts=[HEADS, verdicts(sections, claims)],
+        picture=_Pictures(folder, png=False).file,
+    )  # fmt: skip
     write_whole(folder / "README.md", text)
     return folder / "README.md"
 
@@ -132,7 +142,7 @@ def _tip(row: Row) -> str:
     )
 
 
-def _rendered(template: str, values: Mapping[str, Any]) -> str:
+def _rendered(template: str, **values: Any) -> str:
     """A template filled in."""
     filters = (_link_rows, attribute, json.loads, words.error, words.percent, words.step, _known)
     return rendered(

@@ -12,12 +12,7 @@ from typing import Any
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
-from swe_sphere.studies.report.statistics import (
-    FAILED,
-    Threshold,
-    largest_step,
-    threshold,
-)
+from swe_sphere.studies.report.statistics import FAILED, Threshold, largest_step, threshold
 
 
 @dataclass(frozen=True)
@@ -123,21 +118,22 @@ def largest_steps(rows: Sequence[Row], found: Sequence[Metric]) -> LargestSteps 
     heads += [f"{m.symbol}, {m.title.split(',')[0]}" for m in limits]
     lines = [
         [curve.label, _longest(curve.rows), _failure(curve.rows)]
-        + [_step(largest_step(curve.rows, m, limit.value)) for m, limit in limits.items()]
+        + [step_text(largest_step(curve.rows, m, limit.value)) for m, limit in limits.items()]
         for curve in curves(row for row in rows if row.role not in MADE_FOR_OTHERS)
     ]
     return LargestSteps(heads, lines, limits)
 
 
-def _step(row: Row | None) -> str:
+def step_text(row: Row | None, numbered: bool = True) -> str:
+    """The step of a row with the multiples of its limits; numbered: and with the row's number."""
     if row is None:
         return "none"
     multiples = f"{words.times(row.gravity_multiple)}, {words.times(row.advective_multiple)}"
-    return f"{words.step(row.dt)} ({multiples}; row {row.number})"
+    return f"{words.step(row.dt)} ({multiples}{f'; row {row.number}' if numbered else ''})"
 
 
 def _longest(rows: Sequence[Row]) -> str:
-    return _step(max((r for r in rows if r.completed), key=lambda r: r.dt, default=None))
+    return step_text(max((r for r in rows if r.completed), key=lambda r: r.dt, default=None))
 
 
 def _failure(rows: Sequence[Row]) -> str:
