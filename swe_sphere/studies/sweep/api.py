@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,9 +64,7 @@ def sweep(
     name = str(scene) if own is None else own.name
     plan = make_plan({"scene": name, "steppers": steppers, **options}, own)
     try:
-        if out is not None:
-            return run_plan(plan, Path(out), watcher, own)
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() if out is None else nullcontext(out) as folder:
             return run_plan(plan, Path(folder), watcher, own)
     except Interrupted as error:
         raise KeyboardInterrupt(str(error)) from None

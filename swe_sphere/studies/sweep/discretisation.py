@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import time
-from functools import cached_property
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.setup import identity, make_mesh
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.snapshot import Fields, state_integrals
 from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
@@ -134,24 +138,56 @@ class Discretisation:
         return (time.perf_counter() - began) / self._batch
 
 
+@dataclass(frozen=True)
+class Schedule:
+    """Length of the runs and times at which their errors are taken [days]; the last is the end."""
+
+    days: float
+    report_days: tuple[float, ...]
+
+    @classmethod
+    def of(cls, days: float, report_days: tuple[float, ...]) -> Schedule:
+        """The schedule with the end among its report days."""
+        return cls(days, tuple(sorted({*report_days, days})))
+
+    @cached_property
+    def interval(self) -> float:
+        """The longest time [s] of which all report times are multiples, to the millisecond."""
+        times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
+        return float(reduce(common_measure, times))
+
+    def steps(self, dt: float) -> TimePlan:
+        """Steps of at most dt [s] that meet all report times.
+
+        Raises:
+            ConfigError: no step near dt does.
+        """
+        return time_plan(self.days, self.interval / 3600.0, dt)
+
+
 class Discretisations:
-    """The meshes and precisions of a plan, each made when it is first asked for."""
+    """The meshes and precisions of a plan, each made when it is first asked for.
+
+    own: a scene in the place of the one that the plan names.
+    """
 
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
-        self._plan, self._own = plan, own
+        self.plan, self.own = plan, own
         self._known: dict[tuple[int, int, str], Discretisation] = {}
-        scene = Supplied(own).scene_of(plan.run_config())
+        self.scene = scene = Supplied(own).scene_of(plan.run_config())
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
+        days = scene.days if plan.days is None else plan.days
+        self.schedule = Schedule.of(days, plan.report_days)
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
         """The one of that mesh and precision."""
         key = (ne, np, precision)
         if key not in self._known:
-            config = self._plan.run_config(ne=ne, np=np, precision=precision)
-            self._known[key] = Discretisation(config, self._own)
+            config = self.plan.run_config(ne=ne, np=np, precision=precision)
+            self._known[key] = Discretisation(config, self.own)
         return self._known[key]
 
     def all(self) -> list[Discretisation]:
         """Those that the plan asks for."""
-        precisions = self._plan.precision
+        precisions = self.plan.precision
         return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]

@@ -30,7 +30,6 @@ from swe_sphere.studies.sweep.runspec import (
     Integrator,
     Part,
     RunSpec,
-    Schedule,
     integrators,
     parts_of,
     users_methods,
@@ -71,26 +70,19 @@ class Sweep:
         """tell: passes records on to the process that keeps them, beside which this one runs."""
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._spaces = Discretisations(plan, own)
-        scene = self._spaces.all()[0].scene
-        self._schedule = Schedule.of(scene.days if plan.days is None else plan.days,
-                                     plan.report_days)  # fmt: skip
-        total = choose_reference(
-            scene, self._schedule.report_days, plan.reference, plan.finer, max(self._spaces.ne)
-        )
-        common = sweep_sources(plan, scene, own, total)
+        total = choose_reference(self._spaces)
+        common = sweep_sources(self._spaces, total)
         self._sources = common | users_methods(plan.steppers, plan.preconditioner)
         self._store = runs_of(folder, tell)
         if tell is None:
-            self._note_plan(folder, header_of(plan, scene, self._sources))
+            self._note_plan(folder, header_of(plan, self._spaces.scene, self._sources))
         self._least: dict[object, float] = {}
         self._interruption = Interruption()
         self._runner = Runner(
             self._store, common, self._interruption, watcher, plan.time_limit,
             plan.jobs if tell else 1,
         )  # fmt: skip
-        self._evaluator = Evaluator(
-            plan, self._spaces, total, self._runner, self._schedule, folder / CONVERGED
-        )
+        self._evaluator = Evaluator(self._spaces, total, self._runner, folder / CONVERGED)
 
     def _note_plan(self, folder: Path, header: Header) -> None:
         """Write down what is asked for; tell the user what there is and counts no more."""
@@ -130,8 +122,7 @@ class Sweep:
 
     @cached_property
     def _everyone(self) -> list[Integrator]:
-        spaces = self._spaces.all()
-        return integrators(self._plan, spaces, self._schedule, self._evaluator.names)
+        return integrators(self._spaces, self._evaluator.names)
 
     # --- in processes beside each other
 
@@ -267,7 +258,7 @@ class Sweep:
         found: dict[str, float | None] = {
             error.kind: getattr(error, plan.target_norm)
             for error in record.errors
-            if (error.field, error.day) == (field, self._schedule.days)
+            if (error.field, error.day) == (field, self._spaces.schedule.days)
         }
         auto = "total" if "total" in found else "time"
         value = found.get(auto if plan.target_kind == "auto" else plan.target_kind)

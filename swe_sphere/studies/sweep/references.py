@@ -13,8 +13,8 @@ from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.setup import make_scene, scene_sources
+from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.runspec import users_fingerprint
-from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
     "williamson5": ("williamson5", ()),
@@ -54,43 +54,35 @@ class TotalReference:
         return f"finer run, ne {self.finer}" if self.kind == "finer" else self.kind
 
 
-def sweep_sources(
-    plan: SweepPlan, scene: Scene, own: Scene | None, total: TotalReference
-) -> dict[str, str]:
+def sweep_sources(spaces: Discretisations, total: TotalReference) -> dict[str, str]:
     """Fingerprints of all that every row of a sweep is made of but its settings, by what it is.
 
-    own: the scene, where it was given as an object.  Scenes of one name are told apart by where
-    they come from: the package, a file or an object.
+    Scenes of one name are told apart by where they come from: the package, a file or an object.
     """
-    files = scene_sources(plan.scene, scene)
+    files = scene_sources(spaces.plan.scene, spaces.scene)
     place = "a file" if SCENE_FILE in files else "the package"
-    origin = place if own is None else users_fingerprint(own.initial)
+    origin = place if spaces.own is None else users_fingerprint(spaces.own.initial)
     return {CODE: code_fingerprint(), "the scene": origin, **files, **total.sources}
 
 
-def choose_reference(
-    scene: Scene,
-    report_days: tuple[float, ...],
-    references: tuple[Path, ...],
-    finer: int | None,
-    largest_ne: int,
-) -> TotalReference:
+def choose_reference(spaces: Discretisations) -> TotalReference:
     """Files of the user, else the exact solution, else files of the package, else a finer run.
 
-    references: lat-lon files of the user; finer: ne of a finer run, 0 for none, None: where nothing
-    else is known, of twice the largest ne of the sweep.  Raises ConfigError for a file that cannot
-    be read or is of no report day.
+    The finer run has the ne that the plan says, else, where nothing else is known, twice the
+    largest one of the sweep.  Raises ConfigError for a file that cannot be read or is of no report
+    day.
     """
-    if references:
-        return TotalReference("file", dict(_of_user(path, report_days) for path in references))
-    if finer:
-        return TotalReference("finer", finer=finer)
+    plan, scene, report_days = spaces.plan, spaces.scene, spaces.schedule.report_days
+    if plan.reference:
+        return TotalReference("file", dict(_of_user(path, report_days) for path in plan.reference))
+    if plan.finer:
+        return TotalReference("finer", finer=plan.finer)
     if scene.exact is not None:
         return TotalReference("exact")
-    files = _shipped(scene, report_days)
-    if files:
+    if files := _shipped(scene, report_days):
         return TotalReference("file", files)
-    return TotalReference("none") if finer == 0 else TotalReference("finer", finer=2 * largest_ne)
+    kind = "finer" if plan.finer is None else "none"
+    return TotalReference(kind, finer=2 * max(spaces.ne))
 
 
 def _of_user(path: Path, report_days: tuple[float, ...]) -> tuple[float, Path]:

@@ -8,8 +8,7 @@ import sys
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -17,16 +16,10 @@ from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.fingerprints import file_fingerprint, fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.time_plan import (
-    TimePlan,
-    common_measure,
-    free_steps,
-    stepper_options,
-    time_plan,
-)
+from swe_sphere.simulation.time_plan import TimePlan, free_steps, stepper_options
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.discretisation import Discretisation
+from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, Schedule
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 from swe_sphere.user_file import is_user_file
@@ -38,33 +31,6 @@ SESSION = uuid.uuid4().hex
 Role = Literal["grid", "target", "stability", "converged"]
 """What a run is made for: a grid, a search for an error or for the longest stable step, or to be
 compared with."""
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Length of the runs and times at which their errors are taken [days]; the last is the end."""
-
-    days: float
-    report_days: tuple[float, ...]
-
-    @classmethod
-    def of(cls, days: float, report_days: tuple[float, ...]) -> Schedule:
-        """The schedule with the end among its report days."""
-        return cls(days, tuple(sorted({*report_days, days})))
-
-    @cached_property
-    def interval(self) -> float:
-        """The longest time [s] of which all report times are multiples, to the millisecond."""
-        times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
-        return float(reduce(common_measure, times))
-
-    def steps(self, dt: float) -> TimePlan:
-        """Steps of at most dt [s] that meet all report times.
-
-        Raises:
-            ConfigError: no step near dt does.
-        """
-        return time_plan(self.days, self.interval / 3600.0, dt)
 
 
 @dataclass(frozen=True)
@@ -213,14 +179,12 @@ class RunSpec:
         return {round(day * DAY / self.dt): day for day in self.integrator.schedule.report_days}
 
 
-def integrators(
-    plan: SweepPlan, spaces: list[Discretisation], schedule: Schedule, references: tuple[str, ...]
-) -> list[Integrator]:
+def integrators(spaces: Discretisations, references: tuple[str, ...]) -> list[Integrator]:
     """All that a plan asks for, mesh by mesh."""
     return [
-        Integrator(space, config, schedule, references)
-        for space in spaces
-        for config in _configs(plan, space)
+        Integrator(space, config, spaces.schedule, references)
+        for space in spaces.all()
+        for config in _configs(spaces.plan, space)
     ]
 
 

@@ -19,8 +19,7 @@ from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisati
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.references import TotalReference
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
-from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+from swe_sphere.studies.sweep.runspec import Integrator, RunSpec
 
 LONGEST = 2.8
 """Step, in gravity limits, that stands for the stability limit of an implicit converged run."""
@@ -36,18 +35,11 @@ class Evaluator:
     """
 
     def __init__(
-        self,
-        plan: SweepPlan,
-        spaces: Discretisations,
-        total: TotalReference,
-        runner: Runner,
-        schedule: Schedule,
-        folder: Path,
+        self, spaces: Discretisations, total: TotalReference, runner: Runner, folder: Path
     ) -> None:
-        self._plan, self._spaces, self._total = plan, spaces, total
-        self._runner, self._schedule, self._folder = runner, schedule, folder
-        sheds = spaces.all()[0].scene.sheds_waves
-        self._slow = sheds if plan.slow is None else plan.slow
+        self._spaces, self._total, self._runner, self._folder = spaces, total, runner, folder
+        self._plan, self._schedule = spaces.plan, spaces.schedule
+        self._slow = spaces.scene.sheds_waves if self._plan.slow is None else self._plan.slow
         self._converged: dict[tuple[int, int], History] = {}
         self._at_nodes: dict[tuple[str, float], Fields | None] = {}
         self._on_grid: dict[tuple[str, float], OnGrid] = {}
