@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from importlib.resources import files
@@ -18,7 +18,7 @@ from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.simulation.supplied import Supplied
-from swe_sphere.testcases.user_scenes import checked
+from swe_sphere.testcases.user_scenes import made
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -48,11 +48,11 @@ class Configuration:
         study, colon, name = config.scene.partition(":")
         if not colon:
             return make_scene(config)
-        factory = _own_scenes(study).get(name)
-        if factory is None:
-            raise unknown_name(f"scene of {study}", name, _own_scenes(study))
-        parameters = checked(config.scene, factory, by_owner(config.settings).get(SCENE, {}))
-        return apply_settings(factory(**parameters), config.settings)
+        own = import_module(f"swe_sphere.studies.{study}.scenes").SCENES
+        if name not in own:
+            raise unknown_name(f"scene of {study}", name, own)
+        scene = made(config.scene, own[name], by_owner(config.settings).get(SCENE, {}))
+        return apply_settings(scene, config.settings)
 
     def simulation(self) -> Simulation:
         """All set up, at its start.
@@ -61,12 +61,6 @@ class Configuration:
             ConfigError: it cannot be run.
         """
         return Simulation.from_config(self.config, Supplied(scene=self.make_scene()))
-
-
-def _own_scenes(study: str) -> Mapping[str, Callable[..., Scene]]:
-    module = import_module(f"swe_sphere.studies.{study}.scenes")
-    scenes: Mapping[str, Callable[..., Scene]] = module.SCENES
-    return scenes
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

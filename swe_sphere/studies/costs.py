@@ -46,8 +46,8 @@ class _Shortest:
     calls: int = 0
     seconds: float = math.inf
 
-    def add(self, seconds: float) -> None:
-        self.calls += 1
+    def add(self, seconds: float, calls: int = 1) -> None:
+        self.calls += calls
         if seconds < self.seconds:
             self.seconds = seconds
 
@@ -114,9 +114,7 @@ def _price(found: Mapping[Context, _Shortest]) -> tuple[float, float]:
         return sum(one.calls * one.seconds for one in usual) / calls, 0.0
     by_rows: dict[int, _Shortest] = {}
     for (*_, rows), one in found.items():
-        known = by_rows.setdefault(rows, _Shortest())
-        known.calls += one.calls
-        known.seconds = min(known.seconds, one.seconds)
+        by_rows.setdefault(rows, _Shortest()).add(one.seconds, one.calls)
     return _tangent(by_rows)
 
 
@@ -186,18 +184,13 @@ def begin_peak() -> bool:
     False where the system cannot, so that the peak is that of all runs so far.
     """
     gc.collect()
-    _trim()
+    with suppress(OSError, AttributeError):  # where the C library can (glibc)
+        ctypes.CDLL(None).malloc_trim(0)
     try:
         CLEAR.write_text(RESET_PEAK)
     except OSError:
         return False
     return True
-
-
-def _trim() -> None:
-    """Hand freed memory back to the system, where the C library can (glibc)."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def peak_memory() -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from collections.abc import Iterable, Mapping
@@ -11,7 +10,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
@@ -187,12 +186,4 @@ def _best(method: Method, setting: Setting, limit: float, error: float) -> Candi
 def known_methods() -> tuple[Method, ...]:
     """The methods whose constants come with the package."""
     text = files("swe_sphere.studies.advice").joinpath(DATA).read_text()
-    return tuple(
-        Method(**{name: _frozen(value) for name, value in table.items()})
-        for table in json.loads(text)
-    )
-
-
-def _frozen(value: Any) -> Any:
-    """Lists as tuples."""
-    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+    return TypeAdapter(tuple[Method, ...]).validate_json(text)

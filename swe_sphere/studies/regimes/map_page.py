@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +44,17 @@ def write_map(folder: Path, out: Path | None = None, *, title: str, introduction
         ConfigError: there are no sweeps in the folder.
         RunFailed: the disk does not take the files.
     """
-    found = series(read_points(folder))
+    found, shown = series(read_points(folder)), [*product(OTHERS, ERRORS)]
     out = out or folder
-    figures = {caption: _written(out, name, figure) for name, caption, figure in _figures(found)}
+    drawn = _figures(found)
+    for name, _, figure in drawn:
+        write_whole(out / f"{name}.svg", save_svg(figure, name))
     text = rendered(
         "swe_sphere.studies.regimes", "page.md.j2", title=title, introduction=introduction,
         rules=[_rule(found, family) for family in OTHERS],
-        heads=[f"{family} {words.level(error)}" for family in OTHERS for error in ERRORS],
-        limits=[[of.title, *_limits(of)] for of in found], figures=figures,
+        heads=[f"{family} {words.level(error)}" for family, error in shown],
+        limits=[[of.title, *(_limit(of, *each) for each in shown)] for of in found],
+        figures={caption: f"{name}.svg" for name, caption, _ in drawn},
         tables=[(of.title, [_row(point) for point in of.points]) for of in found],
         families=OTHERS, base=BASE, usual=words.level(USUAL), made=_made(folder),
     )  # fmt: skip
@@ -88,17 +92,9 @@ def _chosen(found: Sequence[Series]) -> dict[str, Point]:
     return {f"{of.title}, U/c = {words.number(p.froude, 2)}": p for of, p in ends}
 
 
-def _written(folder: Path, name: str, figure: Figure) -> str:
-    write_whole(folder / f"{name}.svg", save_svg(figure, name))
-    return f"{name}.svg"
-
-
-def _limits(of: Series) -> list[str]:
-    return [_limit(of, break_even(of, family, error)) for family in OTHERS for error in ERRORS]
-
-
-def _limit(of: Series, froude: float) -> str:
+def _limit(of: Series, family: str, error: float) -> str:
     """A break-even Froude number in a cell."""
+    froude = break_even(of, family, error)
     if math.isnan(froude):
         return words.NOTHING
     if froude == 0.0:
@@ -131,19 +127,16 @@ def _rule(found: Sequence[Series], family: str) -> str:
 
 def _beside_unit(found: Sequence[Series], family: str) -> str:
     """Where it is cheaper than one explicit stepper that everybody knows."""
-    ratios = {}
-    for of in found:
-        for point in of.points:
-            offer, base = point.best(family, USUAL), point.best(UNIT, USUAL)
-            if offer and base:
-                where = f"{of.title}, U/c = {words.number(point.froude, 2)}"
-                ratios[where] = offer.cost / base.cost
+    ratios = {
+        f"{of.title}, U/c = {words.number(point.froude, 2)}": value
+        for of in found
+        for point in of.points
+        if math.isfinite(value := ratio(point, family, USUAL, UNIT))
+    }
     if not ratios:
         return f"`{UNIT}` alone has nothing to be compared with."
-    cheap, best = (
-        sum(value <= 1.0 for value in ratios.values()),
-        min(ratios, key=ratios.__getitem__),
-    )
+    cheap = sum(value <= 1.0 for value in ratios.values())
+    best = min(ratios, key=ratios.__getitem__)
     text = f"Against `{UNIT}` alone: cheaper at {cheap} of {len(ratios)}"
     return f"{text}, {words.number(ratios[best], 2)} times at best ({best})."
 

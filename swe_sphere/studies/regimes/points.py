@@ -136,8 +136,9 @@ def read_points(folder: Path) -> list[Point]:
             sweeps[path.name] = of_now
     if not sweeps:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    prices = _prices(run for runs in sweeps.values() for run in runs)
-    units = _units((run for runs in sweeps.values() for run in runs), prices)
+    everything = [run for runs in sweeps.values() for run in runs]
+    prices = _prices(everything)
+    units = _units(everything, prices)
     return [_point(name, records, prices, units) for name, records in sweeps.items()]
 
 
@@ -240,10 +241,10 @@ def series(points: Sequence[Point]) -> list[Series]:
     ]
 
 
-def ratio(point: Point, family: str, error: float) -> float:
-    """Cost of the best of a family over that of the best explicit stepper; NaN where unknown."""
-    offer, base = point.best(family, error), point.best(BASE, error)
-    return offer.cost / base.cost if offer and base else math.nan
+def ratio(point: Point, family: str, error: float, base: str = BASE) -> float:
+    """Cost of the best of a family over that of the best of the base; NaN where unknown."""
+    offer, known = point.best(family, error), point.best(base, error)
+    return offer.cost / known.cost if offer and known else math.nan
 
 
 def break_even(of: Series, family: str, error: float) -> float:

@@ -80,10 +80,11 @@ def sweep_rankings(
     metric: the error to rank by; None: the one that tells most.  levels: target errors, none: round
     ones.  Raises ConfigError if the dataset is not one of a sweep.
     """
+    own = _converged_error(dataset)
     return [
         ranking
         for where, rows in _meshes(read_rows(dataset))
-        for ranking in _rankings(rows, where, dataset.attrs, levels, metric)[:1]
+        for ranking in rankings(rows, [metric] if metric else metrics(rows), where, own, levels)[:1]
     ]
 
 
@@ -107,32 +108,27 @@ def _meshes(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     return [*found.items()]
 
 
-def _rankings(
-    rows: Sequence[Row], where: str, attributes: Mapping[Any, Any], levels: Sequence[float] = (),
-    metric: Metric | None = None,
-) -> list[Ranking]:  # fmt: skip
-    found = metrics(rows) if metric is None else [metric]
-    return rankings(rows, found, where, attributes.get("converged_check", math.nan), levels)
+def _converged_error(dataset: Dataset) -> float:
+    """Time error of the run that time errors are taken against; NaN where it is not known."""
+    return float(dataset.attrs.get("converged_check", math.nan))
 
 
 def _section(name: str, dataset: Dataset) -> Section:
-    rows = read_rows(dataset)
+    rows, own = read_rows(dataset), _converged_error(dataset)
     return Section(
         name=_slug(name),
         title=name,
         scene=dataset.attrs["scene"],
         rows=rows,
         metrics=metrics(rows),
-        meshes=[
-            _mesh(where, members, _rankings(members, where, dataset.attrs))
-            for where, members in _meshes(rows)
-        ],
+        meshes=[_mesh(where, members, own) for where, members in _meshes(rows)],
         attributes=dataset.attrs,
     )
 
 
-def _mesh(where: str, rows: list[Row], ranked: list[Ranking]) -> OneMesh:
+def _mesh(where: str, rows: list[Row], own: float) -> OneMesh:
     found = metrics(rows)
+    ranked = rankings(rows, found, where, own)
     first = [ranking.metric for ranking in ranked[:1]]
     errors = [(m, error_diagrams(rows, m)) for m in dict.fromkeys([*first, *found])]
     names = {row.number: curve.label for curve in curves(rows) for row in curve.rows}

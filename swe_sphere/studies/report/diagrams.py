@@ -77,21 +77,20 @@ def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
 
 def diagrams(rows: Sequence[Row]) -> list[Diagram]:
     """What does not depend on the choice of an error: counts, drifts, how runs ended."""
+    none, size = "By Δt; explicit steppers have none.", "Size of the relative change over the run"
     counts = [
-        _by_step(
-            rows, name, f"{title} iterations a step", "By Δt; explicit steppers have none.",
-            f"{title} iterations a step", partial(_per_step, name),
-        )
-        for name, title in COUNTS.items()
-    ]  # fmt: skip
+        (name, f"{what} iterations a step", none, f"{what} iterations a step", _per_step)
+        for name, what in COUNTS.items()
+    ]
     drifts = [
-        _by_step(
-            rows, name, f"Drift of {title}", "Size of the relative change over the run, by Δt.",
-            f"|relative change of {title}|", partial(_size, name),
-        )
-        for name, title in DRIFTS.items()
-    ]  # fmt: skip
-    return [diagram for found in (*counts, *drifts, _map(rows)) for diagram in found]
+        (name, f"Drift of {what}", f"{size}, by Δt.", f"|relative change of {what}|", _size)
+        for name, what in DRIFTS.items()
+    ]
+    by_step = [
+        _by_step(rows, name, title, caption, label, partial(of, name))
+        for name, title, caption, label, of in (*counts, *drifts)
+    ]
+    return [diagram for found in (*by_step, _map(rows)) for diagram in found]
 
 
 def _axis(metric: Metric) -> str:

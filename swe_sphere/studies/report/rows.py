@@ -141,19 +141,15 @@ def read_rows(dataset: Dataset) -> list[Row]:
     """
     if missing := [n for n in (*WORDS, *NUMBERS, "wall", "error") if n not in dataset]:
         raise ConfigError(f"this dataset is not one of a sweep: it has no {missing[0]}")
-    columns = {str(n): of.to_numpy() for n, of in dataset.items() if of.dims == ("run",)}
+    columns = {str(n): of.values.tolist() for n, of in dataset.items() if of.dims == ("run",)}
     walls, errors = _walls(dataset), _errors(dataset)
     rows = [
-        Row(i + 1, {name: _plain(of[i]) for name, of in columns.items()}, *known)
+        Row(i + 1, {name: of[i] for name, of in columns.items()}, *known)
         for i, known in enumerate(zip(errors, walls, strict=True))
     ]
     modelled = all(math.isfinite(row.modelled_seconds) for row in rows if row.compared)
     noise = float(dataset.attrs.get("noise", math.nan))
     return [_priced(row, modelled, noise) for row in rows]
-
-
-def _plain(value: Any) -> float | str:
-    return value if isinstance(value, str) else float(value)
 
 
 def _priced(row: Row, modelled: bool, noise: float) -> Row:

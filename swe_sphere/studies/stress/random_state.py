@@ -87,7 +87,6 @@ def random_scene(seed: int) -> Scene:
         np=4,
         dt=None,
         days=1.0,
-        parameters={"seed": seed},
     )
 
 

@@ -54,7 +54,6 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
         "eigenfunctions of the Laplacian",
         exact,
         effects=tuple(effect for effect in diffusion if not effect.absent),
-        parameters={"nu": nu, "nu4": nu4, "default": default},
     )
 
 
@@ -89,7 +88,6 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
         exact,
         effects=(Drag(linear, quadratic), Relaxation(time)),
         equilibrium=equilibrium,
-        parameters={"linear": linear, "quadratic": quadratic, "time": time},
     )
 
 
@@ -138,7 +136,6 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         exact,
         effects=(*DYNAMICS, Forcing()),
         forcing=forcing,
-        parameters={"alpha": alpha},
     )
 
 
