@@ -30,7 +30,7 @@ COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
 
 def try_out(trial: Trial, tick: Tick | None = None) -> Result:
     """Run the trial and judge it."""
-    return judge(trial, measure(trial, tick))
+    return judge(trial, METHODS[trial.method](trial, tick))
 
 
 def tried_beside(jobs: int, trials: Sequence[Trial]) -> Iterator[Result]:
@@ -43,11 +43,6 @@ def tried_beside(jobs: int, trials: Sequence[Trial]) -> Iterator[Result]:
 
 def _trying(tell: Tell) -> Callable[[Trial], None]:
     return lambda trial: tell(try_out(trial))
-
-
-def measure(trial: Trial, tick: Tick | None = None) -> Ended:
-    """How the trial ended, by its own method."""
-    return METHODS[trial.method](trial, tick)
 
 
 def _run(trial: Trial, tick: Tick | None = None) -> Ended:

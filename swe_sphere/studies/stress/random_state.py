@@ -94,17 +94,13 @@ def _admissible(planet: Planet, depth: float, speed: float, seed: int) -> Balanc
     """The flow, as fast as it may be."""
     lon, lat = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 48), np.linspace(-1.57, 1.57, 24))
     while True:
-        psi = random_streamfunction(_even, DEGREE, speed, planet.radius, seed)
+        psi = random_streamfunction(np.ones_like, DEGREE, speed, planet.radius, seed)
         flow = BalancedFlow(psi, planet, depth)
         u, v, h = flow.state(lon, lat)
         froude = float((np.hypot(u, v) / np.sqrt(planet.gravity * np.maximum(h, 1.0))).max())
         if h.min() > (SHALLOWEST + 0.15) * depth and froude < FASTEST:
             return flow
         speed *= 0.5
-
-
-def _even(n: Array) -> Array:
-    return np.ones_like(n)
 
 
 def _hills(draw: np.random.Generator, height: float) -> Any:

@@ -111,7 +111,7 @@ def zonal(name: PlanetName, speed: float = 40.0) -> Scene:
 def eddies(name: PlanetName, speed: float = 10.0) -> Scene:
     """A random balanced flow on another planet, without any dissipation."""
     planet, depth = PLANETS[name]
-    psi = random_streamfunction(_falling, 8, speed, planet.radius, seed=3)
+    psi = random_streamfunction(lambda n: 1.0 / n**2, 8, speed, planet.radius, seed=3)
     flow = BalancedFlow(psi, planet, depth)
     return _on(planet, initial=flow.state, exact=None, effects=(*DYNAMICS, Rotation()))
 
@@ -120,10 +120,6 @@ def _on(planet: Planet, **changes: Any) -> Scene:
     """williamson2 on another planet, with further changes."""
     base: Scene = get_scene("williamson2")
     return replace(base, planet=planet, coriolis=lambda x, y: coriolis(x, y, planet), **changes)
-
-
-def _falling(n: Array) -> Array:
-    return 1.0 / n**2
 
 
 SCENES = {

@@ -41,8 +41,7 @@ class Evaluator:
         self._plan, self._schedule = spaces.plan, spaces.schedule
         self._slow = spaces.scene.sheds_waves if self._plan.slow is None else self._plan.slow
         self._converged: dict[tuple[int, int], History] = {}
-        self._at_nodes: dict[tuple[str, float], Fields | None] = {}
-        self._on_grid: dict[tuple[str, float], OnGrid] = {}
+        self._right: dict[tuple[str, float], OnGrid | Fields | None] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,24 +105,20 @@ class Evaluator:
 
     def _total_norms(self, space: Discretisation, day: float, fields: Fields) -> Norms:
         key = (space.identity, day)
-        if self._total.kind == "file":
-            if day not in self._total.files:
-                return {}
-            if key not in self._on_grid:
-                reference = Reference(self._total.files[day])
-                self._on_grid[key] = OnGrid(reference, space.mesh)
-            with_bottom = fields | {"b": space.start["b"]}
-            return self._on_grid[key].errors(with_bottom, space.scene.error_field)
-        if key not in self._at_nodes:
-            self._at_nodes[key] = self._reference(space, day)
-        theirs = self._at_nodes[key]
-        return {} if theirs is None else flow_errors(space.model, fields, theirs)
+        if key not in self._right:
+            self._right[key] = self._reference(space, day)
+        right = self._right[key]
+        if isinstance(right, OnGrid):
+            return right.errors(fields | {"b": space.start["b"]}, space.scene.error_field)
+        return {} if right is None else flow_errors(space.model, fields, right)
 
-    def _reference(self, space: Discretisation, day: float) -> Fields | None:
-        """The exact solution, or that of the finer run, at the nodes."""
+    def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
+        """What a file holds, the exact solution at the nodes, or that of the finer run there."""
+        if day in self._total.files:
+            return OnGrid(Reference(self._total.files[day]), space.mesh)
         if self._total.kind == "exact":
             return _exact(space, day)
-        if self._total.kind == "none":
+        if self._total.kind != "finer":
             return None
         fine = self._spaces.at(self._total.finer, max(self._spaces.np))
         history = self._finer(fine)

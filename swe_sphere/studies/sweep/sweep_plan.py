@@ -49,13 +49,10 @@ def _stepper_names(value: object) -> tuple[str, ...]:
     """Names of steppers; among them may be families, files, and classes known by their name."""
     from swe_sphere.steppers import STEPPERS
 
-    families: dict[object, list[str]] = {}
-    for name, kind in STEPPERS.items():
-        families.setdefault(kind.family, []).append(name)
     names = []
     for item in _listed(value):
-        if isinstance(item, str) and item in families:
-            names += families[item]
+        if family := [name for name, kind in STEPPERS.items() if kind.family == item]:
+            names += family
             continue
         named = str(item if isinstance(item, str | Path) else getattr(item, "name", item))
         if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:

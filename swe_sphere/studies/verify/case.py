@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import unknown_name
 from swe_sphere.fingerprints import code_fingerprint, fingerprint
@@ -59,12 +59,14 @@ class Published(BaseModel):
 
 
 class Level(BaseModel):
-    """One resolution of a case, and what is asked of it."""
+    """One resolution of a case, and what is asked of it.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    Keys that are none of these differ from the run of the case.
+    """
 
-    run: dict[str, Any] = {}
-    """What differs from the run of the case; in a file the keys that are none of the others."""
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Any]
+
     h: Norms | None = None
     """Upper bounds of l1, l2, linf of the height."""
     v: Norms | None = None
@@ -79,14 +81,6 @@ class Level(BaseModel):
     published: tuple[Published, ...] = ()
     quick: bool = False
     """Whether the quick form runs it too."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _split(cls, table: Any) -> Any:
-        if not isinstance(table, Mapping) or "run" in table:
-            return table
-        run = {key: value for key, value in table.items() if key not in cls.model_fields}
-        return {key: value for key, value in table.items() if key not in run} | {"run": run}
 
     def all_bounds(self, tolerance: float) -> Iterator[Bound]:
         """All bounds; tolerance: relative, of `values`."""
@@ -136,7 +130,7 @@ class Case(BaseModel):
 
     def at(self, level: Level) -> Configuration:
         """The run of a level."""
-        return self.base.changed(level.run)
+        return self.base.changed(level.__pydantic_extra__)
 
     def bounds(self, level: Level) -> list[Bound]:
         """All that is asked of a level."""
@@ -196,7 +190,7 @@ def _stepper_case(kind: type[Stepper]) -> Case:
     """
     solves = kind.family != "explicit"
     levels = tuple(
-        Level(run={"dt": dt}, values={"l2_h": height, "l2_v": wind}, quick=True)
+        Level.model_validate({"dt": dt, "values": {"l2_h": height, "l2_v": wind}, "quick": True})
         for dt, height, wind in kind.expected_error
     )
     return Case(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from collections.abc import Callable
 
 import numpy as np
 
@@ -11,9 +11,8 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import area_mean, by_name
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
-from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, state_integrals
+from swe_sphere.simulation.snapshot import exact_fields, flow_errors, state_integrals
 from swe_sphere.studies.configuration import Configuration
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.record_store import Result
@@ -33,19 +32,8 @@ class Measure(Result):
     """How it ended, as `Summary.status`."""
 
 
-class Finer:
-    """The end of a run on a finer mesh, made when it is asked for, on the nodes of others."""
-
-    def __init__(self, configuration: Configuration) -> None:
-        self._configuration = configuration
-
-    @cached_property
-    def _sim(self) -> Simulation:
-        return _completed(self._configuration)
-
-    def at_nodes(self, mesh: Mesh) -> Fields:
-        """Wind and depth at the nodes of a mesh."""
-        return at_nodes(self._sim.mesh, self._sim.snapshot.fields, mesh)
+Finer = Callable[[], Simulation]
+"""Makes the run on a finer mesh that others are compared with."""
 
 
 def measure(
@@ -93,7 +81,8 @@ def _simulation(configuration: Configuration) -> Simulation:
     return sim
 
 
-def _completed(configuration: Configuration) -> Simulation:
+def completed(configuration: Configuration) -> Simulation:
+    """A run to compare with, at its end; RunFailed where it does not get there."""
     sim = _simulation(configuration)
     ended = stepped(sim)
     if not ended.completed:
@@ -137,9 +126,10 @@ def _errors(
     sim: Simulation, configuration: Configuration, against: str | Finer | None
 ) -> dict[str, float]:
     if against == CONVERGED:
-        other = _completed(configuration.changed(CONVERGED_RUN)).snapshot.fields
-    elif isinstance(against, Finer):
-        other = against.at_nodes(sim.mesh)
+        other = completed(configuration.changed(CONVERGED_RUN)).snapshot.fields
+    elif callable(against):
+        fine = against()
+        other = at_nodes(fine.mesh, fine.snapshot.fields, sim.mesh)
     elif against is not None:
         return _reference_errors(sim, against)
     elif sim.scene.exact is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
@@ -13,7 +13,7 @@ from swe_sphere.studies.ended import Check
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.verify.case import ORDERS, Case, Level
-from swe_sphere.studies.verify.measure import Finer, Measure, measure
+from swe_sphere.studies.verify.measure import Finer, Measure, completed, measure
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +158,11 @@ def _levels(case: Case, quick: bool) -> list[Level]:
 
 
 def _finer(case: Case) -> str | Finer | None:
-    """What a case is compared with."""
+    """What a case is compared with; a finer run is made once."""
     against = case.against
-    return Finer(case.base.changed(against)) if isinstance(against, dict) else against
+    if not isinstance(against, dict):
+        return against
+    return cache(partial(completed, case.base.changed(against)))
 
 
 def _orders(coarse: Row, fine: Row) -> dict[str, float]:
