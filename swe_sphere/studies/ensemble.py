@@ -59,13 +59,10 @@ def run_members(
     made as asked for; RunFailed if one does not come to its end.
     """
     if not 2 <= len(set(seeds)) == len(seeds) <= MOST:
-        raise ConfigError(f"seeds: give 2 to {MOST} different ones, not {_listed(seeds)}")
+        few = ",".join(map(str, seeds[:8])) or "none"
+        raise ConfigError(f"seeds: give 2 to {MOST} different ones, not {few}")
     folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]
-
-
-def _listed(seeds: Sequence[int]) -> str:
-    return ",".join(map(str, seeds[:8])) or "none"
 
 
 def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], None]) -> Path:
@@ -120,21 +117,16 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
 
 def write_spread(found: Spread, folder: Path) -> list[Path]:
     """The spread as a table, spread_FIELD.csv, and as a picture beside it."""
-    name, text = f"spread_{found.field}", io.StringIO()
+    kind, text, picture = describe(found.field), io.StringIO(), io.BytesIO()
     rows = csv.writer(text)
-    rows.writerow(["day", f"spread [{describe(found.field).plain_units}]", "growth [day-1]"])
+    rows.writerow(["day", f"spread [{kind.plain_units}]", "growth [day-1]"])
     rows.writerows(zip(found.times / DAY, found.values, found.rates, strict=True))
-    write_whole(folder / f"{name}.csv", text.getvalue())
-    picture = io.BytesIO()
-    _draw(found, picture)
-    write_whole(folder / f"{name}.png", picture.getvalue())
-    return [folder / f"{name}{ending}" for ending in (".csv", ".png")]
-
-
-def _draw(found: Spread, picture: io.BytesIO) -> None:
-    kind = describe(found.field)
     figure = new_figure()
     figure.set_size_inches(6.4, 4.0)
     title = f"spread of {kind.title} [{kind.units}]"
     draw_panel(figure.subplots(), Panel(title, found.times, {"all members": found.values}), None)
     figure.savefig(picture, format="png", dpi=DOTS_PER_INCH)
+    table, drawn = (folder / f"spread_{found.field}{ending}" for ending in (".csv", ".png"))
+    write_whole(table, text.getvalue())
+    write_whole(drawn, picture.getvalue())
+    return [table, drawn]

@@ -45,10 +45,13 @@ class Store(Generic[R]):
     """Records of one form in numbered files, in the order in which they were made.
 
     A kill at any moment leaves all of them whole.  Raises ConfigError where a file is damaged.
+    tell: passes new records on to the process that keeps them in the files.
     """
 
-    def __init__(self, folder: Path, form: type[R]) -> None:
-        self.folder, self._form = folder, form
+    def __init__(
+        self, folder: Path, form: type[R], tell: Callable[[R], object] | None = None
+    ) -> None:
+        self.folder, self._form, self._tell = folder, form, tell
         paths = sorted(folder.glob("[0-9]*.json"))
         self._last = max((int(path.stem) for path in paths if path.stem.isdigit()), default=0)
         self.records: list[R] = [read_record(path, form) for path in paths]
@@ -59,11 +62,15 @@ class Store(Generic[R]):
         Raises:
             RunFailed: the disk does not take it.
         """
-        text = record.as_text()
-        write_whole(self.folder / f"{self._last + 1:06d}.json", text)
-        self._last += 1
-        self.records.append(self._form.model_validate_json(text))
-        return self.records[-1]
+        if self._tell is None:
+            text = record.as_text()
+            write_whole(self.folder / f"{self._last + 1:06d}.json", text)
+            self._last += 1
+            record = self._form.model_validate_json(text)
+        else:
+            self._tell(record)
+        self.records.append(record)
+        return record
 
     @contextmanager
     def unfinished(self) -> Iterator[None]:
@@ -80,20 +87,6 @@ class Store(Generic[R]):
             finally:
                 with suppress(OSError):  # it holds runs
                     self.folder.rmdir()
-
-
-class Relay(Store[R]):
-    """Records of another process's store: those there are, and those that it is told of to keep."""
-
-    def __init__(self, folder: Path, form: type[R], tell: Callable[[R], object]) -> None:
-        super().__init__(folder, form)
-        self._tell = tell
-
-    def add(self, record: R) -> R:
-        """Pass it on."""
-        self._tell(record)
-        self.records.append(record)
-        return record
 
 
 def read_record(path: Path, form: type[R]) -> R:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -112,14 +113,9 @@ def safe_steps(space: Discretisation, steppers: list[str]) -> dict[str, float]:
     from swe_sphere.steppers import STEPPERS
 
     found = {}
-    for name in steppers:
-        kind = STEPPERS.get(name)
-        if kind is None:
-            continue
-        try:
-            found[name] = kind.safety * space.stable_dt(kind)
-        except ConfigError:
-            continue
+    for kind in (STEPPERS[name] for name in steppers if name in STEPPERS):
+        with suppress(ConfigError):
+            found[kind.name] = kind.safety * space.stable_dt(kind)
     return found
 
 

@@ -117,10 +117,8 @@ def setting_of(space: Discretisation, seconds: float) -> Setting:
         )
     change, turning = slow_frequencies(space.mesh, fields)
     damping = model.spectrum(model.initial_state()).dissipation if model.diffusive else 0.0
-    limits = space.limits
-    return Setting(
-        limits["gravity_limit"], limits["advective_limit"], damping, change, turning, seconds
-    )
+    return Setting(**space.limits, dissipation=damping, change=change, turning=turning,
+                   seconds=seconds)  # fmt: skip
 
 
 def slow_frequencies(mesh: Mesh, fields: Fields) -> tuple[float, float]:

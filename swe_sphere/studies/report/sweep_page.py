@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from io import BytesIO
 from math import isfinite
 from numbers import Real
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup, escape
+from matplotlib.figure import Figure
 from xarray import Dataset
 
 from swe_sphere.durable import clear_errors, write_whole
@@ -56,9 +58,10 @@ def write_report(
     """
     out = _made(out, "report")
     sections = read_sections(datasets)
+    told = sections[0].attributes.get("title") if sections else ""
     text = _rendered(
-        "report.html.j2", title=title or _title(datasets), sections=sections, notes=notes or {},
-        picture=_Pictures(out, png=True).inline,
+        "report.html.j2", title=title or told or TITLE, sections=sections, notes=notes or {},
+        picture=partial(_inline, out),
     )  # fmt: skip
     rows = csv_text([(section.title, section.rows) for section in sections])
     write_whole(out / "table.csv", rows)
@@ -87,7 +90,7 @@ def write_markdown(
     text = _rendered(
         "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
         shown=SHOWN, figures=figures, claims=claims, verdicts=[HEADS, verdicts(sections, claims)],
-        picture=_Pictures(folder, png=False).file,
+        picture=partial(_file, folder),
     )  # fmt: skip
     write_whole(folder / "README.md", text)
     return folder / "README.md"
@@ -100,38 +103,30 @@ def _made(folder: str | os.PathLike[str], what: str) -> Path:
     return Path(folder)
 
 
-def _title(datasets: Dataset | Mapping[str, Dataset]) -> str:
-    first = datasets if isinstance(datasets, Dataset) else next(iter(datasets.values()), None)
-    return str("" if first is None else first.attrs.get("title", "")) or TITLE
+def _file(folder: Path, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
+    """Draw a diagram; returns the name of its SVG file."""
+    return f"{_drawn(folder, section, mesh, diagram)[0]}.svg"
 
 
-class _Pictures:
-    """Draws diagrams into files of a folder, and hands them on."""
+def _inline(folder: Path, section: Section, mesh: OneMesh, diagram: Diagram) -> Markup:
+    """Draw a diagram; returns it as an element of the page, its points with explanations."""
+    stem, svg, figure = _drawn(folder, section, mesh, diagram)
+    png = BytesIO()
+    figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
+    write_whole(folder / f"{stem}.png", png.getvalue())
+    tips = {f"{section.name}-{row.number}": _tip(row) for row in mesh.rows}
+    return Markup(inline(svg, stem, diagram.title, tips))
 
-    def __init__(self, folder: Path, *, png: bool) -> None:
-        self._folder = folder
-        self._png = png
 
-    def file(self, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
-        """Draw a diagram; returns the name of its SVG file."""
-        return self._draw(section, mesh, diagram)[0]
-
-    def inline(self, section: Section, mesh: OneMesh, diagram: Diagram) -> Markup:
-        """Draw a diagram; returns it as an element of the page, its points with explanations."""
-        name, svg = self._draw(section, mesh, diagram)
-        tips = {f"{section.name}-{row.number}": _tip(row) for row in mesh.rows}
-        return Markup(inline(svg, name.removesuffix(".svg"), diagram.title, tips))
-
-    def _draw(self, section: Section, mesh: OneMesh, diagram: Diagram) -> tuple[str, str]:
-        stem = f"{section.name}-{mesh.name}-{diagram.name}"
-        figure = render(diagram, section.name)
-        svg = save_svg(figure, stem)
-        write_whole(self._folder / f"{stem}.svg", svg)
-        if self._png:
-            png = BytesIO()
-            figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
-            write_whole(self._folder / f"{stem}.png", png.getvalue())
-        return f"{stem}.svg", svg
+def _drawn(
+    folder: Path, section: Section, mesh: OneMesh, diagram: Diagram
+) -> tuple[str, str, Figure]:
+    """Name, text and figure of a diagram, whose SVG file is written."""
+    stem = f"{section.name}-{mesh.name}-{diagram.name}"
+    figure = render(diagram, section.name)
+    svg = save_svg(figure, stem)
+    write_whole(folder / f"{stem}.svg", svg)
+    return stem, svg, figure
 
 
 def _tip(row: Row) -> str:

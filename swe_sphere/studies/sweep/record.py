@@ -21,7 +21,7 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.costs import modelled_seconds
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.jobs import Tell
-from swe_sphere.studies.record_store import Record, Relay, Store, read_record
+from swe_sphere.studies.record_store import Record, Store, read_record
 from swe_sphere.studies.sweep.runspec import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
@@ -140,9 +140,7 @@ def read_header(folder: Path) -> Header | None:
 
 def runs_of(folder: Path, tell: Tell | None = None) -> Store[RunRecord]:
     """The runs in a folder of a sweep; tell: passes new ones on to the process that keeps them."""
-    if tell is None:
-        return Store(folder / RUNS, RunRecord)
-    return Relay(folder / RUNS, RunRecord, tell)
+    return Store(folder / RUNS, RunRecord, tell)
 
 
 def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRecord]:

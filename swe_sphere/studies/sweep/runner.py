@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from swe_sphere.errors import ConfigError, RunFailed, in_one_line
@@ -154,27 +154,22 @@ EVERY = 2.0
 """Seconds between two looks at how fast the machine is."""
 
 
+@dataclass
 class Runner:
-    """Makes runs; every one ends as a record in the store before the next begins.
+    """Makes runs; every one ends as a record in the store before the next begins."""
 
-    sources: of what all runs are made; records of others are not known here.  jobs: how many
-    processes are at work beside each other.
-    """
+    store: Store[RunRecord]
+    sources: dict[str, str]
+    """Of what all runs are made; records of others are not known here."""
+    interruption: Interruption
+    watcher: SweepWatcher
+    time_limit: float | None
+    """Wall time of the steps of a run [s]."""
+    jobs: int = 1
+    """How many processes are at work beside each other."""
 
-    def __init__(
-        self,
-        store: Store[RunRecord],
-        sources: Mapping[str, str],
-        interruption: Interruption,
-        watcher: SweepWatcher,
-        time_limit: float | None,
-        jobs: int = 1,
-    ) -> None:
-        self._jobs = jobs
-        self._store, self._sources = store, dict(sources)
-        self._interruption, self._watcher = interruption, watcher
-        self._time_limit = time_limit
-        runs = current(store.records, sources)
+    def __post_init__(self) -> None:
+        runs = current(self.store.records, self.sources)
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[object] = set()
         self._timed: dict[str, float] = {}
@@ -188,7 +183,7 @@ class Runner:
         record = self._known.get((spec.key, repeat))
         if record is None or record.status != "timed-out":
             return record
-        had, has = record.time_limit, self._time_limit
+        had, has = record.time_limit, self.time_limit
         return record if has is not None and had is not None and has <= had else None
 
     def run(self, spec: RunSpec, evaluate: TakeErrors | None = None, repeat: int = 0) -> RunRecord:
@@ -202,20 +197,20 @@ class Runner:
         """
         record = self.known(spec, repeat)
         if record is None:
-            result = self.result(spec, self._time_limit)
+            result = self.result(spec, self.time_limit)
             errors = evaluate(spec.space, result.snapshots) if evaluate else []
             record = self.keep(spec, result, errors, repeat)
-        self._watcher.done(spec, record)
+        self.watcher.done(spec, record)
         return record
 
     def result(self, spec: RunSpec, time_limit: float | None = None) -> Result:
         """Make a run, warm, with a look at the machine before it."""
-        self._interruption.check()
-        self._watcher.begin(spec)
+        self.interruption.check()
+        self.watcher.begin(spec)
         compiled = self._warmed(spec)
         rhs_seconds = self._timed_rhs(spec)
         watch = self._watches[spec.integrator.identity]
-        result = execute(spec, self._interruption, time_limit, self._watcher.tick, watch)
+        result = execute(spec, self.interruption, time_limit, self.watcher.tick, watch)
         result.rhs_seconds = rhs_seconds
         if "compile_seconds" in result.numbers:
             result.numbers["compile_seconds"] += compiled
@@ -225,19 +220,19 @@ class Runner:
         self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
     ) -> RunRecord:
         """Write the record of a run."""
-        untold = dict.fromkeys(TIMES if self._jobs > 1 else ())
+        untold = dict.fromkeys(TIMES if self.jobs > 1 else ())
         return self.take(RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason,
             numbers=result.numbers | spec.space.limits | untold,
             errors=errors, rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
-            time_limit=self._time_limit, sources=self._sources | spec.integrator.sources,
-            jobs=self._jobs,
+            time_limit=self.time_limit, sources=self.sources | spec.integrator.sources,
+            jobs=self.jobs,
         ))  # fmt: skip
 
     def take(self, record: RunRecord) -> RunRecord:
         """Write a record that was made here or by another process."""
-        kept = self._known[record.key, record.repeat] = self._store.add(record)
+        kept = self._known[record.key, record.repeat] = self.store.add(record)
         return kept
 
     def _warmed(self, spec: RunSpec) -> float:
@@ -250,11 +245,7 @@ class Runner:
     def _timed_rhs(self, spec: RunSpec) -> float | None:
         """Time of a right-hand side, taken now and then on every mesh."""
         now, mesh = time.perf_counter(), spec.space.identity
-        if (
-            self._jobs > 1
-            or spec.refusal is not None
-            or now - self._timed.get(mesh, -EVERY) < EVERY
-        ):
+        if self.jobs > 1 or spec.refusal is not None or now - self._timed.get(mesh, -EVERY) < EVERY:
             return None
         seconds = spec.space.time_rhs()
         self._timed[mesh] = now

@@ -205,6 +205,9 @@ def _check(plan: SweepPlan, scene: Scene) -> None:
             raise ConfigError(f"reference: there is no file {path}")
 
 
+RECIPES = Path(str(files("swe_sphere.studies.sweep"))) / "recipes"
+
+
 @dataclass(frozen=True)
 class Recipe:
     """Sweeps that belong together."""
@@ -237,7 +240,7 @@ class Recipe:
 
 def recipe_names() -> list[str]:
     """Names of the recipes that come with the package."""
-    return sorted(path.stem for path in _folder().iterdir() if path.suffix == ".toml")
+    return sorted(path.stem for path in RECIPES.glob("*.toml"))
 
 
 def load_recipe(name: str) -> Recipe:
@@ -253,7 +256,7 @@ def load_recipe(name: str) -> Recipe:
     if path.suffix != ".toml":
         if name not in recipe_names():
             raise unknown_name("recipe", name, recipe_names())
-        path = _folder() / f"{name}.toml"
+        path = RECIPES / f"{name}.toml"
     table = read_toml(path)
     title, introduction = str(table.pop("title", path.stem)), str(table.pop("introduction", ""))
     mapped = table.pop("map", False) is True
@@ -282,7 +285,3 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
         named = {"name": "-".join([str(sweep.get("scene")), *words])} if each else {}
         of_all = [*sweep.get("set", ()), *settings]
         yield sweep | plain | named | ({"set": of_all} if of_all else {})
-
-
-def _folder() -> Path:
-    return Path(str(files("swe_sphere.studies.sweep"))) / "recipes"

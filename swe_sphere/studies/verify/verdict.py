@@ -38,7 +38,23 @@ class Row:
     @property
     def orders(self) -> dict[str, float]:
         """Observed orders since the level before, by the names in `ORDERS`; none for the first."""
-        return {} if self.before is None else _orders(self.before, self)
+        if self.before is None:
+            return {}
+        ratio = math.log(self.fineness / self.before.fineness)
+        old, new = self.before.measure.numbers, self.measure.numbers
+        return {
+            order: math.log(abs(a / b)) / ratio
+            for name, order in ORDERS.items()
+            if (a := old.get(name)) and (b := new.get(name))
+        }
+
+    @property
+    def fineness(self) -> float:
+        """1/ne, 1/(np - 1) or the time step, inverted: what the levels of the case differ in."""
+        config, along = self.config, self.case.along
+        if along == "dt":
+            return 1.0 / self.dt
+        return float((config.ne or 0) if along == "ne" else (config.np or 0) - 1)
 
     @property
     def config(self) -> RunConfig:
@@ -163,25 +179,6 @@ def _finer(case: Case) -> str | Finer | None:
     if not isinstance(against, dict):
         return against
     return cache(partial(completed, case.base.changed(against)))
-
-
-def _orders(coarse: Row, fine: Row) -> dict[str, float]:
-    """Order of the errors in terms of 1/ne, 1/(np - 1) or the time step."""
-    ratio = math.log(_fineness(fine) / _fineness(coarse))
-    old, new = coarse.measure.numbers, fine.measure.numbers
-    return {
-        order: math.log(abs(a / b)) / ratio
-        for name, order in ORDERS.items()
-        if (a := old.get(name)) and (b := new.get(name))
-    }
-
-
-def _fineness(row: Row) -> float:
-    """What the levels of the case differ in."""
-    config, along = row.config, row.case.along
-    if along == "dt":
-        return 1.0 / row.dt
-    return float((config.ne or 0) if along == "ne" else (config.np or 0) - 1)
 
 
 def _told(check: Check) -> dict[str, object]:
