@@ -151,7 +151,7 @@ def test_the_choice_is_nearly_the_cheapest_of_a_sweep(sweep, error) -> None:
     setting = Setting(**sweep["setting"])
     runs: dict[str, list[Run]] = {}
     for name, dt, cost, err in sorted(sweep["runs"], key=lambda run: -run[1]):
-        runs.setdefault(name, []).append(Run(name, "", dt, 1.0, err, cost, 0.0))
+        runs.setdefault(name, []).append(Run(name, dt, 1.0, err, cost))
     limits = {name: sweep["limits"].get(name, math.inf) for name in runs}
     best = candidates(setting, limits, error, known_methods())[0]
     cost, err = seen(runs[best.method.stepper], best.dt)

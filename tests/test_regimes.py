@@ -36,7 +36,7 @@ scene = "williamson5"
 
 
 def run(stepper: str, dt: float, cost: float, error: float) -> Run:
-    return Run(stepper, "", dt, 1.0, error, cost, 0.0)
+    return Run(stepper, dt, 1.0, error, cost)
 
 
 def place(speed: float, *runs: Run, stretch: float = 1.0, **more: object) -> Point:

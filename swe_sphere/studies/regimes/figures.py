@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -24,8 +24,8 @@ FARTHEST = 3.0
 CELL, MARGIN, TOP = (0.78, 0.52), (0.9, 0.5), 0.8
 """Inches: of a cell, beside and below the cells, and above them."""
 
-Cell = Callable[[int, int], tuple[Point, float] | None]
-"""The place and the error for a row and a column of a heat map."""
+Cells = Sequence[Sequence[tuple[Point, float] | None]]
+"""The places and the errors by rows and columns of a heat map; None: no such place."""
 
 
 def by_refinement(of: Sequence[Series], error: float) -> Figure:
@@ -34,33 +34,26 @@ def by_refinement(of: Sequence[Series], error: float) -> Figure:
     of: series of one scene that differ in their refinement.
     """
     winds = {point.config.settings: point.froude for point in of[0].points}
-    places = [{p.config.settings: p for p in line.points} for line in of]
-
-    def cell(row: int, column: int) -> tuple[Point, float] | None:
-        point = places[row].get(list(winds)[column])
-        return None if point is None else (point, error)
-
-    return _panels(list(winds.values()), [f"{line.stretch:g}" for line in of], "refinement", cell)
+    places = [{p.config.settings: (p, error) for p in line.points} for line in of]
+    cells = [[line.get(wind) for wind in winds] for line in places]
+    return _panels(list(winds.values()), [f"{line.stretch:g}" for line in of], "refinement", cells)
 
 
 def by_error(of: Series, errors: Sequence[float]) -> Figure:
     """Ratios by Froude number and error, a panel for each family."""
-
-    def cell(row: int, column: int) -> tuple[Point, float]:
-        return of.points[column], errors[row]
-
+    cells = [[(point, error) for point in of.points] for error in errors]
     rows = [words.level(error) for error in errors]
-    return _panels([point.froude for point in of.points], rows, "slow-flow error", cell)
+    return _panels([point.froude for point in of.points], rows, "slow-flow error", cells)
 
 
-def _panels(froude: Sequence[float], rows: Sequence[str], what: str, cell: Cell) -> Figure:
+def _panels(froude: Sequence[float], rows: Sequence[str], what: str, cells: Cells) -> Figure:
     with mpl.rc_context(STYLE):
         width = len(OTHERS) * (CELL[0] * len(froude) + 0.2) + MARGIN[0]
         size = width, CELL[1] * len(rows) + MARGIN[1] + TOP
         figure = Figure(figsize=size, layout="constrained")
         panels = figure.subplots(1, len(OTHERS), sharey=True, squeeze=False)[0]
         for axes, family in zip(panels, OTHERS, strict=True):
-            _heat(axes, family, len(rows), len(froude), cell)
+            _heat(axes, family, cells)
             axes.set_title(f"{family} : {BASE}", fontsize=9.0)
             axes.set_xticks(range(len(froude)), [words.number(f, 2) for f in froude])
             axes.set_xlabel("U/c")
@@ -71,11 +64,11 @@ def _panels(froude: Sequence[float], rows: Sequence[str], what: str, cell: Cell)
     return figure
 
 
-def _heat(axes: Axes, family: str, rows: int, columns: int, cell: Cell) -> None:
+def _heat(axes: Axes, family: str, cells: Cells) -> None:
     """The cells with their ratios and the cheapest stepper, and the line where the ratio is 1."""
-    values = np.full((rows, columns), np.nan)
-    for row, column in np.ndindex(rows, columns):
-        if (found := cell(row, column)) is None:
+    values = np.full((len(cells), len(cells[0])), np.nan)
+    for row, column in np.ndindex(values.shape):
+        if (found := cells[row][column]) is None:
             continue
         point, error = found
         values[row, column] = value = ratio(point, family, error)

@@ -29,7 +29,6 @@ class Run:
     """One run at a place of the map."""
 
     stepper: str
-    preconditioner: str
     dt: float
     """[s]"""
     steps: float
@@ -37,8 +36,6 @@ class Run:
     """Slow-flow error at the end (l2, relative)."""
     cost: float
     """Modelled time [right-hand sides of `UNIT` on that mesh]."""
-    krylov: float
-    """Krylov iterations a step."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +144,10 @@ Priced = dict[tuple[object, ...], Prices]
 
 def _prices(records: Iterable[RunRecord]) -> Priced:
     """The lowest prices by what they go with."""
-    found: dict[tuple[object, ...], list[Prices]] = {}
+    found: Priced = {}
     for record in records:
-        found.setdefault(_kind(record), []).append(record.prices)
-    return {kind: lowest(of) for kind, of in found.items()}
+        found[_kind(record)] = lowest([found.get(_kind(record), {}), record.prices])
+    return found
 
 
 def _kind(record: RunRecord) -> tuple[object, ...]:
@@ -188,13 +185,10 @@ def _point(
         errors = {error.field: error for error in record.errors if error.kind == "slow"}
         if record.role != "grid" or record.status != "completed" or not errors:
             continue
-        config, numbers = record.config, record.numbers
-        error, steps = errors["vorticity"].l2, numbers["steps"] or math.nan
-        assert error is not None and isinstance(config.dt, float)
+        stepper, dt, error = record.config.stepper, record.config.dt, errors["vorticity"].l2
+        assert error is not None and isinstance(dt, float)
         cost = _seconds(record, prices) / units[_size(record)]
-        krylov = (numbers["krylov_iterations"] or 0.0) / steps
-        runs.append(Run(config.stepper, config.preconditioner or "", config.dt, steps, error, cost,
-                        krylov))  # fmt: skip
+        runs.append(Run(stepper, dt, record.numbers["steps"] or math.nan, error, cost))
     limits = records[0].numbers
     gravity, advective = limits["gravity_limit"], limits["advective_limit"]
     failures = tuple(

@@ -4,7 +4,8 @@ Needs nothing but the dataset of a sweep.
 """
 
 from swe_sphere.studies.report.answer import Ranking
-from swe_sphere.studies.report.content import Claim, sweep_rankings
+from swe_sphere.studies.report.claims import Claim
+from swe_sphere.studies.report.content import sweep_rankings
 from swe_sphere.studies.report.rows import Metric
 from swe_sphere.studies.report.sweep_page import write_markdown, write_report
 

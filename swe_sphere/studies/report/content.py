@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
@@ -18,8 +18,7 @@ from swe_sphere.studies.report.answer import Ranking, rankings
 from swe_sphere.studies.report.diagrams import Diagram, diagrams, error_diagrams
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row, metrics, read_rows
-from swe_sphere.studies.report.statistics import largest_step
-from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_steps, step_text
+from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_steps
 
 
 @dataclass(frozen=True)
@@ -160,62 +159,3 @@ def attribute(value: Any) -> str:
 def _slug(text: str) -> str:
     """A text as a part of file names and anchors."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
-
-
-CLAIMED = ("h", "vorticity")
-HEADS = (
-    "scene", "stepper", "claimed", "l2(h)", "l2(vorticity)", "confirmed", "longest step tried",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What others say: that steps of so many gravity-wave and advective limits lose no accuracy."""
-
-    gravity: float
-    advective: float
-    why: str = ""
-    """Markdown: what the runs say to it."""
-
-    @property
-    def text(self) -> str:
-        """Both numbers."""
-        return f"{words.times(self.gravity)}, {words.times(self.advective)}"
-
-    def met(self, row: Row | None) -> bool:
-        """Whether a longest step without loss is as long as claimed."""
-        return row is not None and (
-            row.gravity_multiple >= self.gravity and row.advective_multiple >= self.advective
-        )
-
-
-def verdicts(sections: Sequence[Section], claims: Mapping[str, Claim]) -> list[list[str]]:
-    """Lines under `HEADS`: the longest steps without loss, and whether that is as claimed.
-
-    Of steppers that took steps of as many gravity-wave limits as are claimed.
-    """
-    return [
-        line
-        for section in sections
-        if section.title in claims
-        for mesh in section.meshes
-        for line in _of_mesh(mesh, claims[section.title])
-    ]
-
-
-def _of_mesh(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
-    found = [metric for metric, _ in mesh.errors if metric.kind == "total"]
-    shown = [metric for field in CLAIMED for metric in found if metric.field == field]
-    bounds = mesh.losses.limits if mesh.losses else {}
-    for curve in curves([row for row in mesh.rows if row.compared]):
-        longest = max(curve.rows, key=lambda row: row.dt)
-        if longest.gravity_multiple < claim.gravity:
-            continue
-        steps = [
-            largest_step(curve.rows, m, bounds[m].value) if m in bounds else None for m in shown
-        ]
-        met = ["yes" if claim.met(row) else "no" for row in steps]
-        each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
-        verdict = met[0] if len({*met}) == 1 else ", ".join(each)
-        cells = [step_text(row, numbered=False) for row in (*steps, longest)]
-        yield [mesh.title, curve.label, claim.text, *cells[:-1], verdict, cells[-1]]

@@ -21,15 +21,8 @@ from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.axes import inline, save_svg
-from swe_sphere.studies.report.content import (
-    HEADS,
-    Claim,
-    OneMesh,
-    Section,
-    attribute,
-    read_sections,
-    verdicts,
-)
+from swe_sphere.studies.report.claims import HEADS, Claim, verdicts
+from swe_sphere.studies.report.content import OneMesh, Section, attribute, read_sections
 from swe_sphere.studies.report.diagrams import Diagram, render
 from swe_sphere.studies.report.rows import REPEATABLE, Row
 from swe_sphere.studies.report.statistics import BASELINE, SLACK

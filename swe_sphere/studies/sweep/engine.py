@@ -8,22 +8,12 @@ from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
-from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.studies.costs import settled_objects
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.sweep.discretisation import Discretisations
-from swe_sphere.studies.sweep.record import (
-    HEADER,
-    Header,
-    RunRecord,
-    current,
-    header_of,
-    read_header,
-    runs_of,
-    stale_note,
-)
+from swe_sphere.studies.sweep.record import RunRecord, current, header_of, note_plan, runs_of
 from swe_sphere.studies.sweep.references import choose_reference, sweep_sources
 from swe_sphere.studies.sweep.runner import Runner
 from swe_sphere.studies.sweep.runspec import (
@@ -75,7 +65,9 @@ class Sweep:
         self._sources = common | users_methods(plan.steppers, plan.preconditioner)
         self._store = runs_of(folder, tell)
         if tell is None:
-            self._note_plan(folder, header_of(plan, self._spaces.scene, self._sources))
+            header = header_of(plan, self._spaces.scene, self._sources)
+            if stale := note_plan(folder, self._store.records, header):
+                watcher.note(stale)
         self._least: dict[object, float] = {}
         self._interruption = Interruption()
         self._runner = Runner(
@@ -83,16 +75,6 @@ class Sweep:
             plan.jobs if tell else 1,
         )  # fmt: skip
         self._evaluator = Evaluator(self._spaces, total, self._runner, folder / CONVERGED)
-
-    def _note_plan(self, folder: Path, header: Header) -> None:
-        """Write down what is asked for; tell the user what there is and counts no more."""
-        stale = stale_note(folder, self._store.records, header)
-        last = read_header(folder)
-        same = {"created": header.created, "command": header.command}
-        if last is None or last.model_copy(update=same) != header:
-            write_whole(folder / HEADER, header.as_text())
-        if stale:
-            self._watcher.note(stale)
 
     @property
     def has_runs(self) -> bool:

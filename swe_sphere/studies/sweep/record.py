@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.fingerprints import processor, versions
@@ -148,16 +149,20 @@ def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRe
     return [run for run in runs if not _changed(run.sources, sources)]
 
 
-def stale_note(folder: Path, runs: list[RunRecord], now: Header) -> str:
-    """How many runs are left out as something they are made of has changed since the last sweep.
+def note_plan(folder: Path, runs: list[RunRecord], now: Header) -> str:
+    """Write down what is asked for; returns what the user should know of the runs there.
 
-    Empty where nothing has.  Raises ConfigError where the folder is of another scene.
+    Namely how many are left out, as something they are made of has changed since the last sweep;
+    empty where nothing has.  Raises ConfigError where the folder is of another scene.
     """
     last = read_header(folder)
     if last is not None and last.scene != now.scene:
         raise ConfigError(
             f"{folder} holds a sweep of {last.scene}, not of {now.scene}: choose another folder"
         )
+    same = {"created": now.created, "command": now.command}
+    if last is None or last.model_copy(update=same) != now:
+        write_whole(folder / HEADER, now.as_text())
     changed = _changed(last.sources, now.sources) if last else []
     stale = len(runs) - len(current(runs, now.sources))
     if not changed or not stale:

@@ -2,14 +2,7 @@
 
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.jobs import checked_jobs
-from swe_sphere.studies.verify.case import (
-    Case,
-    Level,
-    Published,
-    all_cases,
-    choose,
-    families,
-)
+from swe_sphere.studies.verify.case import Case, Level, Published, all_cases, choose, families
 from swe_sphere.studies.verify.case_page import page
 from swe_sphere.studies.verify.measure import Measure
 from swe_sphere.studies.verify.verdict import Row, measured_beside, run_cases
