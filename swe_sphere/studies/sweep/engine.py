@@ -69,6 +69,7 @@ class Sweep:
             if stale := note_plan(folder, self._store.records, header):
                 watcher.note(stale)
         self._least: dict[object, float] = {}
+        self._target = plan.target_error or 0.0
         self._interruption = Interruption()
         self._runner = Runner(
             self._store, common, self._interruption, watcher, plan.time_limit,
@@ -93,11 +94,11 @@ class Sweep:
             for space in self._spaces.all():
                 self._evaluator.converged(space)
             if self._plan.jobs > 1:
-                self._beside(everyone)
+                self._beside()
             if self._plan.target_error is None:
                 self._grid([run for each in everyone for run in each.grid(self._plan)])
             else:
-                self._search(everyone, self._plan.target_error)
+                self._search(everyone)
             if self._plan.find_limit:
                 for integrator in everyone:
                     self._find_limit(integrator)
@@ -108,9 +109,9 @@ class Sweep:
 
     # --- in processes beside each other
 
-    def _beside(self, everyone: list[Integrator]) -> None:
+    def _beside(self) -> None:
         """Have the first repeat of all runs made by others: from here on it is known."""
-        plan, parts = self._plan, parts_of(self._plan, everyone)
+        plan, parts = self._plan, parts_of(self._plan, self._everyone)
         for record in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
             self._watcher.beside(self._runner.take(record))
 
@@ -120,7 +121,7 @@ class Sweep:
         if part.what == "limit":
             self._find_limit(integrator)
         elif part.what == "search":
-            self._search([integrator], self._plan.target_error or 0.0)
+            self._search([integrator])
         else:
             self._grid(integrator.grid(self._plan)[part.first : part.last])
 
@@ -193,20 +194,18 @@ class Sweep:
 
     # --- the longest step with an error
 
-    def _search(self, everyone: list[Integrator], target: float) -> None:
+    def _search(self, everyone: list[Integrator]) -> None:
         for integrator in everyone:
             tried: dict[RunSpec, None] = {}
-            found = self._longest_accurate(integrator, target, tried)
+            found = self._longest_accurate(integrator, tried)
             if found.dt is None:
                 self._watcher.note(f"{integrator.label}: {found.reason}")
                 continue
-            good = self._worth_timing(tried, target)
+            good = self._worth_timing(tried)
             self._watcher.expect(len(good) * (self._plan.repeats - 1))
             self._repeat(good)
 
-    def _longest_accurate(
-        self, integrator: Integrator, target: float, tried: dict[RunSpec, None]
-    ) -> Target:
+    def _longest_accurate(self, integrator: Integrator, tried: dict[RunSpec, None]) -> Target:
         """Search along the step; the runs made are left in `tried`."""
         if integrator.refusal is not None:
             return Target(None, integrator.refusal)
@@ -220,15 +219,15 @@ class Sweep:
 
         longest = integrator.dt_sequence(1)[0]
         shortest = min(longest, integrator.space.gravity_limit) / SHORTEST
-        return longest_accurate(error, target, longest, shortest)
+        return longest_accurate(error, self._target, longest, shortest)
 
-    def _worth_timing(self, tried: Iterable[RunSpec], target: float) -> list[RunSpec]:
+    def _worth_timing(self, tried: Iterable[RunSpec]) -> list[RunSpec]:
         """The good runs that may turn out to be the cheapest."""
         records = {run: self._runner.known(run) for run in tried}
         costs = {
             run: record.seconds
             for run, record in records.items()
-            if record is not None and self._error(record) <= target
+            if record is not None and self._error(record) <= self._target
         }
         best = min(costs.values(), default=math.inf)
         return [run for run, cost in costs.items() if cost <= NEAR_BEST * best]

@@ -233,17 +233,14 @@ class Part:
 
 def parts_of(plan: SweepPlan, everyone: Sequence[Integrator]) -> list[Part]:
     """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-    found = [part for n, each in enumerate(everyone) for part in _parts(plan, n, each)]
+    found: list[Part] = []
+    for n, integrator in enumerate(everyone):
+        if plan.find_limit:
+            found.append(Part("limit", n))
+        if plan.target_error is not None:
+            found.append(Part("search", n))
+        elif plan.enough is not None:  # which runs are needed shows on the way
+            found.append(Part("grid", n))
+        else:
+            found += [Part("grid", n, i, i + 1) for i in range(len(integrator.grid(plan)))]
     return sorted(found, key=lambda part: part.first, reverse=True)
-
-
-def _parts(plan: SweepPlan, n: int, integrator: Integrator) -> Iterator[Part]:
-    if plan.find_limit:
-        yield Part("limit", n)
-    if plan.target_error is not None:
-        yield Part("search", n)
-    elif plan.enough is not None:  # which runs are needed shows on the way
-        yield Part("grid", n)
-    else:
-        for i in range(len(integrator.grid(plan))):
-            yield Part("grid", n, i, i + 1)
