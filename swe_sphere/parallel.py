@@ -9,6 +9,7 @@ import ctypes
 import functools
 import os
 import signal
+import stat
 import sys
 import threading
 import time
@@ -26,6 +27,8 @@ T = TypeVar("T")
 
 SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE")
 """Where those who start the ranks say how many there are."""
+OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
+"""And which of them a process is."""
 PATIENCE = 4.0
 """Seconds that a rank which fails waits for the others to fail too."""
 HEARD = 0.2
@@ -49,6 +52,10 @@ class Alone:
     def reaches(self, device: str) -> bool:
         """Whether messages come from the memory of that device and go there, with no copies."""
         return True
+
+    def waits(self, device: str) -> bool:
+        """Whether messages have to wait until the device has done what comes before them."""
+        return False
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -102,6 +109,7 @@ class Ranks(Alone):
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
+        self._tell, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> "Messages":
@@ -112,6 +120,10 @@ class Ranks(Alone):
         """All MPIs reach the memory of CPUs, some that of GPUs."""
         ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
         return device == "cpu" or (ask is not None and bool(ask()))
+
+    def waits(self, device: str) -> bool:
+        """A CPU does one thing after the other."""
+        return device != "cpu"
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -165,6 +177,11 @@ class Ranks(Alone):
             self._answer.Wait()
         self._failures.Free()
         self._neighbours.Free()
+
+    def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
+        """What nobody has caught is the end of all, too: others may wait for this rank."""
+        self._tell(kind, error, trace)
+        self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
         """By a barrier that is not waited for any longer than a while."""
@@ -224,14 +241,52 @@ def _end_with(parent: int) -> None:
 def world() -> Alone:
     """The ranks that this process is one of.
 
-    Raises ConfigError where it was started as one of several, and mpi4py is not there.
+    Raises ConfigError where it was started as one of several, and mpi4py is not there, or is that
+    of another MPI.
     """
-    if not any(name in os.environ for name in SIZES):
+    started = _started_ranks()
+    if started is None:
         return Alone()
     try:
-        return Ranks()
+        ranks = Ranks()
     except ImportError:
         raise ConfigError(
             "several ranks were started, but there is no mpi4py for them: pip install"
             " 'swe-sphere[mpi]'"
         ) from None
+    if started not in (0, ranks.size):
+        raise ConfigError(
+            f"{started} ranks were started, but mpi4py knows of {ranks.size}: it is of another MPI"
+            " than what has started them"
+        )
+    return ranks
+
+
+def _started_ranks() -> int | None:
+    """Of how many ranks this process is one; 0 if nobody says.  What a rank starts is none."""
+    socket = os.environ.get("PMI_FD", "")
+    if socket.isdigit() and not _is_socket(int(socket)):
+        return None
+    said = [os.environ[name] for name in SIZES if name in os.environ]
+    if not said and "PMIX_RANK" in os.environ:
+        said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
+    return int(said[0]) if said and said[0].isdigit() else None
+
+
+def _is_socket(number: int) -> bool:
+    try:
+        return stat.S_ISSOCK(os.fstat(number).st_mode)
+    except OSError:
+        return False
+
+
+def leave_ranks() -> None:
+    """Be no rank, in a process that one has started."""
+    for name in (*SIZES, *OF_RANKS, "PMI_FD"):
+        os.environ.pop(name, None)
+
+
+def refuse_ranks() -> None:
+    """ConfigError where several ranks were started for what they cannot share."""
+    if world().size > 1:
+        raise ConfigError("only a run of a scene is for several ranks: start this alone")

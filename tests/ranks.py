@@ -2,7 +2,8 @@
 send for one right-hand side; rank 0 writes them as JSON.
 
 Arguments: a JSON list of [scene, stepper, dt, steps, ne, np, settings], and "as-gpu" to take the
-ways of GPUs on a CPU.
+ways of GPUs on a CPU, with "reached" those of an MPI that reaches them; "small-basis" leaves GMRES
+little memory.
 """
 
 import hashlib
@@ -13,6 +14,7 @@ from swe_sphere import Simulation
 from swe_sphere.parallel import Ranks, world
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
+from swe_sphere.steppers import implicit
 
 
 def fingerprint(scene, stepper, dt, steps, ne, np, settings):
@@ -29,15 +31,20 @@ def fingerprint(scene, stepper, dt, steps, ne, np, settings):
     return *told, sum(sim.comm.tell_all(mesh.bytes_sent - before))
 
 
-def act_as_gpu():
-    """Messages go by way of memory apart, between pieces of what is recorded; sums by kernels."""
-    Ranks.reaches = lambda self, device: False
+def act_as_gpu(reached):
+    """Messages go between pieces of what is recorded, and sums are taken by kernels for GPUs.
+
+    Of what MPI does not reach they go by way of memory apart.
+    """
+    Ranks.reaches, Ranks.waits = (lambda self, device: reached), (lambda self, device: True)
     vector_space.HostVectors = lambda weights, real, mesh: DeviceVectors(weights, real, "cpu", mesh)
 
 
 if __name__ == "__main__":
     if "as-gpu" in sys.argv:
-        act_as_gpu()
+        act_as_gpu(reached="reached" in sys.argv)
+    if "small-basis" in sys.argv:
+        implicit.KRYLOV_MEMORY = 6e5
     found = [fingerprint(*case) for case in json.loads(sys.argv[1])]
     if world().rank == 0:
         sys.stdout.write(json.dumps(found) + "\n")

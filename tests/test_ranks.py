@@ -170,7 +170,8 @@ def found(mpi):
 def fingerprints(cases, ranks, *options):
     script = str(Path(__file__).with_name("ranks.py"))
     command = [*MPIEXEC, str(ranks), sys.executable, script, json.dumps(cases), *options]
-    return json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
+    told = subprocess.check_output(command, text=True, timeout=300)
+    return json.loads(told.splitlines()[-1])
 
 
 @pytest.mark.parametrize("case", range(len(EXPLICIT)))
@@ -213,11 +214,20 @@ def test_steps_that_sum_up_have_the_same_bits_on_any_number_of_ranks(found, case
     assert depth == pytest.approx(fingerprint(*SUMMING[case])[1], rel=1e-9)
 
 
+def test_ranks_whose_parts_differ_begin_gmres_again_together(mpi):
+    """Else they would wait for each other for ever."""
+    cases = [["williamson5", "bdf2", 10800.0, 1, 6, 4, {"preconditioner": "none"}]]
+    two, five = (fingerprints(cases, ranks, "small-basis") for ranks in (2, 5))
+    assert two[0][:2] == five[0][:2]
+
+
 def test_ranks_of_gpus_have_the_same_bits_on_any_number(mpi):
     """Copies by way of the host, pieces of graphs and sums by kernels, tried on a CPU."""
     tried = *EXPLICIT[::3], *SUMMING[1:4]
     cases = [[*case[:6], case[6] | {"launch": "node"}] for case in tried]
-    one, two, three = (fingerprints(cases, ranks, "as-gpu") for ranks in (1, 2, 3))
+    cases[0][6]["precision"] = "float32"
+    ways = ["as-gpu", "reached"], ["as-gpu"], ["as-gpu", "reached"]
+    one, two, three = (fingerprints(cases, k + 1, *way) for k, way in enumerate(ways))
     assert [a[0] == b[0] == c[0] for a, b, c in zip(one, two, three, strict=True)] == [True] * len(
         cases
     )
@@ -334,6 +344,48 @@ def test_more_ranks_than_pieces_of_the_mesh_are_not_started(monkeypatch, capsys,
 def test_other_commands_refuse_ranks(mpi):
     ended = program("list", ranks=2)
     assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+
+
+def test_more_ranks_than_were_started_are_refused(mpi):
+    ended = program("run", "williamson2", "--ne", 2, "--ranks", 5, ranks=2)
+    assert ended.returncode == 2 and "2 have been started" in ended.stderr
+
+
+SCRIPTS = {
+    "sim.step()\nif sim.comm.rank == 1: raise OverflowError('of my own')": "OverflowError: of my",
+    "import swe_sphere as s; s.sweep('williamson2', 'rk4', dt=600)": "only a run of a scene is for",
+    "import swe_sphere as s; s.verify('lake-at-rest', quick=True)": "only a run of a scene is for",
+}
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
+    begin = "from swe_sphere import Simulation\nsim = Simulation('williamson2', ne=2, np=4)\n"
+    command = [*MPIEXEC, "2", sys.executable, "-c", begin + script + "\nsim.run(days=1)"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert ended.returncode != 0 and SCRIPTS[script] in ended.stderr
+
+
+def test_one_rank_may_have_jobs(mpi, tmp_path):
+    """What it starts are no ranks."""
+    sweep = ["sweep", "williamson2", "--steppers", "rk4", "--dt", "600,1200", "--ne", 2]
+    sweep += ["--days", 0.05, "--repeats", 1, "--out", tmp_path, "--jobs", 2]
+    ended = program(*sweep, ranks=1)
+    assert ended.returncode == 0 and "MPI" not in ended.stderr
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_ranks_hear_of_what_is_sent_to_what_started_them(mpi, tmp_path, sent):
+    out = tmp_path / "run.nc"
+    run = ["run", "williamson5", "--ne", "4", "--every", "1", "--ranks", "2", "--out", str(out)]
+    command = [sys.executable, "-m", "swe_sphere", *run, "--days", "1000"]
+    job = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not out.exists():
+        time.sleep(0.1)
+    time.sleep(1.0)
+    job.send_signal(sent)
+    _, told = job.communicate(timeout=30)
+    assert job.returncode == 130 and "interrupted" in told
 
 
 def children(pid):

@@ -1,6 +1,7 @@
 """Processes that share a run: started by `swe-sphere run --ranks P`, or by mpiexec."""
 
 import ctypes
+import os
 import shutil
 import signal
 import subprocess
@@ -9,13 +10,13 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from subprocess import PIPE
+from subprocess import DEVNULL, PIPE
 from threading import Thread
 from typing import TextIO
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.parallel import Alone, world
+from swe_sphere.parallel import OF_RANKS, world
 from swe_sphere.simulation.memory_guard import available_memory
 
 NOISE = (
@@ -49,10 +50,12 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
         raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
-        command, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent
-    ) as job:
-        signal.signal(signal.SIGINT, lambda *_: None)  # the ranks have got it too
-        signal.signal(signal.SIGTERM, lambda number, _: job.send_signal(number))
+        command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
+        process_group=0,
+    ) as job:  # fmt: skip
+        # in a group of its own a Ctrl-C reaches it once, from here, like what others send
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda sent, _: job.send_signal(sent))
         assert job.stdout is not None and job.stderr is not None
         results = Thread(target=_pass_on, args=(job.stdout, sys.stdout))
         results.start()
@@ -87,15 +90,10 @@ def fail(line: str, status: int) -> int:
     """Say in one line why the program fails, if all ranks do, on one of them."""
     try:
         comm = world()
+        comm.agree_to_fail(line)
+        first = comm.rank == 0
     except ConfigError:  # which is what the line says: nobody knows the others
-        comm = Alone()
-    comm.agree_to_fail(line)
-    if comm.rank == 0:
+        first = all(os.environ.get(name, "0") == "0" for name in OF_RANKS)
+    if first:
         sys.stderr.write(f"swe-sphere: {line}\n")
     return status
-
-
-def refuse_ranks() -> None:
-    """ConfigError where several ranks were started for a command that they cannot share."""
-    if world().size > 1:
-        raise ConfigError("only `swe-sphere run` is for several ranks: start this command alone")

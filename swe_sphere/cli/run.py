@@ -10,6 +10,7 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.ranks import start_ranks
 from swe_sphere.cli.show import Stopped, explain, show_summary, terminal
 from swe_sphere.compiling import on_compile
+from swe_sphere.errors import ConfigError
 from swe_sphere.parallel import world
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.restart import adopt, read_restart
@@ -36,6 +37,8 @@ def run(
         asked = make_config(read | given(values, RunConfig))
         if ranks is not None and not comm.shared:
             return start_ranks(ranks, _ne(asked), context.obj)
+        if ranks not in (None, comm.size):
+            raise ConfigError(f"ranks={ranks}: {comm.size} have been started: leave ranks out")
         summary = _run(asked)
     except Exception as error:
         if values["as_json"] and comm.rank == 0:

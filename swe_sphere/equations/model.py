@@ -56,6 +56,8 @@ class Model:
         self.comm = comm or Alone()
         """The ranks that share the mesh."""
         self.device = find_device(device, self.comm.local)
+        if self.comm.shared:
+            wp.set_device(self.device)  # which MPI takes to be the rank's own
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")

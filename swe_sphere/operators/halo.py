@@ -23,14 +23,13 @@ class Packed:
 
     def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
         device = str(x.device)
-        reached = comm.reaches(device)
-        in_threads = not (x.device.is_cpu and reached)
+        in_threads = comm.waits(device)
         kernels = packing_kernels(x.dtype, in_threads)
         Launcher(device, comm).load(*kernels)
         self._room = wp.empty(places.size, dtype=x.dtype, device=device)
         self.numbers = self._room
         """(n,) for messages."""
-        if not reached:
+        if not comm.reaches(device):
             pinned = not x.device.is_cpu
             self.numbers = wp.empty(places.size, dtype=x.dtype, device="cpu", pinned=pinned)
         arguments = [x, wp.array(places, dtype=wp.int32, device=device), self._room]
@@ -75,8 +74,7 @@ class Halo:
         """sends, receives: positions (...) in the array, by rank; into: another one to receive."""
         into = flat if into is None else into
         self._device = str(flat.device)
-        reached = comm.reaches(self._device)
-        self._in_order = flat.device.is_cpu and reached
+        reached, self._waits = comm.reaches(self._device), comm.waits(self._device)
         runs = {rank: _run(places.ravel()) for rank, places in receives.items() if reached}
         in_place = {rank: into[run] for rank, run in runs.items() if run is not None}
         scattered = {rank: places for rank, places in receives.items() if rank not in in_place}
@@ -117,11 +115,11 @@ class Halo:
             for call in calls:
                 call.launch()
 
-        if self._in_order:
+        if self._waits:
+            between(self._device, when_ready)
+        else:
             for call in calls:
                 call.launch()
-        else:
-            between(self._device, when_ready)
 
     @property
     def exchanges(self) -> int:

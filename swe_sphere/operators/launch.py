@@ -150,9 +150,12 @@ def find_device(name: str, local: int = 0) -> str:
 
     Raises ConfigError when this machine has no such device.
     """
-    if name == "cuda" and wp.get_cuda_device_count():
-        return f"cuda:{local % wp.get_cuda_device_count()}"
+    count = wp.get_cuda_device_count()
+    if name == "cuda" and count:
+        return f"cuda:{local % count}"
     try:
+        if name == "cuda":
+            raise ValueError(name)  # before Warp complains of it in lines of its own
         return str(wp.get_device(name))
     except (ValueError, RuntimeError, AssertionError):
         available = ", ".join(str(device) for device in wp.get_devices())

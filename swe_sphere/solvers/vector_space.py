@@ -73,6 +73,8 @@ class VectorSpace:
         """
         self._mesh = mesh
         values = np.array(weights, dtype=np.float64)
+        self.whole = values.size
+        """Numbers of a vector on all ranks together."""
         values = values if mesh is None else mesh.restrict(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
             raise ConfigError("the weights of a vector space must be positive and finite")

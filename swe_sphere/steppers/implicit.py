@@ -248,6 +248,9 @@ class ImplicitStepper(SteppedInParts):
 
 
 def _gmres(space: VectorSpace) -> FlexibleGMRES:
-    """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers."""
-    fits = int(KRYLOV_MEMORY / (2 * 8 * space.n))
+    """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers.
+
+    The same on any number of ranks, so that they agree when to begin again.
+    """
+    fits = int(KRYLOV_MEMORY / (2 * 8 * space.whole))
     return FlexibleGMRES(space, max(20, min(KRYLOV_SIZE, fits)))

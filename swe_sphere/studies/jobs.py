@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.parallel import leave_ranks
 from swe_sphere.simulation.interrupt import Interruption
 
 T = TypeVar("T")
@@ -144,6 +145,7 @@ def _no_script() -> Iterator[None]:
 
 def _serve(pipe: Connection, begin: Begin, arguments: Sequence[object]) -> None:
     """Do tasks as long as there are any and somebody who asks."""
+    leave_ranks()
     Thread(target=_end_with_parent, daemon=True).start()
     failure: SweError
     try:

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from swe_sphere.parallel import refuse_ranks
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
@@ -60,6 +61,7 @@ def sweep(
     """
     from swe_sphere.equations.scene import Scene
 
+    refuse_ranks()
     own = scene if isinstance(scene, Scene) else None
     name = str(scene) if own is None else own.name
     plan = make_plan({"scene": name, "steppers": steppers, **options}, own)

@@ -1,5 +1,6 @@
 """Verification: errors, orders and invariants of every scene, each held against a bound."""
 
+from swe_sphere.parallel import refuse_ranks
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.jobs import checked_jobs
 from swe_sphere.studies.verify.case import Case, Level, Published, all_cases, choose, families
@@ -38,6 +39,7 @@ def verify(
         RunFailed: one of several processes has died.
         KeyboardInterrupt: on Ctrl-C.
     """
+    refuse_ranks()
     changes = {"launch": launch} if launch else {}
     cases = [case.changed(changes) for case in choose(scenes)]
     try:
