@@ -35,12 +35,13 @@ Nothing here was run on a GPU: this page holds what the compiler says of the ker
 prediction.  `--device cuda:0` runs the kernels of one thread a node (`--launch node`, which a CPU
 runs too: `swe-sphere verify --launch node` puts them through the whole verification suite).
 Explicit steps of scenes whose wind and forcing do not change in time are captured once as a graph
-and then launched as a whole.  No step copies a
-state to the host, nor does the check whether a solution still makes sense; but the set-up of a
-preconditioner reads the depth.  Winds and forcings that change in time are evaluated by numpy and
-sent.
-Tracer steps that are longer than those of the flow
-hold an element's values in memory of a thread's own (the stack in the table).
+and then launched as a whole; on several ranks in pieces, between messages, and with a limiter of
+tracers there kernel by kernel.  No step copies a state to the host, nor does the check whether a
+solution still makes sense.  Three things do: the set-up of a preconditioner reads the depth (and
+`jacobian-direct`, whose factors are on the host, looks at the flow in every step); a difference in
+the place of the derivative, of an effect that has none, measures the state on the host; and winds
+and forcings that change in time are evaluated by numpy and sent.  Tracer steps that are longer than
+those of the flow hold an element's values in each thread's local memory (the stack in the table).
 [Several processes](parallel.md) share a run on GPUs as on CPUs.
 Made by `python benchmarks/gpu.py`."""
 
@@ -142,11 +143,12 @@ def traffic() -> Section:
     peak = ", ".join(f"{each.flops / 1e12:g}" for each in DEVICES)
     note = (
         "**A prediction, not a measurement.** williamson5, an element node and a step. Bytes: of"
-        " all arrays that the launches of a step name, each counted once a launch. Operations: in"
+        " all arrays that the launches of a step name, each counted once a launch, as if the caches"
+        " kept what neighbours share: a lower bound of the time. Operations: in"
         " the code that Warp generates, with line sums as every node makes them. Time: bytes over"
         f" the bandwidth in the makers' data sheets ({memory}); or, marked *, operations over the"
         f" peak ({peak} TFLOP/s in float64, twice that in float32), where that is longer. The start"
-        " of launches and what their ends leave idle are not in it: meshes must be large (ne 120"
+        " and the tail of each launch are not in it: meshes must be large (ne 120"
         " and more). What the cache keeps from one launch to the next makes it faster."
     )
     columns = ["precision", "np", "stepper", "launches", "bytes", "operations"]

@@ -181,7 +181,9 @@ def measured() -> Section:
         "Two ranks, measured and by the model",
         f"Least time of a step in {ROUNDS} rounds of {PIECES} pieces, median in brackets; ne "
         f"{NE}. Weak: time of a step on ne {WEAK} with one process over that on ne {NE} with two"
-        " ranks; half as many elements less 2 %, so 0.98 were no loss. A message between the "
+        " ranks; half as many elements less 2 %, so 0.98 would be no loss. The model knows"
+        " neither of caches that two ranks share nor of the iterations of another mesh: what it says"
+        " of weak scaling is too much, and of two ranks with a solver too. A message between the "
         f"two ranks takes {1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s."
         + disturbed(),
         ["stepper", "one process [ms]", "two ranks [ms]", "gain", "by the model", "weak",
@@ -262,8 +264,9 @@ def growth() -> Section:
     return Section(
         "One process, larger and larger meshes",
         "Steps as `--dt auto` has them, the least of eight after four; peak memory beyond that "
-        "of a tiny run, set-up included. What a machine with so much memory takes follows; a run "
-        "that needs more than there is says so first ([Memory](memory.md)).",
+        "of a tiny run, set-up included, which hides a part of it on small meshes. Where arrays "
+        "outgrow the caches, a node takes longer. From this follows which mesh a machine can hold; "
+        "a run that needs more than there is says so first ([Memory](memory.md)).",
         ["stepper", "ne", "element nodes", "a step [ms]", "ns an element node",
          "bytes an element node"],
         rows,

@@ -163,6 +163,29 @@ def least_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
+def nearness_kernel(real: type) -> wp.Kernel:
+    """Kernel (share, x (m,), first, then (n,), out (n,)): how far from leaving numbers are.
+
+    out = share |now| - |now - then|, where now is x from `first` on; NaN where one is.
+    """
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def nearness(
+        share: real,
+        x: wp.array(dtype=real),
+        first: int,
+        then: wp.array(dtype=real),
+        out: wp.array(dtype=real),
+    ) -> None:
+        i = wp.tid()
+        now = x[first + i]
+        out[i] = share * wp.abs(now) - wp.abs(now - then[i])
+
+    return nearness
+
+
+@functools.cache
 def packing_kernels(real: type, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
     """Kernels (x, places (n,), packed (n,)): packed = x[places], and the reverse.
 

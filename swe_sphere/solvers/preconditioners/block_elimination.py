@@ -1,5 +1,6 @@
 """Preconditioning by block elimination with the consistent Helmholtz operator."""
 
+from functools import partial
 from typing import Any, ClassVar
 
 import warp as wp
@@ -7,6 +8,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.vectors import nearness_kernel
 from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.preconditioners.inner import (
     Direct,
@@ -16,7 +18,12 @@ from swe_sphere.solvers.preconditioners.inner import (
     Schwarz,
     schur_operator,
 )
-from swe_sphere.solvers.preconditioners.preconditioner import KeptSetup, elimination_memory
+from swe_sphere.solvers.preconditioners.preconditioner import (
+    DEPTH_CHANGE,
+    KeptSetup,
+    elimination_memory,
+)
+from swe_sphere.solvers.vector_space import VectorSpace
 
 
 class BlockElimination(KeptSetup):
@@ -38,6 +45,11 @@ class BlockElimination(KeptSetup):
         self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
         self.inner = self.inner_solver(self.operator)
         self._b, self._h = self.operator.field(), self.operator.field()
+        mesh, nearness = model.device_mesh, nearness_kernel(outer)
+        self._space = VectorSpace(mesh.mesh.area, model.device, outer, mesh=mesh)
+        self._then, self._nearness = self._space.zeros(), self._space.zeros()
+        model.launch.load(nearness)
+        self._compare = partial(model.launch, nearness, mesh.size, DEPTH_CHANGE)
 
     @classmethod
     def memory_estimate(cls, ne: int, np: int) -> float:
@@ -47,10 +59,13 @@ class BlockElimination(KeptSetup):
     def _needed(self, fluid: Array) -> Array:
         return fluid[2 * fluid.size // 3 :]
 
-    def _is_near(self, now: Array) -> bool:
-        return self._is_near_in_depth(now, self._here)
+    def _is_near(self, fluid: wp.array) -> bool:
+        n = self._space.n
+        self._compare(fluid, 2 * n, self._then, self._nearness)
+        return self._space.lowest(self._nearness, 0, n) >= 0.0
 
     def _prepare(self, tau: float, flow: Array) -> None:
+        self._space.load(flow, self._then)
         self.inner.prepare(tau, flow)
         launch, apply = self.operator.launch, self._apply
         self._act = recorded(launch, apply) if self.inner.launches else apply

@@ -12,7 +12,11 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import dissection_order
 from swe_sphere.operators.sparse import Probing
 from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY
-from swe_sphere.solvers.preconditioners.preconditioner import KeptSetup, unique_nodes
+from swe_sphere.solvers.preconditioners.preconditioner import (
+    DEPTH_CHANGE,
+    KeptSetup,
+    unique_nodes,
+)
 
 COURANT_CHANGE = 2.0
 """Change of wind, as an advective Courant number of tau, from which new factors pay."""
@@ -53,11 +57,13 @@ class JacobianDirect(KeptSetup):
     def _needed(self, fluid: Array) -> Array:
         return fluid
 
-    def _is_near(self, now: Array) -> bool:
-        then = self._here.reshape(FIELDS, -1)
-        u, v, h = now.reshape(FIELDS, -1)
-        courant = self._tau * float((np.hypot(u - then[0], v - then[1]) / self._spacing).max())
-        return courant <= COURANT_CHANGE and self._is_near_in_depth(h, then[2])
+    def _is_near(self, fluid: wp.array) -> bool:
+        mesh = self._model.device_mesh
+        u, v, h = mesh.restrict(self._flow).reshape(FIELDS, -1)
+        now_u, now_v, now_h = fluid.numpy().reshape(FIELDS, -1)
+        courant = self._tau * float((np.hypot(now_u - u, now_v - v) / self._spacing).max())
+        near = bool(np.all(np.abs(now_h - h) <= DEPTH_CHANGE * np.abs(now_h)))
+        return bool(mesh.comm.of_each(courant <= COURANT_CHANGE and near).all())
 
     def _prepare(self, tau: float, flow: Array) -> None:
         from scipy.sparse.linalg import splu

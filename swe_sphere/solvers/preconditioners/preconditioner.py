@@ -119,14 +119,14 @@ class KeptSetup(Preconditioner):
 
     def __init__(self, model: Model) -> None:
         self._model = model
-        self._tau, self._flow, self._here = 0.0, np.zeros(0), np.zeros(0)
+        self._tau, self._flow = 0.0, np.zeros(0)
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
         mesh, fluid = self._model.device_mesh, state[: self._model.fluid_size]
         changed = abs(tau - self._tau) > STEP_CHANGE * tau
-        if changed or not mesh.comm.of_each(self._is_near(self._needed(fluid.numpy()))).all():
+        if changed or not self._is_near(fluid):
             self._set_up(tau, self._needed(mesh.collect(fluid)).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -142,7 +142,6 @@ class KeptSetup(Preconditioner):
     def _make(self, tau: float, flow: Array) -> None:
         start = time.perf_counter()
         self._tau, self._flow = tau, flow
-        self._here = self._model.device_mesh.restrict(flow)
         self._prepare(tau, flow)
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
@@ -152,15 +151,12 @@ class KeptSetup(Preconditioner):
         """The fields among wind and depth (3N,) that a set-up hangs on, of any part of the mesh."""
 
     @abstractmethod
-    def _is_near(self, now: Array) -> bool:
-        """Whether those of this rank are still much as they were, `_here`."""
+    def _is_near(self, fluid: wp.array) -> bool:
+        """Whether they are still much as they were, on all ranks."""
 
     @abstractmethod
     def _prepare(self, tau: float, flow: Array) -> None:
         """Set up for tau [s] and those fields of the whole mesh."""
-
-    def _is_near_in_depth(self, now: Array, then: Array) -> bool:
-        return bool(np.all(np.abs(now - then) <= DEPTH_CHANGE * np.abs(now)))
 
 
 class WithTracers(Preconditioner):
