@@ -182,8 +182,9 @@ def measured() -> Section:
         f"Least time of a step in {ROUNDS} rounds of {PIECES} pieces, median in brackets; ne "
         f"{NE}. Weak: time of a step on ne {WEAK} with one process over that on ne {NE} with two"
         " ranks; half as many elements less 2 %, so 0.98 would be no loss. The model knows"
-        " neither of caches that two ranks share nor of the iterations of another mesh: what it says"
-        " of weak scaling is too much, and of two ranks with a solver too. A message between the "
+        " neither of caches that two ranks share nor of the iterations of another mesh: what it"
+        " says of weak scaling is too much, and of two ranks with a solver too. A message between"
+        " the "
         f"two ranks takes {1e6 * net.latency:.1f} µs, and {net.bandwidth / 1e9:.1f} GB/s."
         + disturbed(),
         ["stepper", "one process [ms]", "two ranks [ms]", "gain", "by the model", "weak",
