@@ -13,7 +13,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of, put_of, step_run
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.pointwise import Pointwise, pointwise_rates
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 
 
 @functools.cache
@@ -103,7 +103,7 @@ def level_kernels(
     first, vector, gather = (unknowns - 1), wp.array(dtype=real), gather_sum(real)
     triple, place = wp.types.vector(3, real), entry_of(Contributors)
     entry, put, levels = entry_of(real), put_of(real), levels_struct(real)
-    rates, moves, shifted = pointwise_rates(unknowns, real, point), unknowns == 3, point.tangent
+    rates, moves, shifted = pointwise_sum(unknowns, real, point, 1), unknowns == 3, point.tangent
     structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
 
     @no_type_check
@@ -131,7 +131,7 @@ def level_kernels(
         at = place(places, i)
         scale = entry(inverse_area, i)
         k = first * size + i
-        rate = scale * gather(local, at, 0) + of_depth(c, i, size + i, k, s.pushed, s.carried)
+        rate = scale * gather(local, at, 0) + of_depth(c, i, size, s.pushed, s.carried)
         if wp.static(damped):
             rate += entry(s.loss, k)
         h = entry(s.now, k)
@@ -168,7 +168,7 @@ def level_kernels(
         j = size + i
         at = place(places, i)
         scale = entry(inverse_area, i)
-        wind = of_wind(c, i, j, size + j, s.pushed)
+        wind = of_wind(c, i, size, s.pushed)
         rate_u = scale * gather(local, at, 0) + wind[0]
         rate_v = scale * gather(local, at, stride) + wind[1]
         if wp.static(damped):

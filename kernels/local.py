@@ -20,7 +20,7 @@ from swe_sphere.kernels.element import (
 )
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, added_in_runs
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, in_registers
 from swe_sphere.kernels.terms import Terms, kernel_types
 
 
@@ -42,9 +42,8 @@ def tendency_kernel(
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    added = added_in_runs(terms.unknowns, real, point) if direct else None
-    turns = point.rotation and added is None
-    t = kernel_types(np_, real, shape, terms, direct, turns, done, point=added, damped=damped)
+    rates = in_registers(terms.unknowns, real, point) if direct else {}
+    t = kernel_types(np_, real, shape, terms, direct, done=done, damped=damped, **rates)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:

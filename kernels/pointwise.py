@@ -1,7 +1,6 @@
-"""DSS together with the terms that act at a point and need an array or coefficient of their own.
+"""Terms that act at a point: their rates at a node, or at as many nodes as a register holds.
 
-A scene with forcing or effects without derivatives gets these kernels in the place of the plain
-ones of `assembly.py`, with a structure that holds what its own terms read and nothing else.
+What they read, arrays and coefficients, is in a structure that holds it and nothing else.
 """
 
 import functools
@@ -13,9 +12,9 @@ from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, run_of
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, means_of, run_product
-from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
+from swe_sphere.kernels.access import run_of
+from swe_sphere.kernels.assembly import run_product
+from swe_sphere.kernels.stages import node_types
 from swe_sphere.kernels.terms import lanes_of
 
 
@@ -81,62 +80,17 @@ def _struct(name: str, members: dict[str, Any]) -> type:
 
 
 @functools.cache
-def pointwise_kernel(
-    unknowns: int, real: type, point: Pointwise, lanes: int = 1
-) -> SimpleNamespace:
-    """Kernels for the tendency of the unique nodes with these terms, and their `structure`.
-
-    `assembly`: from local tendencies; arguments as in `assembly_kernel`, with the structure and the
-    state before the result, whatever the terms.  `alone` (N, structure, state, stage, result):
-    where there are no terms with derivatives and so nothing to assemble.
-    """
-    vector, (_, rows) = wp.array(dtype=real), node_types(real, lanes, unknowns)
-    means, added = means_of(unknowns, real, lanes), pointwise_sum(unknowns, real, point, lanes)
-    leave, stage = leave_of(rows, real, lanes, unknowns), stage_struct(real)
-    structure, add = added.structure, added.add
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assemble_pointwise(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        first: int,
-        size: int,
-        local: vector,
-        c: structure,
-        x: vector,
-        s: stage,
-        out: vector,
-    ):
-        node = first + lanes * wp.tid()
-        r = means(places, inverse_area, stride, node, local)
-        leave(s, node, size, add(c, node, size, x, r), out)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
-        node = lanes * wp.tid()
-        if wp.static(rows is real):  # noqa: SIM108 - a static choice takes an if
-            r = real(0.0)
-        else:
-            r = rows()
-        leave(s, node, size, add(c, node, size, x, r), out)
-
-    return SimpleNamespace(assembly=assemble_pointwise, alone=pointwise_alone, structure=structure)
-
-
-@functools.cache
 def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> SimpleNamespace:
-    """Warp functions for the rates at a node, or at a run of nodes, as `pointwise_rates` has them.
+    """Warp functions for the rates at a node, or at a run of as many nodes as there are lanes.
 
-    `wind` (c, node, size, x): two rows of them.  `depth` (c, node, size, w, x).  `add` (c, node,
-    size, x, r): r and all of them.  c is an instance of their `structure`, the same for all lanes.
+    `wind` (c, node, size, x): two rows of them.  `depth` (c, node, size, w, x), the wind that of w
+    or prescribed.  `add` (c, node, size, x, r): r and all of them.  c is an instance of their
+    `structure`, the same for all lanes.
     """
     _, rows = node_types(real, lanes, unknowns)
     structure, _ = _structure(unknowns, real, point)
     vector, depth = wp.array(dtype=real), _depth_of_run(unknowns, real, point, lanes)
-    wind = _wind_of_run(unknowns, real, point, lanes) if unknowns == 3 else None
+    wind = _wind_of_run(unknowns, real, point, lanes)
 
     @no_type_check
     @wp.func
@@ -153,14 +107,15 @@ def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> Si
     return SimpleNamespace(structure=structure, add=add, wind=wind, depth=depth)
 
 
-def added_in_runs(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace | None:
-    """The same of as many nodes as a register holds; None where there is no more than rotation."""
-    return None if point.plain else pointwise_sum(unknowns, real, point, lanes_of(real))
+def in_registers(unknowns: int, real: type, point: Pointwise) -> dict[str, Any]:
+    """What tells `kernel_types` of these rates, where kernels add them in whole registers."""
+    if point.plain:
+        return {"rotation": point.rotation}
+    return {"point": pointwise_sum(unknowns, real, point, lanes_of(real))}
 
 
 def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, terms = _structure(unknowns, real, point)
-    own = _wind_rates(structure, real, replace(point, rotation=False, forcing=False), terms)
+    structure, own = _structure(unknowns, real, point)[0], _wind_of_terms(unknowns, real, point)
     value, pair = node_types(real, lanes, 2)
     vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
     one, acts = lanes == 1, any(term.wind for term in point.terms)
@@ -191,8 +146,7 @@ def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.
 
 
 def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, terms = _structure(unknowns, real, point)
-    own = _depth_rates(structure, real, replace(point, forcing=False), terms, unknowns)
+    structure, own = _structure(unknowns, real, point)[0], _depth_of_terms(unknowns, real, point)
     value, _ = node_types(real, lanes)
     vector, load, last = wp.array(dtype=real), run_of(value, real, lanes), unknowns - 1
     one, acts = lanes == 1, any(term.depth for term in point.terms)
@@ -223,55 +177,28 @@ def _structure(unknowns: int, real: type, point: Pointwise) -> tuple[type, Simpl
     return pointwise_struct(unknowns, point, real, terms.structure if terms else None), terms
 
 
-@functools.cache
-def pointwise_rates(unknowns: int, real: type, point: Pointwise) -> SimpleNamespace:
-    """Warp functions for the rates at the node i, with c an instance of their `structure`.
-
-    `wind` (c, i, j, k, x): those of (x[i], x[j]), where the depth is x[k].  `depth` (c, i, j, k, w,
-    x): that of x[k], where the wind is (w[i], w[j]).
-    """
+def _wind_of_terms(unknowns: int, real: type, point: Pointwise) -> wp.Function:
+    """Warp function (c, i, j, k, x): rates of (x[i], x[j]) at node i, where the depth is x[k]."""
     structure, terms = _structure(unknowns, real, point)
-    wind = _wind_rates(structure, real, point, terms)
-    depth = _depth_rates(structure, real, point, terms, unknowns)
-    return SimpleNamespace(structure=structure, wind=wind, depth=depth)
-
-
-def _wind_rates(
-    structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None
-) -> wp.Function:
-    """Rate of change of the wind (x[i], x[j]) at node i, whose depth is x[k]."""
-    pair, triple, entry = wp.types.vector(2, real), wp.types.vector(3, real), entry_of(real)
-    of_terms, acts = terms and terms.wind, any(term.wind for term in point.terms)
+    triple, of_terms = wp.types.vector(3, real), terms and terms.wind
 
     @no_type_check
     @wp.func
     def of_wind(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
-        r = pair()
-        if wp.static(point.forcing):
-            r += pair(c.forcing[i], c.forcing[j])
-        if wp.static(acts):
-            d = triple(x[i], x[j], x[k])
-        elif wp.static(point.rotation):
-            d = pair(entry(x, i), entry(x, j))
-        if wp.static(point.rotation):
-            f = entry(c.coriolis, i)
-            r += pair(f * d[1], -f * d[0])
-        if wp.static(acts and point.tangent):
-            r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
-        elif wp.static(acts):
-            r += of_terms(c.terms, i, d, d)
-        return r
+        d = triple(x[i], x[j], x[k])
+        if wp.static(point.tangent):
+            return of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
+        else:
+            return of_terms(c.terms, i, d, d)
 
     return of_wind
 
 
-def _depth_rates(
-    structure: type, real: type, point: Pointwise, terms: SimpleNamespace | None, unknowns: int
-) -> wp.Function:
-    """Rate of change of the depth x[k] at node i, the wind (w[i], w[j]) or prescribed."""
+def _depth_of_terms(unknowns: int, real: type, point: Pointwise) -> wp.Function:
+    """Warp function (c, i, j, k, w, x): rate of x[k], the wind (w[i], w[j]) or prescribed."""
+    structure, terms = _structure(unknowns, real, point)
     triple, vector = wp.types.vector(3, real), wp.array(dtype=real)
     of_terms = terms and terms.depth
-    acts = any(term.depth for term in point.terms)
 
     @no_type_check
     @wp.func
@@ -284,20 +211,15 @@ def _depth_rates(
     @no_type_check
     @wp.func
     def of_depth(c: structure, i: int, j: int, k: int, w: vector, x: vector):
-        r = real(0.0)
-        if wp.static(point.forcing):
-            r += c.forcing[k]
-        if wp.static(acts):
-            if wp.static(not point.tangent):
-                d = state(c, i, j, k, w, x)
-                r += of_terms(c.terms, i, d, d)
-            elif wp.static(unknowns == 1):  # a prescribed wind does not change
-                d = triple(real(0.0), real(0.0), x[k])
-                r += of_terms(c.terms, i, state(c, i, j, k, c.base, c.base), d)
-            else:
-                d = triple(w[i], w[j], x[k])
-                r += of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
-        return r
+        if wp.static(not point.tangent):
+            d = state(c, i, j, k, w, x)
+            return of_terms(c.terms, i, d, d)
+        elif wp.static(unknowns == 1):  # a prescribed wind does not change
+            d = triple(real(0.0), real(0.0), x[k])
+            return of_terms(c.terms, i, state(c, i, j, k, c.base, c.base), d)
+        else:
+            d = triple(w[i], w[j], x[k])
+            return of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
 
     return of_depth
 

@@ -15,7 +15,7 @@ from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.forward_backward import finish_mass, finish_wind, levels_struct
-from swe_sphere.kernels.pointwise import Pointwise, added_in_runs
+from swe_sphere.kernels.pointwise import Pointwise, in_registers
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -109,9 +109,7 @@ def run_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> Si
 def _stepping_types(
     np_: int, unknowns: int, real: type, point: Pointwise, damped: bool
 ) -> SimpleNamespace:
-    added = added_in_runs(unknowns, real, point)
-    turns = point.rotation and added is None
+    rates = in_registers(unknowns, real, point)
     return kernel_types(
-        np_, real, "element", direct=True, rotation=turns, done=levels_struct(real), point=added,
-        damped=damped,
-    )  # fmt: skip
+        np_, real, "element", direct=True, done=levels_struct(real), damped=damped, **rates
+    )

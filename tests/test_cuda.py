@@ -26,7 +26,8 @@ from swe_sphere.kernels.damping import damping_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
-from swe_sphere.kernels.pointwise import PointTerm, Pointwise, pointwise_kernel
+from swe_sphere.kernels.pointwise import PointTerm, Pointwise
+from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.kernels.vectors import leapfrog_kernel

@@ -254,13 +254,15 @@ def program(*arguments, ranks=None):
 def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
     """Its commands, shortened."""
     page = Path(__file__).parents[1] / "docs" / "parallel.md"
+    beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    env = os.environ | {"PATH": beside}
     lines = re.findall(r"^    (.*swe-sphere run .*)$", page.read_text(), re.MULTILINE)
     assert len(lines) == 2
     for line in lines:
         program, *words = line.replace("--days 15", "--days 0.01 --quiet").split()
         command = [str(Path(sys.executable).with_name(program)), *words]
         (tmp_path / program).mkdir()
-        subprocess.run(command, cwd=tmp_path / program, check=True, timeout=60)
+        subprocess.run(command, cwd=tmp_path / program, check=True, timeout=60, env=env)
 
 
 def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):

@@ -6,7 +6,8 @@ from typing import Any, Self
 
 import warp as wp
 
-from swe_sphere.kernels.pointwise import PointTerm, Pointwise, pointwise_kernel
+from swe_sphere.kernels.pointwise import PointTerm, Pointwise
+from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
 

@@ -6,7 +6,8 @@ from typing import Any, Self
 import warp as wp
 
 from swe_sphere.kernels import Terms, assembly_kernel, tendency_kernel
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_kernel
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
+from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 from swe_sphere.operators.pointwise_operator import fill

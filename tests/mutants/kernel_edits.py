@@ -24,7 +24,7 @@ _ZETA = "zeta = d1[curl] - d2[curl]"
 _CURL = "curl = mul(w, d1[at_curl] - d2[at_curl])"
 _WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        if wp.static(alone)"
 _TRACERS = "f1[i, j] = wedge(fu, fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
-_GATHER = "total += entry(local, at[2] + offset) + entry(local, at[3] + offset)"
+_GATHER = "total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset]"
 
 FORMULAS = tuple(
     Edit(name, f"kernels/{file}.py", cases, old, new)
@@ -143,16 +143,22 @@ KERNELS = (
         "Coriolis force of the wrong sign beside forcing",
         "kernels/pointwise.py",
         ("williamson4-day",),
-        "f = entry(c.coriolis, i)",
-        "f = -entry(c.coriolis, i)",
+        "f = load(c.coriolis, node)",
+        "f = -load(c.coriolis, node)",
     ),
-    Edit("forcing of depth left out", "kernels/pointwise.py", FORCED, "r += c.forcing[k]", "pass"),
+    Edit(
+        "forcing of depth left out",
+        "kernels/pointwise.py",
+        FORCED,
+        "r = load(c.forcing, last * size + node)",
+        "pass",
+    ),
     Edit(
         "forcing of the winds mixed up",
         "kernels/pointwise.py",
         FORCED,
-        "pair(c.forcing[i], c.forcing[j])",
-        "pair(c.forcing[j], c.forcing[i])",
+        "r[0] = load(c.forcing, node)\n            r[1] = load(c.forcing, size + node)",
+        "r[0] = load(c.forcing, size + node)\n            r[1] = load(c.forcing, node)",
     ),
     Edit(
         "flux of tracers takes the wrong entry of the basis",
@@ -170,17 +176,17 @@ KERNELS = (
     ),
     Edit(
         "DSS misses the fourth contributor",
-        "kernels/assembly.py",
+        "kernels/access.py",
         STEADY,
         _GATHER,
-        "total += entry(local, at[2] + offset)",
+        "total += local.data[at.c[2] + offset]",
     ),
     Edit(
         "DSS counts a contributor twice",
-        "kernels/assembly.py",
+        "kernels/access.py",
         STEADY,
         _GATHER,
-        _GATHER.replace("at[3]", "at[2]"),
+        _GATHER.replace("at.c[3]", "at.c[2]"),
     ),
     Edit(
         "leapfrog over 2.02 steps",
