@@ -1,24 +1,33 @@
 """Telling somebody that kernels are being compiled, once it has taken a while."""
 
+import multiprocessing
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 PATIENCE = 1.0
 """Seconds of compiling after which one is told."""
+
+COMPILING = "compiling kernels, the first time only ..."
+
+
+def tell_of_compiling() -> None:
+    """In one line on stderr."""
+    sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 class _Listener:
     """Is called once, when the blocks of `compiling` have taken so long together."""
 
     def __init__(self, call: Callable[[], None]) -> None:
-        self._call, self._left = call, PATIENCE
+        self._call, self._taken = call, 0.0
         self._once = threading.Lock()
 
     @contextmanager
     def waiting(self) -> Iterator[None]:
-        timer = threading.Timer(max(0.0, self._left), self._tell)
+        timer = threading.Timer(max(0.0, PATIENCE - self._taken), self._tell)
         timer.daemon = True
         start = time.perf_counter()
         timer.start()
@@ -26,8 +35,8 @@ class _Listener:
             yield
         finally:
             timer.cancel()
-            self._left -= time.perf_counter() - start
-            if self._left <= 0.0:
+            self._taken += time.perf_counter() - start
+            if self._taken >= PATIENCE:
                 self._tell()
 
     def _tell(self) -> None:
@@ -36,6 +45,16 @@ class _Listener:
 
 
 _listener: _Listener | None = None
+"""Of the program; a Python session is told by `_by_itself`."""
+
+_by_itself = _Listener(tell_of_compiling)
+
+
+def _is_watched() -> bool:
+    """Somebody sees this very process: in a terminal, or in a notebook."""
+    if multiprocessing.parent_process() is not None or sys.stderr is None:
+        return False
+    return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
 @contextmanager
@@ -52,8 +71,6 @@ def on_compile(call: Callable[[], None]) -> Iterator[None]:
 @contextmanager
 def compiling() -> Iterator[None]:
     """Something is compiled within the block."""
-    if _listener is None:
-        yield
-        return
-    with _listener.waiting():
+    listener = _by_itself if _listener is None and _is_watched() else _listener
+    with nullcontext() if listener is None else listener.waiting():
         yield

@@ -1,5 +1,9 @@
 """Who is told of compiling, and when."""
 
+import os
+import pty
+import subprocess
+import sys
 import time
 
 import pytest
@@ -7,7 +11,7 @@ import warp as wp
 
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
-from swe_sphere.cli.show import COMPILING
+from swe_sphere.compiling import COMPILING
 from swe_sphere.operators.launch import keep_headers
 
 
@@ -51,6 +55,27 @@ def test_every_command_tells_of_it(told, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main(["verify"])
     assert capsys.readouterr().err == f"swe-sphere: {COMPILING}\n"
+
+
+LONG = """
+import time
+from swe_sphere import compiling
+compiling.PATIENCE = 0.05
+for _ in range(2):
+    with compiling.compiling():
+        time.sleep(0.5)
+"""
+
+
+def test_a_python_program_in_a_terminal_tells_of_it_once():
+    """And one whose stderr goes elsewhere says nothing."""
+    master, terminal = pty.openpty()
+    subprocess.run([sys.executable, "-c", LONG], stderr=terminal, check=True)
+    os.close(terminal)
+    assert os.read(master, 1000).decode() == f"swe-sphere: {COMPILING}\r\n"
+    os.close(master)
+    made = subprocess.run([sys.executable, "-c", LONG], capture_output=True, check=True)
+    assert made.stderr == b""
 
 
 def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):

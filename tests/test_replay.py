@@ -141,3 +141,24 @@ def test_a_class_with_steps_of_its_own_says_whether_they_repeat():
             super()._advance()
 
     assert Own.repeats_from is None
+
+
+def test_why_a_recording_fails_is_told(plain, monkeypatch):
+    """Also where it could not be taken up again behind something that is no launch."""
+    begun, begin = [], wp.capture_begin
+
+    def twice(*args, **settings):
+        begun.append(begin(*args, **settings) if not begun else refuse())
+
+    def refuse():
+        raise RuntimeError("no room for a graph")
+
+    replay = Replay(plain.launch)
+    replay("key", lambda: between("cpu", lambda: None))
+    monkeypatch.setattr(wp, "capture_begin", twice)
+    with pytest.raises(RuntimeError, match="no room for a graph"):
+        replay("key", lambda: between("cpu", lambda: None))
+    monkeypatch.undo()
+    seen = []
+    between("cpu", lambda: seen.append("at once"))
+    assert seen == ["at once"]

@@ -9,8 +9,8 @@ import typer
 
 from swe_sphere import __version__
 from swe_sphere.cli.ranks import fail
-from swe_sphere.cli.show import explain, show_traceback, tell_of_compiling
-from swe_sphere.compiling import on_compile
+from swe_sphere.cli.show import explain, show_traceback
+from swe_sphere.compiling import on_compile, tell_of_compiling
 from swe_sphere.parallel import refuse_ranks
 
 COMMANDS = {

@@ -15,7 +15,6 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
 
-COMPILING = "compiling kernels, the first time only ..."
 GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""
 UNBOUNDED = 10_000
@@ -32,11 +31,6 @@ def terminal(config: RunConfig) -> Watcher:
 
 def _warn(text: str) -> None:
     sys.stderr.write(f"swe-sphere: warning: {text}\n")
-
-
-def tell_of_compiling() -> None:
-    """Say on stderr why nothing happens."""
-    sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 def show_line(text: str) -> None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show import COMPILING, Stopped
+from swe_sphere.cli.show import Stopped
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
-from swe_sphere.compiling import on_compile
+from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import warp as wp
@@ -112,7 +113,11 @@ class Replay:
         wp.capture_begin(device, force_module_load=False)
         try:
             function()
-        finally:
             pieces.append(_end(device))
+        except BaseException:
+            with suppress(RuntimeError):  # what went wrong may have ended the recording
+                _end(device)
+            raise
+        finally:
             del _OPEN[device]
         return pieces

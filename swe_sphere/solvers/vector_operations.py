@@ -179,7 +179,8 @@ class DeviceVectors(_Summed):
         self._rows = rows
         shape = rows, self._blocks
         self._partial = wp.zeros(shape, dtype=wp.float64, device=self.device)
-        self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu")
+        pinned = wp.get_device(self.device).is_cuda
+        self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=pinned)
         self._coefficients = wp.zeros(rows, dtype=wp.float64, device=self.device)
         # Pageable memory: a copy to the device has left it when wp.copy returns.
         self._coefficients_host = wp.zeros(rows, dtype=wp.float64, device="cpu")
