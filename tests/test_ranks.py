@@ -149,6 +149,7 @@ SUMMING = [
     ["deformational", "ssprk3", 1800.0, 3, 3, 4, {"effects": {"tracers.limiter": True}}],
     ["williamson5", "semi-implicit", 1200.0, 3, 3, 4, {}],
     ["williamson5", "bdf2", 3600.0, 3, 3, 4, {}],
+    ["williamson5", "bdf2", 3600.0, 3, 3, 4, {"settings": ["stepper.krylov_block=3"]}],
     ["deformational", "ssprk3", 600.0, 2, 18, 3, {"effects": {"tracers.limiter": True}}],
     ["williamson5", "semi-implicit", 300.0, 2, 24, 3, {}],
 ]

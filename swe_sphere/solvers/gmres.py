@@ -7,7 +7,7 @@ the next.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum, auto
 
 import numpy as np
@@ -113,11 +113,17 @@ class FlexibleGMRES(KrylovSolver):
     was at the last restart.
     """
 
-    def __init__(self, space: VectorSpace, size: int = 30) -> None:
-        """Raises ConfigError for a size below 1."""
+    def __init__(self, space: VectorSpace, size: int = 30, block: int = 1) -> None:
+        """Raises ConfigError for a size or a block below 1.
+
+        block: iterations that share one reduction; up to block - 1 products of the last are for
+        nothing.  Chronopoulos & Kim 1990, s-step Orthomin and GMRES, Reliable Computing 4.
+        """
         if size < 1:
             raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
-        self.space, self.size = space, size
+        if block < 1:
+            raise ConfigError(f"a Krylov block has at least one vector, not {block}")
+        self.space, self.size, self.block = space, size, block
         self._basis = OrthonormalBasis(space, size + 1)
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
@@ -175,9 +181,8 @@ class FlexibleGMRES(KrylovSolver):
         small = HessenbergLeastSquares(start, self.space.epsilon)
         goal = max(p.target, self.space.epsilon * start)
         end = _End.LIMIT
-        for k in range(min(self.size, p.limit - p.iterations)):
-            column, size, below = self._expand(p, k)
-            if not math.isfinite(size) or not math.isfinite(below):
+        for k, (column, below) in enumerate(self._columns(p)):
+            if not (math.isfinite(below) and np.isfinite(column).all()):
                 return _End.NOT_FINITE
             p.history.append(small.append(column.tolist(), below))
             p.iterations += 1
@@ -194,15 +199,44 @@ class FlexibleGMRES(KrylovSolver):
             return _End.BREAKDOWN
         return _End.FULL if k + 1 == self.size else _End.LIMIT
 
-    def _expand(self, p: LinearSolve, k: int) -> tuple[Array, float, float]:
-        """Next basis vector, from A M v_k: its components, its length and that of what is new."""
+    def _columns(self, p: LinearSolve) -> Iterator[tuple[Array, float]]:
+        """Columns of H, each with what stands below it: A M v_k in the basis."""
+        count = min(self.size, p.limit - p.iterations)
+        if self.block == 1:
+            for k in range(count):
+                self._multiply(p, k)
+                column, size, below = self._basis.extend(k + 1)
+                yield column, below if math.isfinite(size) else math.nan
+            return
+        for k in range(0, count, self.block):
+            yield from self._block(p, k, min(self.block, count - k))
+
+    def _block(self, p: LinearSolve, k: int, block: int) -> Iterator[tuple[Array, float]]:
+        """Columns of as many vectors p_0 = v_k, p_j+1 = (A M - 1) p_j, orthonormal afterwards.
+
+        Where M is near A^-1 these are less alike than the powers of A M.  H then describes A M of
+        p_j, not of v_k+j, and it is M p_j that x is made of.
+        """
+        rows = self._basis.rows
+        for j in range(k, k + block):
+            self._multiply(p, j)
+            self.space.axpby(-1.0, rows[j], 1.0, rows[j + 1])
+        shifted = np.zeros(k + 1)
+        shifted[k] = 1.0
+        for column, below in self._basis.extend_block(k + 1, block):
+            yield column + shifted, below
+            shifted = np.append(column, below)
+
+    def _multiply(self, p: LinearSolve, k: int) -> None:
+        """Row k + 1 of the basis = A M row k."""
         direction, product = self._basis.rows[k : k + 2]
         if p.precondition is not None:
             image = self._image_row(k)
             p.precondition(direction, image)
             direction = image
+        elif self.block > 1:  # what is a vector of the basis afterwards
+            self.space.copy(direction, self._image_row(k))
         p.operator(direction, product)
-        return self._basis.extend(k + 1)
 
     def _image_row(self, k: int) -> wp.array:
         """Where M v_k is kept: a flexible method cannot find it again."""
@@ -213,8 +247,8 @@ class FlexibleGMRES(KrylovSolver):
 
     def _update(self, p: LinearSolve, small: HessenbergLeastSquares) -> None:
         """x = x + sum_k y_k M v_k."""
-        preconditioned = p.precondition is not None and self._images is not None
-        stack = self._images if preconditioned else self._basis.stack
+        kept = p.precondition is not None or self.block > 1
+        stack = self._images if kept and self._images is not None else self._basis.stack
         y, p.history[-1], terms = small.solve()
         self.space.combine(p.x, stack, y, p.x)
         p.terms += terms

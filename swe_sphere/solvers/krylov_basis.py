@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from swe_sphere.arrays import Array
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -50,6 +52,40 @@ class OrthonormalBasis:
             return coefficients, math.sqrt(square), 0.0 if square == 0.0 else math.nan
         self.space.combine(self.rows[count], self.stack, -coefficients, self.rows[count])
         return self._again(count, coefficients, math.sqrt(square))
+
+    def extend_block(self, count: int, block: int) -> list[tuple[Array, float]]:
+        """Make the rows from `count` on, `block` of them, orthonormal, by one reduction.
+
+        Returns (c (count + j,), r) of `extend` for the j-th of them, fewer where r comes out as 0
+        or not finite.  What `extend` takes from two passes, it gets vector by vector where the
+        products show that cancellation calls for it.  Gram-Schmidt by blocks with a Cholesky
+        factorisation inside: Hoemmen 2010, Communication-avoiding Krylov subspace methods,
+        section 2.4.
+        """
+        stack, rows = self.stack, self.rows
+        calls = [(stack, count + j + 1, rows[count + j]) for j in range(block)]
+        products = self.space.projections(*calls).copy()
+        ends = np.cumsum([size for _, size, _ in calls])
+        found: list[tuple[Array, float]] = []
+        for j, column in enumerate(np.split(products, ends[:-1])):
+            for i, (above, length) in enumerate(found):
+                shared = column[: count + i].dot(above)
+                column[count + i] = (column[count + i] - shared) / length
+            taken, square = column[:-1], float(column[-1])
+            rest = square - float(taken.dot(taken))
+            if not rest >= REMAINDER**2 * square > 0.0:
+                break
+            loss = self._loss_after(square, float(taken.dot(taken)), rest)
+            if loss > self._allowed:
+                break
+            self._loss = loss
+            found.append((taken.copy(), self._subtract(taken, count + j, rest)))
+        for j in range(len(found), block):
+            c, _, length = self.extend(count + j)
+            found.append((c, length))
+            if not 0.0 < length < math.inf:
+                break
+        return found
 
     def _again(self, count: int, coefficients: Array, before: float) -> tuple[Array, float, float]:
         """The second pass."""

@@ -86,6 +86,7 @@ class ImplicitStepper(SteppedInParts):
         tolerance: float | None = None,
         preconditioner: str = "helmholtz",
         diffusion: str = "whole",
+        krylov_block: int = 1,
     ) -> None:
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
@@ -95,7 +96,7 @@ class ImplicitStepper(SteppedInParts):
         space = self.problem.space
         self.newton = NewtonKrylov(
             space,
-            _gmres(space),
+            _gmres(space, krylov_block),
             max_iterations=NEWTON_ITERATIONS,
             max_krylov=2 * KRYLOV_SIZE,
             forcing=FORCING,
@@ -247,10 +248,10 @@ class ImplicitStepper(SteppedInParts):
         self.space.axpby(-1.0 / tau, rhs, 1.0 / tau, out)
 
 
-def _gmres(space: VectorSpace) -> FlexibleGMRES:
+def _gmres(space: VectorSpace, block: int) -> FlexibleGMRES:
     """GMRES with as large a basis as memory allows: it pays at large advective Courant numbers.
 
     The same on any number of ranks, so that they agree when to begin again.
     """
     fits = int(KRYLOV_MEMORY / (2 * 8 * space.whole))
-    return FlexibleGMRES(space, max(20, min(KRYLOV_SIZE, fits)))
+    return FlexibleGMRES(space, max(20, min(KRYLOV_SIZE, fits)), block)
