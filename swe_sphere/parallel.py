@@ -250,6 +250,8 @@ def world() -> Alone:
     try:
         ranks = Ranks()
     except ImportError:
+        if started == 1:
+            return Alone()
         raise ConfigError(
             "several ranks were started, but there is no mpi4py for them: pip install"
             " 'swe-sphere[mpi]'"

@@ -354,6 +354,17 @@ def test_more_ranks_than_were_started_are_refused(mpi):
     assert ended.returncode == 2 and "2 have been started" in ended.stderr
 
 
+@pytest.mark.parametrize(("ranks", "status", "lines"), [(1, 0, 0), (2, 2, 1)])
+def test_a_single_rank_needs_no_mpi4py(mpi, ranks, status, lines):
+    program = "import sys; sys.modules['mpi4py'] = None; from swe_sphere.cli import main; main()"
+    run = ["run", "williamson2", "--ne", "2", "--days", "0.1", "--quiet"]
+    command = [*MPIEXEC, str(ranks), sys.executable, "-c", program, *run]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    told = ended.stderr.splitlines()
+    assert ended.returncode == status and len(told) == lines
+    assert all("no mpi4py" in line for line in told)
+
+
 SCRIPTS = {
     "sim.step()\nif sim.comm.rank == 1: raise OverflowError('of my own')": "OverflowError: of my",
     "import swe_sphere as s; s.sweep('williamson2', 'rk4', dt=600)": "only a run of a scene is for",
