@@ -354,6 +354,32 @@ def test_more_ranks_than_were_started_are_refused(mpi):
     assert ended.returncode == 2 and "2 have been started" in ended.stderr
 
 
+def test_a_file_says_how_many_ranks(mpi, tmp_path):
+    """As the flag does, which goes first."""
+    file, out = tmp_path / "run.toml", tmp_path / "run.nc"
+    file.write_text(f'scene = "williamson2"\nranks = 3\nne = 2\ndays = 0.1\nout = "{out}"\n')
+    run = ["run", "--config", file, "--quiet"]
+    ended = program(*run, ranks=2)
+    assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+    assert "ranks=3: 2 have been started" in ended.stderr
+    for ranks in [(), ("--ranks", 2)]:
+        ended = program(*run, *ranks, "--overwrite")
+        assert (ended.returncode, ended.stderr) == (0, "")
+    assert program(*run, "--restart", out, "--days", 0.2, "--out", out).returncode == 0
+
+
+@pytest.mark.parametrize("value", ['"two"', "2.5", "true", "0", "100000"])
+def test_numbers_of_ranks_that_a_file_cannot_ask_for(monkeypatch, capsys, tmp_path, value):
+    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))
+    file = tmp_path / "run.toml"
+    file.write_text(f'scene = "williamson2"\nranks = {value}\n')
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "--config", str(file)])
+    told = capsys.readouterr()
+    assert ended.value.code == 2 and told.out == "" and told.err.count("\n") == 1
+    assert "ranks" in told.err
+
+
 @pytest.mark.parametrize(("ranks", "status", "lines"), [(1, 0, 0), (2, 2, 1)])
 def test_a_single_rank_needs_no_mpi4py(mpi, ranks, status, lines):
     program = "import sys; sys.modules['mpi4py'] = None; from swe_sphere.cli import main; main()"

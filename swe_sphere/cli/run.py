@@ -12,11 +12,23 @@ from swe_sphere.cli.show import Stopped, explain, show_summary, terminal
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError
 from swe_sphere.parallel import world
-from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.settings import validated
+from swe_sphere.simulation.config import RunConfig, Whole, load_config, make_config
 from swe_sphere.simulation.restart import adopt, read_restart
 from swe_sphere.simulation.run import run as run_scene
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
+
+
+class Asked(RunConfig):
+    """What flags and the file say."""
+
+    ranks: Whole | None = None
+    """Processes that share the mesh, by MPI."""
+
+    def of_run(self) -> RunConfig:
+        """Without the number of processes, on which the run does not depend."""
+        return make_config({name: x for name, x in self.given().items() if name != "ranks"})
 
 
 @with_flags(RunConfig, argument="scene")
@@ -34,7 +46,8 @@ def run(
     comm = world()
     try:
         read = load_config(config) if config is not None else {}
-        asked = make_config(read | given(values, RunConfig))
+        told = validated(Asked, read | given(values | {"ranks": ranks}, Asked))
+        asked, ranks = told.of_run(), told.ranks
         if ranks is not None and not comm.shared:
             return start_ranks(ranks, _ne(asked), context.obj)
         if ranks not in (None, comm.size):
