@@ -18,6 +18,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.parallel import OF_RANKS, world
 from swe_sphere.simulation.memory_guard import available_memory
+from swe_sphere.terminal import handed_on
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
@@ -51,7 +52,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
-        process_group=0,
+        process_group=0, env=handed_on(),
     ) as job:  # fmt: skip
         # in a group of its own a Ctrl-C reaches it once, from here, like what others send
         for number in (signal.SIGINT, signal.SIGTERM):

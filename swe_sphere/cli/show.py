@@ -14,6 +14,7 @@ from swe_sphere.errors import SweError, in_one_line
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
+from swe_sphere.terminal import screen
 
 GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""
@@ -23,7 +24,7 @@ UNBOUNDED = 10_000
 
 def terminal(config: RunConfig) -> Watcher:
     """Warnings on stderr, and how far the run is: as a bar in a terminal, in lines elsewhere."""
-    kind: type[Watcher] = ProgressBar if sys.stderr.isatty() else LogLines
+    kind: type[Watcher] = ProgressBar if screen("stderr").isatty() else LogLines
     if config.quiet or config.as_json or config.live:
         kind = Watcher
     return kind(None if config.quiet else _warn)
@@ -65,7 +66,7 @@ def _print_table(summary: Summary, config: RunConfig) -> None:
     table = Table(show_header=False, title=summary.title)
     for line in (*summary.rows(), *written):
         table.add_row(*line)
-    Console(markup=False, highlight=False).print(table)
+    Console(file=screen("stdout"), markup=False, highlight=False).print(table)
 
 
 def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +10,13 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import Frame
 from swe_sphere.io.scalar_fields import check_field
+from swe_sphere.parallel import Alone
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
+from swe_sphere.terminal import screen
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,24 +32,31 @@ class LivePicture:
     """Draws a field over the picture before; a map of longitude by latitude, two rows a line.
 
     field: its name, or "auto" for what suits the scene.  Raises ConfigError for a field that there
-    is not, and where no terminal with colours is there to be drawn on.
+    is not, and where no terminal with colours is there to be drawn on.  Of several ranks the first
+    draws what all of them have.
     """
 
-    def __init__(self, field: str) -> None:
+    def __init__(self, field: str, comm: Alone) -> None:
         from rich.console import Console
 
         self._field = field if field == "auto" else check_field(field)
-        self._console = Console(file=sys.stderr, highlight=False)
+        self._console = Console(file=screen("stderr"), highlight=False)
+        comm.on_root(self._check)
+        self._drawing: Drawing | None = None
+        self._ends: tuple[float, float] | None = None
+
+    def _check(self) -> None:
         if not self._console.is_terminal or self._console.color_system is None:
             raise ConfigError(
                 "live: pictures need a terminal with colours; leave it out, or draw with --plot"
             )
-        self._drawing: Drawing | None = None
-        self._ends: tuple[float, float] | None = None
 
     def __call__(self, sim: Running) -> None:
         """Draw the state."""
         frame = Frame(sim.mesh, sim.snapshot.with_constants | sim.own_fields, sim.time, {})
+        sim.comm.on_root(lambda: self._draw(sim, frame))
+
+    def _draw(self, sim: Running, frame: Frame) -> None:
         first = self._drawing is None
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field

@@ -10,6 +10,7 @@ from typing import Any
 
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.running import Running
+from swe_sphere.terminal import screen
 
 
 class Watcher:
@@ -48,7 +49,7 @@ class ProgressBar(Watcher):
         label = f"{sim.scene.name}  dt {plan.dt:.4g} s"
         self._bar = tqdm(
             total=plan.steps, initial=sim.steps, desc=label, unit="step", leave=False,
-            file=sys.stderr,
+            file=screen("stderr"), dynamic_ncols=True,
         )  # fmt: skip
 
     def tick(self, sim: Running) -> None:

@@ -28,7 +28,7 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
             out = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.nc"
         summary = sim.run(
             out=out, overwrite=config.overwrite, watcher=watcher or Watcher(),
-            callbacks=[] if config.live is None else [_live(config.live)],
+            callbacks=[] if config.live is None else [_live(config.live, sim)],
         )  # fmt: skip
         if out is not None and config.plot is not None:
             file, picture = out, config.plot
@@ -38,10 +38,10 @@ def run(config: RunConfig, watcher: Watcher | None = None) -> Summary:
     return replace(summary, numbers={**summary.numbers, **asked, **total})
 
 
-def _live(field: str) -> Callback:
+def _live(field: str, sim: Simulation) -> Callback:
     from swe_sphere.simulation.live import PICTURES, LivePicture  # for matplotlib's colours
 
-    return Callback(LivePicture(field), times=PICTURES)
+    return Callback(LivePicture(field, sim.comm), times=PICTURES)
 
 
 def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
