@@ -23,8 +23,9 @@ def handed_on() -> dict[str, str]:
     environment = dict(os.environ)
     for number in range(3):  # ranks cannot ask the terminal behind a pipe for its size
         with suppress(OSError):
-            columns, lines = os.get_terminal_size(number)
-            environment = {"COLUMNS": str(columns), "LINES": str(lines)} | environment
+            size = zip(("COLUMNS", "LINES"), os.get_terminal_size(number), strict=True)
+            known = {name: str(length) for name, length in size if length > 0}  # some are 0 by 0
+            environment = known | environment
     for number, name in enumerate(HANDED.values(), start=1):
         with suppress(OSError):
             environment[name] = f"{os.uname().nodename}:{os.ttyname(number)}"

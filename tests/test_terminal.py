@@ -24,10 +24,10 @@ def mpi():
     pytest.importorskip("mpi4py")
 
 
-def shown(*arguments, stdout=None, stderr=None, **environment):
+def shown(*arguments, stdout=None, stderr=None, size=(LINES, COLUMNS), **environment):
     """Exit status and text on a terminal that is both stdout and stderr, or what they leave."""
     ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", LINES, COLUMNS, 0, 0))
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", *size, 0, 0))
     with subprocess.Popen(
         [sys.executable, "-m", "swe_sphere", *RUN, *arguments], stdin=subprocess.DEVNULL,
         stdout=stdout or theirs, stderr=stderr or theirs, env=environ(environment),
@@ -64,6 +64,11 @@ def test_a_bar_and_a_table_are_as_wide_as_the_terminal():
     assert status == 0 and "0/" in bar and bar == alone.split("\r")[1]
     assert 0 <= COLUMNS - len(bar) < 2  # tqdm leaves the last column empty
     assert "\x1b[3m" in table and "completed" in table
+
+
+def test_a_terminal_of_unknown_size_shows_the_table():
+    (_, alone), (_, ranks) = (shown("--live", "u", *each, size=(0, 0)) for each in (ALONE, RANKS))
+    assert "completed" in ranks and without_times(ranks) == without_times(alone)
 
 
 def test_what_goes_to_a_file_is_plain(tmp_path):
