@@ -406,6 +406,20 @@ def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
     assert ended.returncode != 0 and SCRIPTS[script] in ended.stderr
 
 
+@pytest.mark.parametrize(("code", "status"), [("3", 3), ("'of my own'", 1)])
+def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, status):
+    """As the page on processes says; without, the others would wait for ever."""
+    (tmp_path / "my.py").write_text(
+        "from swe_sphere import Simulation\nsim = Simulation('williamson2', ne=2, np=4)\n"
+        f"if sim.comm.rank == 1: raise SystemExit({code})\nsim.run(days=1)"
+    )
+    page = (Path(__file__).parents[1] / "docs" / "parallel.md").read_text()
+    (line,) = re.findall(r"`mpiexec -n 2 python (.* my\.py)`", page)
+    command = [*MPIEXEC, "2", sys.executable, *line.split()]
+    ended = subprocess.run(command, check=False, cwd=tmp_path, stderr=subprocess.PIPE, timeout=60)
+    assert ended.returncode == status
+
+
 def test_one_rank_may_have_jobs(mpi, tmp_path):
     """What it starts are no ranks."""
     sweep = ["sweep", "williamson2", "--steppers", "rk4", "--dt", "600,1200", "--ne", 2]
