@@ -24,7 +24,7 @@ TAKEN = frozenset({
     "wall_seconds", "compile_seconds", "setup_seconds", "setups", "rhs_evaluations",
     "tangent_evaluations", "preconditioner_applications", "newton_iterations", "krylov_iterations",
     "krylov_steps", "fast_steps", "tracer_stages", "preconditioner", "tolerance", "diffusion",
-    "strength", "share", "substeps",
+    "strength", "share", "substeps", "krylov_block",
     "time", "node", "lat", "lon", "lat_bnds", "lon_bnds", "area", "mesh", "sphere", "face_nodes",
     "face", "corner", "b", "f", "coriolis", "h", "u", "v", "vorticity", "divergence", "mass",
     "energy", "potential_enstrophy", "total_vorticity", "total_divergence", "max_wind",
