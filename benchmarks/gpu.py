@@ -6,6 +6,7 @@ python benchmarks/gpu.py traffic              one of them, into docs/gpu.md and 
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -34,6 +35,8 @@ HEAD = """# GPUs
 Nothing here was run on a GPU: this page holds what the compiler says of the kernels, and a
 prediction.  `--device cuda:0` runs the kernels of one thread a node (`--launch node`, which a CPU
 runs too: `swe-sphere verify --launch node` puts them through the whole verification suite).
+A block has whole elements, whose threads put what they all take line sums of into shared memory:
+each value is loaded and worked out once.
 Explicit steps of scenes whose wind and forcing do not change in time are captured once as a graph
 and then launched as a whole; on several ranks in pieces, between messages, and with a limiter of
 tracers there kernel by kernel.  No step copies a state to the host, nor does the check whether a
@@ -145,7 +148,7 @@ def traffic() -> Section:
         "**A prediction, not a measurement.** williamson5, an element node and a step. Bytes: of"
         " all arrays that the launches of a step name, each counted once a launch, as if the caches"
         " kept what neighbours share: a lower bound of the time. Operations: in"
-        " the code that Warp generates, with line sums as every node makes them. Time: bytes over"
+        " the code that Warp generates, line sums included. Time: bytes over"
         f" the bandwidth in the makers' data sheets ({memory}); or, marked *, operations over the"
         f" peak ({peak} TFLOP/s in float64, twice that in float32), where that is longer. The start"
         " and the tail of each launch are not in it: meshes must be large (ne 120"
@@ -195,7 +198,7 @@ def _prediction(precision: str, np: int, stepper: str) -> Iterator[str]:
 
 
 def _threads(dim: int | tuple[int, ...]) -> int:
-    return dim if isinstance(dim, int) else dim[0] * dim[1]
+    return dim if isinstance(dim, int) else math.prod(dim)
 
 
 def _bytes(arguments: Iterable[Any]) -> int:

@@ -86,7 +86,8 @@ def field_kernels(np_: int, real: type, shape: str) -> SimpleNamespace:
 
     `gradient` of one field, to two, with any a, and -div(m V) of `count` masses: `transport` by the
     wind V in front of a, and `tangent`, its derivative at the state a along x, both with winds in
-    front.  With the types `geometry` and `value`.
+    front.  The shape "node" launches (E, count, np*np) threads.  With the types `geometry` and
+    `value`.
     """
     t = kernel_types(np_, real, shape)
     kinds = {"transport": "mass", "tangent": "tangent"}
@@ -105,9 +106,8 @@ def _field_kernel(t: SimpleNamespace, formula: Formula) -> wp.Kernel:
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def over_nodes(geo: geometry, a: vector, x: vector, first: int, count: int, out: local):
-        e, n = wp.tid()
-        for k in range(count):
-            sweep(geo, a, x, first + k * geo.size, e, n, k, out, x)
+        e, k, n = wp.tid()
+        sweep(geo, a, x, first + k * geo.size, e, n, k, out, x)
 
     return over_nodes
 

@@ -1,7 +1,7 @@
 """One thread an element node: the launch shape for GPUs.
 
-Each thread sums along the two lines of nodes through its own node.  Neighbouring threads read the
-same lines, so the repeated loads come from the cache.  A weak Laplacian needs two nested line sums:
+Each thread works out what is differentiated at its own node, and sums up what the threads of its
+element have along the two lines of nodes through it.  A weak Laplacian needs two nested line sums:
 a first kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
 """
 
@@ -13,6 +13,7 @@ import warp as wp
 from swe_sphere.kernels.assembly import OPTIONS
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.formulas import Formula, keep_fields
+from swe_sphere.kernels.shared_lines import shared_lines
 
 
 def node_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
@@ -41,22 +42,21 @@ def node_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
 
 def _derivatives(t: SimpleNamespace, f: Formula) -> wp.Function:
     """Function (geometry, a, x, at, e, n): derivatives of the rows along each coordinate."""
-    np_, rows, real = t.np, f.rows, t.real
+    np_, lines = t.np, shared_lines(f.rows, t.real, t.np, "points")
 
     @no_type_check
     @wp.func
     def derivatives(geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int):
         i = n // np_
         j = n % np_
-        s1 = rows(real(0.0))
-        s2 = rows(real(0.0))
-        for m in range(np_):
-            p = m * np_ + j
+        room = lines.enter(n)
+        for turn in range(lines.turns(n)):
+            p = n + turn
             point = f.read(geo, f.wind(geo, a, x, e, p), a, x, at, e, p)
-            s1 += geo.derivative[i, m] * f.first(geo, point, e, p)
-            p = i * np_ + m
-            point = f.read(geo, f.wind(geo, a, x, e, p), a, x, at, e, p)
-            s2 += geo.derivative[j, m] * f.second(geo, point, e, p)
+            lines.put(room, p, f.first(geo, point, e, p), f.second(geo, point, e, p))
+        lines.meet()
+        s1 = lines.along(room, geo.derivative, i, j)
+        s2 = lines.across(room, geo.derivative, i, j)
         return s1, s2
 
     return derivatives
@@ -92,7 +92,8 @@ def flux_kernel(t: SimpleNamespace) -> wp.Kernel:
 def node_diffusion(t: SimpleNamespace) -> wp.Function:
     """Function (geometry, x, e, n, out, done): the weak Laplacian from what `flux_kernel` left."""
     of, np_, moves = _diffusion(t), t.np, t.terms.unknowns == 3
-    rows, real, keep = of.formula.rows, t.real, keep_fields(t, of.formula)
+    rows, keep = of.formula.rows, keep_fields(t, of.formula)
+    lines = shared_lines(rows, t.real, np_, "fluxes")
 
     @no_type_check
     @wp.func
@@ -107,11 +108,13 @@ def node_diffusion(t: SimpleNamespace) -> wp.Function:
     def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.done):
         i = n // np_
         j = n % np_
-        t1 = rows(real(0.0))
-        t2 = rows(real(0.0))
-        for m in range(np_):
-            t1 += geo.derivative[m, i] * fluxes(geo, e, m * np_ + j, 0)
-            t2 += geo.derivative[m, j] * fluxes(geo, e, i * np_ + m, 1)
+        room = lines.enter(n)
+        for turn in range(lines.turns(n)):
+            p = n + turn
+            lines.put(room, p, fluxes(geo, e, p, 0), fluxes(geo, e, p, 1))
+        lines.meet()
+        t1 = lines.along_transposed(room, geo.derivative, i, j)
+        t2 = lines.across_transposed(room, geo.derivative, i, j)
         keep(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse

@@ -61,8 +61,8 @@ class FastWaves:
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(
-            launch, self._fields.transport, mesh.dim, self._flat_divergence, self._geometry, s,
-            rest, self._winds, 1, self._divergence,
+            launch, self._fields.transport, mesh.dim_of(1), self._flat_divergence, self._geometry,
+            s, rest, self._winds, 1, self._divergence,
         )  # fmt: skip
         launch(
             self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
@@ -72,7 +72,7 @@ class FastWaves:
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(
-            launch, self._fields.gradient, mesh.dim, self._flat_gradient, self._geometry, s,
+            launch, self._fields.gradient, mesh.dim_of(1), self._flat_gradient, self._geometry, s,
             self._depth, 0, 1, self._gradient,
         )  # fmt: skip
         launch(

@@ -61,7 +61,7 @@ class Model:
         self.shape = shape or ("element" if self.device == "cpu" else "node")
         if self.shape not in SHAPES:
             raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-        self.launch = Launcher(self.device, self.comm)
+        self.launch = Launcher(self.device, self.comm, mesh.np**2)
         self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape, self.comm)
         made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)
         self.discrete = made

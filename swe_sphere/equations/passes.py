@@ -115,8 +115,9 @@ class Passes:
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             mesh.sweep(
-                model.launch, self._transport, mesh.dim, self._flat_depth, self._geometry, wind,
-                self.carried, self._first * size, self._masses, self._local_depth,
+                model.launch, self._transport, mesh.dim_of(self._masses), self._flat_depth,
+                self._geometry, wind, self.carried, self._first * size, self._masses,
+                self._local_depth,
                 *([] if self._runs is None else [step]),
             )  # fmt: skip
         of_run = self._runs and self._runs.depth

@@ -56,6 +56,10 @@ class DeviceMesh(PartLayout):
         """Threads of a launch over the element nodes."""
         return self.groups if self.shape == "element" else (self.groups, self.points)
 
+    def dim_of(self, fields: int) -> int | tuple[int, int, int]:
+        """Threads of a launch over the element nodes of so many fields."""
+        return self.groups if self.shape == "element" else (self.groups, fields, self.points)
+
     @functools.cached_property
     def chunks(self) -> Chunks:
         """By which sums over the nodes are taken."""
@@ -243,7 +247,7 @@ class DeviceMesh(PartLayout):
             self._halos[flat.ptr]()
 
     def sweep(
-        self, launch: Launcher, kernel: Any, dim: int | tuple[int, int], flat: wp.array, *given: Any
+        self, launch: Launcher, kernel: Any, dim: int | tuple[int, ...], flat: wp.array, *given: Any
     ) -> None:
         """Launch a kernel over the elements with those arguments, and exchange what it leaves.
 

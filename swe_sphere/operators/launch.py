@@ -13,6 +13,7 @@ import warp as wp
 
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.shared_lines import block_threads
 from swe_sphere.operators.work import Tally, Work
 from swe_sphere.parallel import Alone
 
@@ -27,7 +28,8 @@ class Launcher:
     steppers reuse all the time.
     """
 
-    def __init__(self, device: str, comm: Alone | None = None) -> None:
+    def __init__(self, device: str, comm: Alone | None = None, nodes: int = 1) -> None:
+        """nodes: of an element, of which blocks of threads hold whole ones."""
         self.device, self.comm = device, comm or Alone()
         with self.comm.root_first():
             keep_headers()
@@ -39,7 +41,7 @@ class Launcher:
         """Whether launches that repeat are recorded, to be made as a whole, see `Replay`."""
         self.kernels: dict[str, Any] = {}
         """Those it has loaded or launched, by the name of their module."""
-        self._block_dim = 1 if wp.get_device(device).is_cpu else 256
+        self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no other array or structure takes a remembered place in memory
         self._commands: dict[tuple[object, ...], tuple[Any, Tally, tuple[Any, ...]]] = {}
 
@@ -102,8 +104,9 @@ class Launcher:
             self.forget()
         self.kernels[kernel.module.name] = kernel
         command = wp.launch(
-            kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True
-        )
+            kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,
+            block_dim=self._block_dim,
+        )  # fmt: skip
         tally = self.work.tally(f"{kernel.module.name} {dim}")
         self._commands[key] = (command, tally, (kernel, *arguments))
         return self._commands[key]

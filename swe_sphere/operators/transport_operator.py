@@ -49,8 +49,8 @@ class TracerTransport:
     ) -> None:
         mesh, size = self.mesh, self.mesh.size
         mesh.sweep(
-            self._launch, kernel, mesh.dim, self._flat, self._geometry, wind, x, first, self.count,
-            self._local,
+            self._launch, kernel, mesh.dim_of(self.count), self._flat, self._geometry, wind, x,
+            first, self.count, self._local,
         )  # fmt: skip
         for assemble, threads, begin in self._assembly:
             self._launch(

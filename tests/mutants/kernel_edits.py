@@ -71,13 +71,19 @@ FORMULAS = tuple(
     )
 )
 
+SWAP = "i, j", "j, i"
 NODES = tuple(
     Edit(f"{name}, a thread a node", "kernels/node.py", cases, old, old.replace(*change))
     for name, cases, old, change in (
-        ("derivative of the wrong line", NODE, "s2 += geo.derivative[j, m]", ("j", "i")),
-        ("transport of the wrong sign", TRANSPORT_NODE, "s1 += geo.derivative[i, m]", ("+", "-")),
-        ("transposed along the wrong line", DECAY_NODE, "t2 += geo.derivative[m, j]", ("j", "i")),
-        ("weak derivative of the wrong sign", DECAY_NODE, "t1 += geo.derivative", ("+", "-")),
+        ("derivative of the wrong line", NODE, "lines.across(room, geo.derivative, i, j)", SWAP),
+        ("transport of the wrong sign", TRANSPORT_NODE, "s1 = lines", ("=", "= -")),
+        (
+            "transposed along the wrong line",
+            DECAY_NODE,
+            "lines.across_transposed(room, geo.derivative, i, j)",
+            SWAP,
+        ),
+        ("weak derivative of the wrong sign", DECAY_NODE, "t1 = lines", ("=", "= -")),
     )
 )
 
