@@ -35,8 +35,9 @@ HEAD = """# GPUs
 Nothing here was run on a GPU: this page holds what the compiler says of the kernels, and a
 prediction.  `--device cuda:0` runs the kernels of one thread a node (`--launch node`, which a CPU
 runs too: `swe-sphere verify --launch node` puts them through the whole verification suite).
-A block has whole elements, whose threads put what they all take line sums of into shared memory:
-each value is loaded and worked out once.
+A block has whole elements, whose threads put what right-hand sides and derivatives take line sums
+of into shared memory: each value is loaded and worked out once.  The preconditioner's line sums, of
+values that stand ready, load them from the cache.
 Explicit steps of scenes whose wind and forcing do not change in time are captured once as a graph
 and then launched as a whole; on several ranks in pieces, between messages, and with a limiter of
 tracers there kernel by kernel.  No step copies a state to the host, nor does the check whether a

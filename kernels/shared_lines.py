@@ -29,8 +29,7 @@ def shared_lines(rows: type, real: type, np_: int, name: str) -> SimpleNamespace
     of d[j, m] second[i, m], and `along_transposed` and `across_transposed` those with d[m, i] and
     d[m, j].
     """
-    number, count = f"wp::{real.__name__}", wp.types.type_size_in_bytes(rows)
-    count //= wp.types.type_size_in_bytes(real)
+    number, count = _numbers(rows, real)
     held = f"{number} {name}[{2 * count * MOST_THREADS}];"
 
     @wp.func_native(f"""
@@ -89,8 +88,7 @@ def _sum(rows: type, real: type, np_: int, row: int, factor: str, node: str) -> 
     They begin in that row of the room.  A statement has one operation, so that a CPU contracts
     none.
     """
-    number, count = f"wp::{real.__name__}", wp.types.type_size_in_bytes(rows)
-    count //= wp.types.type_size_in_bytes(real)
+    number, count = _numbers(rows, real)
 
     @wp.func_native(f"""
         const auto from = reinterpret_cast<const {number}*>(room) + {row * MOST_THREADS};
@@ -112,3 +110,9 @@ def _sum(rows: type, real: type, np_: int, row: int, factor: str, node: str) -> 
     def shared_sum(room: wp.uint64, d: wp.array2d(dtype=real), i: int, j: int) -> rows: ...
 
     return shared_sum
+
+
+def _numbers(rows: type, real: type) -> tuple[str, int]:
+    """What the rows of a node are made of, in C++, and how many there are."""
+    size = wp.types.type_size_in_bytes
+    return f"wp::{real.__name__}", size(rows) // size(real)

@@ -71,17 +71,22 @@ FORMULAS = tuple(
     )
 )
 
-SWAP = "i, j", "j, i"
+OTHER_LINE = "i, j", "j, i"
 NODES = tuple(
     Edit(f"{name}, a thread a node", "kernels/node.py", cases, old, old.replace(*change))
     for name, cases, old, change in (
-        ("derivative of the wrong line", NODE, "lines.across(room, geo.derivative, i, j)", SWAP),
+        (
+            "derivative of the wrong line",
+            NODE,
+            "lines.across(room, geo.derivative, i, j)",
+            OTHER_LINE,
+        ),
         ("transport of the wrong sign", TRANSPORT_NODE, "s1 = lines", ("=", "= -")),
         (
             "transposed along the wrong line",
             DECAY_NODE,
             "lines.across_transposed(room, geo.derivative, i, j)",
-            SWAP,
+            OTHER_LINE,
         ),
         ("weak derivative of the wrong sign", DECAY_NODE, "t1 = lines", ("=", "= -")),
     )
