@@ -432,7 +432,8 @@ def test_one_rank_may_have_jobs(mpi, tmp_path):
 def test_ranks_hear_of_what_is_sent_to_what_started_them(mpi, tmp_path, sent):
     out = tmp_path / "run.nc"
     run = ["run", "williamson5", "--ne", "4", "--every", "1", "--ranks", "2", "--out", str(out)]
-    command = [sys.executable, "-m", "swe_sphere", *run, "--days", "1000"]
+    run += ["--days", "20000", "--set", "hyperviscosity.nu=default"]
+    command = [sys.executable, "-m", "swe_sphere", *run]
     job = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not out.exists():
         time.sleep(0.1)
