@@ -1,101 +1,17 @@
-"""Extent of the spectrum of the discrete operator, from which stable steps follow.
-
-The largest eigenvalue is found from a Krylov basis of little memory.
-"""
+"""Extent of the spectrum of the discrete operator, from which stable steps follow."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.blas import one_thread
+from swe_sphere.equations.arnoldi import Product, largest_modulus
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.errors import ConfigError
-
-Float32 = NDArray[np.float32]
-Product = Callable[[NDArray[np.floating]], Array]
-
-BASIS = 24
-KEPT = 2
-"""Vectors of the basis, and those that the next one begins with where it was not enough."""
-CYCLES = 10
-INVARIANT = 1e-6
-"""Part of a product outside the basis that is no more than rounding."""
-STRIP = 65536
-
-
-def largest_modulus(product: Product, start: Array, tolerance: float) -> float | None:
-    """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
-
-    Arnoldi iteration from `start` (n,), begun anew from the Schur vectors of the largest Ritz
-    values (Stewart 2002, doi:10.1137/S0895479800371529), in float32, which rounds a thousand times
-    less than any tolerance worth asking for.  A product that is not finite gives NaN.
-    """
-    basis = np.empty((BASIS + 1, start.size), np.float32)
-    size = _unit(product(start), basis[0])  # nearer to the vector sought than the start itself
-    if size == 0.0 or not np.isfinite(size):
-        return size
-    small, kept = np.zeros((BASIS + 1, BASIS)), 0
-    for _ in range(CYCLES):
-        for j in range(kept, BASIS):
-            size, rest = _expand(product, basis, small, j)
-            if not np.isfinite(size):
-                return float("nan")
-            if rest <= INVARIANT:
-                return float(np.abs(np.linalg.eigvals(small[: j + 1, : j + 1])).max())
-        values, vectors = np.linalg.eig(small[:BASIS])
-        first = np.abs(values).argmax()
-        largest = float(np.abs(values[first]))
-        if np.abs(small[BASIS] @ vectors[:, first]) <= tolerance * largest:
-            return largest
-        kept = _restart(basis, small, np.sort(np.abs(values))[-KEPT])
-    return None
-
-
-def _expand(product: Product, basis: Float32, small: Array, j: int) -> tuple[float, float]:
-    """Next row of the basis, next column of the small matrix: |A v_j|, its part that is new."""
-    row, rows = basis[j + 1], basis[: j + 1]
-    size = _unit(product(basis[j]), row)
-    if size == 0.0 or not np.isfinite(size):
-        return size, 0.0
-    for _ in range(2):
-        components = rows @ row
-        row -= components @ rows
-        small[: j + 1, j] += size * components.astype(np.float64)
-    rest = float(np.linalg.norm(row))
-    small[j + 1, j] = size * rest
-    if rest > INVARIANT:
-        row /= np.float32(rest)
-    return size, rest
-
-
-def _unit(vector: Array, out: Float32) -> float:
-    """out = vector / |vector| where that is a number; returns the length."""
-    size = float(np.linalg.norm(vector))
-    if size > 0.0 and np.isfinite(size):
-        np.divide(vector, size, out=out, casting="same_kind")
-    return size
-
-
-def _restart(basis: Float32, small: Array, least: float) -> int:
-    """Keep the Schur vectors of Ritz values of that modulus or more; returns how many these are."""
-    least *= 1.0 - INVARIANT  # both solvers round
-    upper, turn, kept = scipy.linalg.schur(
-        small[:BASIS], "real", sort=lambda re, im=0.0: abs(re + 1j * im) >= least
-    )
-    turn = turn[:, :kept].astype(np.float32)
-    for begin in range(0, basis.shape[1], STRIP):
-        strip = basis[:, begin : begin + STRIP]
-        strip[:kept] = turn.T @ strip[:BASIS]
-    basis[kept] = basis[BASIS]
-    last = small[BASIS] @ turn
-    small.fill(0.0)
-    small[:kept, :kept], small[kept, :kept] = upper[:kept, :kept], last
-    return int(kept)
-
 
 Operator = Callable[[wp.array, wp.array], None]
 
@@ -152,8 +68,8 @@ def spectral_radius(
     """
     product = _scaled_product(discrete, state, operator, reach)
     start = np.random.default_rng(0).standard_normal(len(discrete.fluid) * discrete.mesh.size)
-    with np.errstate(over="ignore", invalid="ignore"):
-        found = largest_modulus(product, start, TOLERANCE)
+    with np.errstate(over="ignore", invalid="ignore"), one_thread():
+        found = largest_modulus(product, start, TOLERANCE, discrete.device_mesh.comm)
     if found is None:
         return _power_iteration(product, start)
     if not np.isfinite(found):
@@ -167,11 +83,17 @@ def spectral_radius(
 def _scaled_product(
     discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> Product:
-    """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both."""
+    """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both.
+
+    Of several ranks each works on its own nodes, and gets all of the product.
+    """
     mesh = discrete.device_mesh
-    base = mesh.collect(state[: discrete.fluid_size]).astype(np.float64)
-    scale = _units(discrete, base)
-    size = reach * (np.abs(base / scale).max() or 1.0)
+    fluid = state[: discrete.fluid_size]
+    unit = _unit_of_depth(discrete, mesh.collect(fluid)[-discrete.mesh.size :])
+    base = fluid.numpy().astype(np.float64)
+    scale = np.ones(base.size)
+    scale[-mesh.size :] = unit
+    size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
     moved, plus, minus = (
         wp.zeros(discrete.fluid_size, dtype=mesh.real, device=mesh.device) for _ in range(3)
     )
@@ -179,27 +101,26 @@ def _scaled_product(
 
     def product(d: NDArray[np.floating]) -> Array:
         step = size / max(float(d.max()), -float(d.min()), np.finfo(float).tiny)
+        mine = mesh.restrict(d)
         for sign, out in ((1.0, plus), (-1.0, minus)):
-            np.multiply(d, sign * step, out=room, dtype=np.float64)
+            np.multiply(mine, sign * step, out=room, dtype=np.float64)
             np.multiply(room, scale, out=room)
-            moved.assign(mesh.restrict(np.add(base, room, out=room)))
+            moved.assign(np.add(base, room, out=room))
             operator(moved, out)  # on one array: launches keep all those they are recorded with
-        difference: Array = mesh.collect(plus).astype(np.float64)
-        difference -= mesh.collect(minus)
+        difference: Array = plus.numpy().astype(np.float64)
+        difference -= minus.numpy()
         difference /= np.multiply(scale, 2.0 * step, out=room)
-        return difference
+        return mesh.join(difference)
 
     return product
 
 
-def _units(discrete: DiscreteScene, base: Array) -> Array:
-    """1 for winds and sqrt(H/g) for depth, with H the mean depth."""
-    n = discrete.mesh.size
-    scale = np.ones(base.size)
-    if discrete.scene.wind is None:
-        depth = np.average(base[-n:], weights=discrete.mesh.area)
-        scale[-n:] = np.sqrt(depth / discrete.scene.planet.gravity)
-    return scale
+def _unit_of_depth(discrete: DiscreteScene, depth: Array) -> float:
+    """sqrt(H/g) with H the mean of the depth (N,), for what is stepped with a wind, else 1."""
+    if discrete.scene.wind is not None:
+        return 1.0
+    mean = np.average(depth.astype(np.float64), weights=discrete.mesh.area)
+    return float(np.sqrt(mean / discrete.scene.planet.gravity))
 
 
 def _power_iteration(product: Product, d: Array, steps: int = 40) -> float:

@@ -38,17 +38,20 @@ class PartLayout(Layout):
 
     def collect(self, vector: wp.array) -> NDArray[Any]:
         """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N)."""
-        values: NDArray[Any] = vector.numpy()
+        return self.join(vector.numpy())
+
+    def join(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k n) of all ranks as those of the whole mesh (..., k N)."""
         if not self.comm.shared:
             return values
-        return self._join(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
+        return self._joined(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
         sizes = values.size * self.size, vector.size * self.mesh.size
         return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
 
-    def _join(self, values: NDArray[Any]) -> NDArray[Any]:
+    def _joined(self, values: NDArray[Any]) -> NDArray[Any]:
         """Field by field, so that messages take no more room than one of them."""
         joined = np.empty((len(values), self.mesh.size), values.dtype)
         room = np.empty(self.mesh.size, values.dtype)

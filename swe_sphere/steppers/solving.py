@@ -1,39 +1,19 @@
 """Steppers that solve equations: how exactly, in which norm, and in parts where that fails."""
 
-import sys
 from abc import abstractmethod
-from contextlib import AbstractContextManager
-from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
+from swe_sphere.blas import one_thread
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.motion import Motion
 from swe_sphere.steppers.stepper import Stepper
-
-
-@cache
-def _libraries(scipy: bool) -> ThreadpoolController:
-    """The BLAS libraries loaded by now: scipy brings its own when it is first needed."""
-    return ThreadpoolController()
-
-
-def one_thread() -> AbstractContextManager[object]:
-    """Within the block BLAS keeps to one thread; afterwards it has as many as before.
-
-    numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower.
-    """
-    libraries = _libraries("scipy.linalg" in sys.modules)
-    limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
-    return limited
-
 
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries

@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.equations.arnoldi import largest_modulus
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import largest_modulus
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
@@ -77,7 +77,7 @@ def _radius(model: Model, wind: wp.array, bound: float) -> float:
         return rates
 
     start = np.random.default_rng(0).standard_normal(model.mesh.size)
-    found = largest_modulus(product, start, 1e-2)
+    found = largest_modulus(product, start, 1e-2, mesh.comm)
     return bound if found is None else min(found, bound)
 
 
