@@ -22,13 +22,14 @@ import numpy as np
 import typer
 from implicit_common import Section
 from memory import per_node
+from scaling_bytes import Traffic
 from scaling_model import NEIGHBOURS, RING, Network, Step, as_it_is, in_trees, picture
 from scaling_ranks import PIECES, STEPPERS
 from sections import DOCS, write_page
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.partition import partition
+from swe_sphere.mesh.partition import pieces
 from swe_sphere.solvers.preconditioners.coarse import AT_ONCE, SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
@@ -90,28 +91,17 @@ def disturbed() -> str:
     return " The machine was busy with other programs: the times here are rough." if busy else ""
 
 
-def on_the_rim(ne: int, ranks: int) -> tuple[int, float]:
-    """Element nodes that go out from all ranks for one right-hand side, and neighbours of a rank.
-
-    Counted from the mesh: one at a node that other ranks hold goes to each of them.
-    """
-    mesh = Mesh.build(ne, 4)
-    owner, neighbours = np.empty(mesh.elements, dtype=int), []
-    for rank in range(ranks):
-        part = partition(mesh, rank, ranks)
-        owner[part.elements] = rank
-        neighbours.append(len(part.sends))
-    of_entry = owner[mesh.gather_entries // mesh.np**2]
-    pieces = np.split(of_entry, mesh.gather_offsets[1:-1])
-    sent = sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
-    return sent, float(np.mean(neighbours))
+@cache
+def traffic(ne: int, ranks: int) -> Traffic:
+    """What so many ranks of that mesh have to tell each other."""
+    return Traffic(Mesh.build(ne, 4), ranks)
 
 
 @cache
 def rim() -> float:
     """Element nodes that a rank of many sends, over the square root of its elements."""
     ranks = 32
-    return on_the_rim(NE, ranks)[0] / ranks / (6 * NE**2 / ranks) ** 0.5
+    return traffic(NE, ranks).on_the_rim / ranks / (6 * NE**2 / ranks) ** 0.5
 
 
 def step(name: str) -> Step:
@@ -121,7 +111,7 @@ def step(name: str) -> Step:
         "exchanges", "bytes", "sums", "sums bytes", "coarse", "coarse bytes",
     )}  # fmt: skip
     of_rank = {key: did[key] / 2 for key in ("exchanges", "sums", "coarse")}
-    sent, _ = on_the_rim(NE, 2)
+    sent = traffic(NE, 2).on_the_rim
     large, tiny = min(alone["times"]), min(timed()[TINY, 0][name]["times"])
     fixed = max(0.0, tiny - TINY**2 * (large - tiny) / (NE**2 - TINY**2))
     return Step(
@@ -135,17 +125,16 @@ def step(name: str) -> Step:
 
 def counts() -> Section:
     """Messages of a step, by number of ranks."""
-    rows, bits = [], {}
+    rows, bits, launched = [], {}, child(1, "launches", SMALL, 4)
     for ranks in (1, 2, 4, 8):
-        sent, neighbours = on_the_rim(SMALL, ranks)
+        to_tell = traffic(SMALL, ranks)
         for name, told in child(ranks, "steps", SMALL, 4).items():
-            did = told["traffic"]
+            did, expected = told["traffic"], to_tell.bytes_sent(launched[name])
             same = bits.setdefault(name, told["bits"]) == told["bits"]
-            expected = f"{96 * sent / 1e3:.1f}" if name == "rk4" else ""
             rows.append([
-                name, str(ranks), f"{neighbours:.1f}",
+                name, str(ranks), f"{np.mean(to_tell.neighbours):.1f}",
                 *(f"{did.get(key, 0.0) / ranks:.1f}" for key in ("exchanges", "messages")),
-                f"{did.get('bytes', 0.0) / 1e3:.1f}", expected,
+                *(f"{sent:.0f}" for sent in (did.get("bytes", 0.0), expected)),
                 *(f"{did.get(key, 0.0) / ranks:.1f}" for key in ("sums", "coarse")),
                 "the same" if same else "OTHERS",
             ])  # fmt: skip
@@ -153,10 +142,15 @@ def counts() -> Section:
     return Section(
         "What a step does",
         f"Counted in the run, ne {SMALL}: exchanges, messages and"
-        " sums of a rank, bytes of all ranks. Expected: four right-hand sides of three fields, "
-        "counted from the mesh. Ranks beyond the cores of the machine are there for the counts "
+        " sums of a rank, bytes of all ranks. Expected: counted from the mesh and from what one"
+        " rank launches, byte for byte. For each node on the rim, an element sends three fields"
+        " for a right-hand side or a tangent, two for a gradient and one for a divergence, in"
+        " float64, and in float32 inside of the preconditioner; for each coarse correction go the"
+        " integrals over elements around a part, and three numbers for every coarse function in"
+        " its rings. Not among these bytes are sums and coarse residuals, which go from all to"
+        " all. Ranks beyond the cores of the machine are there for the counts "
         "and for the bits of the state.",
-        ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [kB]", "expected [kB]",
+        ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [B]", "expected [B]",
          "sums", "coarse residuals to all", "bits"],
         rows,
     )  # fmt: skip
@@ -200,14 +194,13 @@ def model() -> Section:
     picture(DOCS / "scaling.svg", steps, LARGE, SUPPOSED, rim())
     rows = []
     for name, of in steps.items():
-        for ranks in (1, 64, 512, 4096, 32768, 100_000):
+        for ranks in (1, 64, 512, 4096, 32768, pieces(LARGE)[0]):
             given = of, 6.0 * LARGE**2, np.array([float(ranks)]), SUPPOSED, rim()
             trees, is_now = in_trees(*given)[0], as_it_is(*given)[0]
             alone = in_trees(of, 6.0 * LARGE**2, np.array([1.0]), SUPPOSED, rim())[0]
             rows.append([
                 name, str(ranks), f"{6 * LARGE**2 / ranks:.0f}",
-                f"{is_now:.3g}" if ranks <= 512 else "", f"{trees:.3g}",
-                f"{100 * alone / ranks / trees:.0f} %",
+                f"{is_now:.3g}", f"{trees:.3g}", f"{100 * alone / ranks / trees:.0f} %",
             ])  # fmt: skip
     return Section(
         f"Many ranks on ne {LARGE}: a model",
@@ -221,8 +214,9 @@ def model() -> Section:
         "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
         "every rank gets the sums of a few large branches from each, and solves for the longest "
         "waves, which ends the gain of implicit steps early; a piece sweeps over coarse functions "
-        f"of {2 * AT_ONCE * RING:.0f} elements more along its side; and there are 512 pieces at "
-        f"the most. Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at "
+        f"of {2 * AT_ONCE * RING:.0f} elements more along its side. There are as many pieces as in "
+        "the last rows, and no more ranks. "
+        f"Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at "
         f"ne {LARGE}, where another level would have to stand. The last columns are what trees of "
         "sums, and all of the coarse level dealt out, with two visits to each of its levels, "
         "would make of it." + disturbed(),

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from swe_sphere.mesh.partition import pieces
 from swe_sphere.solvers.preconditioners.coarse import AT_ONCE
 
 NODES = 4
@@ -103,13 +104,12 @@ def picture(path: Path, steps: Mapping[str, Step], ne: int, net: Network, rim: f
     """Time of a step on a mesh over the number of ranks, both ways."""
     figure, axes = plt.subplots(figsize=(6.4, 3.8), layout="constrained")
     for (name, step), colour in zip(steps.items(), ("C0", "C1", "C2", "C3"), strict=False):
-        few, many = np.logspace(0, np.log10(512), 60), np.logspace(0, 5, 100)
-        elements = 6.0 * ne**2
-        axes.loglog(few, as_it_is(step, elements, few, net, rim), color=colour, label=name)
-        trees = in_trees(step, elements, many, net, rim)
-        axes.loglog(many, trees, "--", color=colour)
-        axes.loglog(many, trees[0] / many, ":", color=colour, linewidth=0.8)
-    axes.plot([], [], "k-", label="as the program is, to 512 ranks")
+        ranks, elements = np.logspace(0, np.log10(pieces(ne)[0]), 100), 6.0 * ne**2
+        axes.loglog(ranks, as_it_is(step, elements, ranks, net, rim), color=colour, label=name)
+        trees = in_trees(step, elements, ranks, net, rim)
+        axes.loglog(ranks, trees, "--", color=colour)
+        axes.loglog(ranks, trees[0] / ranks, ":", color=colour, linewidth=0.8)
+    axes.plot([], [], "k-", label="as the program is")
     axes.plot([], [], "k--", label="sums in trees, longest waves dealt out")
     axes.plot([], [], "k:", linewidth=0.8, label="no loss")
     axes.set(xlabel="ranks", ylabel="time of a step [s]", title=f"ne {ne} np {NODES}, a model")

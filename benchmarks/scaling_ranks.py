@@ -1,15 +1,22 @@
-"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py."""
+"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py.
+
+    mpiexec -n 2 python benchmarks/scaling_ranks.py blocks 30 60
+
+times steps whose Krylov iterations share a reduction beside others.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import statistics
 import sys
 import time
 from collections import Counter
 from typing import Any
 
 import numpy as np
+from scaling_bytes import Launches, launches
 
 from swe_sphere import Simulation
 from swe_sphere.operators.halo import Halo
@@ -24,6 +31,8 @@ STEPPERS = {
     "bdf2": (3600.0, 1),
 }
 """Steps [s] on ne 30, and how many of them are timed at once."""
+IMPLICIT, BLOCKS = ("tr-bdf2", "bdf2"), (1, 4)
+"""Steppers whose Krylov iterations may share a reduction, and how many do."""
 PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
@@ -35,11 +44,8 @@ LOOKED_AT = 3
 
 def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
     """Seconds a step, piece by piece; what all ranks do in a step; a hash of the state."""
-    dt, at_once = STEPPERS[stepper]
-    traffic = Traffic(world())
-    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne)
-    for _ in range(3):
-        sim.step()
+    traffic, at_once = Counted(world()), STEPPERS[stepper][1]
+    sim = started(stepper, ne)
     before, times = traffic.counts(), []
     for _ in range(pieces):
         start = time.perf_counter()
@@ -55,6 +61,41 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
         **(coarse_seconds(sim) if pieces == PIECES else {}),
         "bits": hashlib.sha256(state.tobytes()).hexdigest(),
     }
+
+
+def started(stepper: str, ne: int, **settings: Any) -> Simulation:
+    """A run that has loaded its kernels and started its scheme."""
+    dt, _ = STEPPERS[stepper]
+    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne, **settings)
+    for _ in range(3):
+        sim.step()
+    return sim
+
+
+def launched(stepper: str, ne: int, pieces: int) -> Launches:
+    """What leaves something for other ranks in a step, of those that `measure` takes."""
+    return launches(started(stepper, ne), pieces * STEPPERS[stepper][1])
+
+
+def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
+    """By iterations that share a reduction: times of a step [ms], in turns, and what it does."""
+    counted, found = Counted(world()), {}
+    sims = {n: started(stepper, ne, settings=[f"stepper.krylov_block={n}"]) for n in BLOCKS}
+    before = {n: sim.counts()["krylov_iterations"] for n, sim in sims.items()}
+    times, sums = {n: list[float]() for n in BLOCKS}, Counter[int]()
+    for _ in range(steps):
+        for n, sim in sims.items():
+            begin, start = counted.counts()["sums"], time.perf_counter()
+            sim.step()
+            times[n].append(1e3 * (time.perf_counter() - start))
+            sums[n] += counted.counts()["sums"] - begin
+    for n, sim in sims.items():
+        iterations = sim.counts()["krylov_iterations"] - before[n]
+        found[n] = {
+            "least": min(times[n]), "median": statistics.median(times[n]),
+            "iterations": iterations / steps, "sums": sums[n] / steps,
+        }  # fmt: skip
+    return found
 
 
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
@@ -73,7 +114,7 @@ def coarse_seconds(sim: Simulation) -> dict[str, float]:
     return found
 
 
-class Traffic:
+class Counted:
     """What this rank has sent since it was made, and what it has had a share in."""
 
     def __init__(self, comm: Alone) -> None:
@@ -124,10 +165,13 @@ def ping_pong() -> dict[int, float]:
 
 
 def main(job: str, ne: str, pieces: str) -> None:
-    """Measure all steppers, or the messages; rank 0 writes JSON."""
-    told: Any = ping_pong() if job == "ping" else {
-        name: measure(name, int(ne), int(pieces)) for name in STEPPERS
-    }  # fmt: skip
+    """Do that job for all steppers it is for, or time messages; rank 0 writes JSON."""
+    if job == "ping":
+        told: Any = ping_pong()
+    else:
+        of_each = {"steps": measure, "launches": launched, "blocks": blocks}[job]
+        names = IMPLICIT if job == "blocks" else STEPPERS
+        told = {name: of_each(name, int(ne), int(pieces)) for name in names}
     if world().rank == 0:
         sys.stdout.write(json.dumps(told) + "\n")
 

@@ -14,6 +14,8 @@ from swe_sphere.kernels.assembly import OPTIONS
 
 SPAN = 256
 """Numbers that are combined at a time: they stay in the nearest cache."""
+TOGETHER = 2048
+"""Numbers of chunks side by side whose sums are taken row by row: a row is read in long runs."""
 
 
 @functools.cache
@@ -24,7 +26,7 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
     and of v (n,) and how many rows of the stack count.  p[c d + s] = the part of
     sum_i w_i stack[s, i] v_i of chunk c, s over the rows of all triples; a chunk is the numbers
     from spans[k, c, 0] to spans[k, c, 1], all k, of each of the n / size fields; in float64.  With
-    d = 0 the parts are added up, one after the other.  All triples are taken chunk by chunk.
+    d = 0 the parts are added up, one after the other.  All triples go by some chunks at a time.
     """
     kind = f"wp::{real.__name__}"
 
@@ -68,15 +70,19 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
                 to[r] += (q[0] + q[2]) + (q[1] + q[3]);
             }}
         }};
-        const auto project = [&](const auto* each, long i, long end, double*& to) {{
+        const auto project = [&](const auto* each, long field, const int* at, double* to, long m) {{
             auto row = reinterpret_cast<numbers>(each[0]);
             const auto v = reinterpret_cast<numbers>(each[1]);
+            const auto rows = [&](auto count) {{
+                for (long c = 0; c < m; ++c)
+                    add(count, row, v, field + at[2 * c], field + at[2 * c + 1], to + c * apart);
+            }};
             long left = each[2];
-            for (; left >= 4; left -= 4, row += 4 * n, to += 4) add(four(), row, v, i, end, to);
-            if (left == 3) add(three(), row, v, i, end, to);
-            if (left == 2) add(two(), row, v, i, end, to);
-            if (left == 1) add(one(), row, v, i, end, to);
-            to += left;
+            for (; left >= 4; left -= 4, row += 4 * n, to += 4) rows(four());
+            if (left == 3) rows(three());
+            if (left == 2) rows(two());
+            if (left == 1) rows(one());
+            return to + left;
         }};
         long sums = 0;
         for (auto each = first; each < last; each += 3) sums += each[2];
@@ -84,11 +90,14 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
             for (long s = 0; s < sums; ++s) partial[c * apart + s] = 0.0;
         for (long field = 0; field < n; field += size)
             for (long k = 0; k < spans.shape[0]; ++k)
-                for (long c = 0; c < chunks; ++c) {{
-                    const int* at = spans.data + 2 * (k * chunks + c);
+                for (long c = 0, behind; c < chunks; c = behind) {{
+                    const int* at = spans.data + 2 * k * chunks;
+                    long taken = 0;
+                    for (behind = c; behind < chunks && taken < {TOGETHER}; ++behind)
+                        taken += at[2 * behind + 1] - at[2 * behind];
                     double* to = partial + c * apart;
                     for (auto each = first; each < last; each += 3)
-                        project(each, field + at[0], field + at[1], to);
+                        to = project(each, field, at + 2 * c, to, behind - c);
                 }}
     """)
     def sum_up(

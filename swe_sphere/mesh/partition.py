@@ -53,7 +53,10 @@ def _hilbert(x: Integers, y: Integers, side: int) -> Integers:
 
 
 CHUNKS = 512
-"""About how many pieces of equally many elements a mesh is dealt out in, and sums are taken by."""
+"""About how many pieces of equally many elements a mesh is dealt out in, and sums are taken by; of
+those with pieces of MOST elements there are more."""
+MOST = 4 * BLOCK
+"""Elements of a piece: so fine meshes, from ne 74 on, have ever more pieces, and ranks."""
 LARGE = 64
 """A mesh of so many blocks of elements is dealt out in whole blocks: kernels are faster on them."""
 
@@ -98,7 +101,7 @@ def pieces(ne: int) -> tuple[int, int]:
     """How many pieces a mesh of 6 ne^2 elements is dealt out in, and of how many elements each."""
     elements = 6 * max(ne, 1) ** 2
     block = BLOCK if elements >= LARGE * BLOCK else 1
-    each = block * -(-elements // (CHUNKS * block))
+    each = min(block * -(-elements // (CHUNKS * block)), MOST)
     return -(-elements // each), each
 
 

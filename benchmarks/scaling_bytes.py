@@ -1,0 +1,142 @@
+"""Bytes that ranks send in a step: from the mesh, its parts and what one process launches.
+
+Nothing here is asked of the exchanges themselves; scaling.py holds it to what they have sent.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+import warp as wp
+
+from swe_sphere import Simulation
+from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.partition import partition
+from swe_sphere.operators.sparse import slopes
+from swe_sphere.operators.work import difference
+from swe_sphere.solvers.preconditioners.coarse import AT_ONCE
+from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
+
+FIELDS = {"over_elements": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
+"""What kernels over elements leave for other ranks at each node on the rim: rates of change of wind
+and depth, both components of a gradient, a divergence."""
+RESTRICT = "restrict"
+"""The kernel that a coarse correction begins with: integrals over the elements."""
+SINGLE = 4
+"""Bytes of a number of the coarse level."""
+REFRESHED = 3
+"""Residual, direction and coefficient of each coarse function, between sweeps."""
+
+Launches = Mapping[str, float]
+"""How often kernels were launched, by their names and the bytes of their numbers."""
+
+
+def launches(sim: Simulation, steps: int) -> Launches:
+    """Those of kernels whose results are exchanged, in a step of a process or a single rank."""
+    launch, found = sim.model.launch, Counter[str]()
+    before = launch.work.counts()
+    with launch.one_by_one():  # what is recorded is counted as a whole
+        for _ in range(steps):
+            sim.step()
+    for tally, (calls, _) in difference(launch.work.counts(), before).items():
+        module, _, _ = tally.partition(" ")
+        name = re.search(r"__locals__(\w+)_[0-9a-f]+$", module)
+        if name and name[1] in (*FIELDS, RESTRICT):
+            found[f"{name[1]} {_bytes(launch.kernels[module])}"] += calls
+    return {kernel: calls / steps for kernel, calls in found.items()}
+
+
+def _bytes(kernel: Any) -> int:
+    """Of the numbers side by side that a kernel over elements works on."""
+    types = [getattr(argument.type, "dtype", None) for argument in kernel.adj.args]
+    lanes = next(kind for kind in types if hasattr(kind, "_wp_scalar_type_"))
+    return int(wp.types.type_size_in_bytes(lanes._wp_scalar_type_))
+
+
+class Traffic:
+    """What so many ranks of a mesh have to tell each other."""
+
+    def __init__(self, mesh: Mesh, ranks: int) -> None:
+        self.mesh, self.ranks = mesh, ranks
+        self.owner, self.neighbours = np.empty(mesh.elements, dtype=int), []
+        for rank in range(ranks):
+            part = partition(mesh, rank, ranks)
+            self.owner[part.elements] = rank
+            self.neighbours.append(len(part.sends))
+
+    @cached_property
+    def on_the_rim(self) -> int:
+        """Element nodes that go out from all ranks: at a node of other ranks, to each of them."""
+        of_entry = self.owner[self.mesh.gather_entries // self.mesh.np**2]
+        pieces = np.split(of_entry, self.mesh.gather_offsets[1:-1])
+        return sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
+
+    def coarse(self, rings: int) -> tuple[int, int]:
+        """Integrals that ranks get for a coarse correction, and coarse functions in their rings.
+
+        A rank works on the functions of its elements and on so many rings of those that meet them:
+        smooth ones in an element, computational modes where both have a slope.  It needs their
+        integrals over all elements.
+        """
+        on, see = self._functions
+        mine = _one_hot(self.owner, self.ranks).T
+        own = (mine @ on) > 0
+        has = own
+        for _ in range(rings):
+            has = (has.astype(int) @ see) > 0
+        needed = (has.astype(int) @ on.T) > 0
+        elements = needed.sum() - needed.multiply(mine > 0).sum()
+        return int(elements) * self._of_an_element, int(has.sum() - own.sum())
+
+    def bytes_sent(self, did: Launches) -> float:
+        """By all ranks, where one alone launches that.
+
+        Conjugate gradients, with operators in float64, need a ring more in their corrections.
+        """
+        total = 0.0
+        for kernel, calls in did.items():
+            name, size = kernel.split()
+            if name in FIELDS:
+                total += calls * FIELDS[name] * int(size) * self.on_the_rim
+        if f"{RESTRICT} {SINGLE}" in did:
+            integrals, functions = self.coarse(AT_ONCE + ("gradient 8" in did))
+            of_one = integrals + REFRESHED * (functions if self.ranks > 1 else 0)
+            total += did[f"{RESTRICT} {SINGLE}"] * SINGLE * of_one
+        return total
+
+    @cached_property
+    def _of_an_element(self) -> int:
+        smooth, both, either, _ = coarse_spaces(self.mesh)
+        return sum(space.numbers.shape[1] for space in (smooth, both, either))
+
+    @cached_property
+    def _functions(self) -> tuple[Any, Any]:
+        """(E, V) functions on each element, and (V, V) which of them see each other."""
+        spaces = coarse_spaces(self.mesh)
+        on = []
+        for space in spaces:
+            element, slot = np.nonzero(space.numbers >= 0)
+            where = element, space.numbers[element, slot]
+            shape = self.mesh.elements, space.numbers.max() + 1
+            on.append(scipy.sparse.csr_array((np.ones(element.size, int), where), shape))
+        sloping = [_entries(slopes(self.mesh, space)) for space in spaces[1:]]
+        see = scipy.sparse.block_diag([each.T @ each for each in (on[0], *sloping)], format="csr")
+        return scipy.sparse.hstack(on, format="csr"), see
+
+
+def _one_hot(owner: np.ndarray, ranks: int) -> scipy.sparse.csr_array:
+    """(E, ranks) 1 where an element is of that rank."""
+    where = np.arange(owner.size), owner
+    return scipy.sparse.csr_array((np.ones(owner.size, int), where), (owner.size, ranks))
+
+
+def _entries(matrix: Any) -> scipy.sparse.csr_array:
+    """1 wherever a matrix has an entry."""
+    found = scipy.sparse.csr_array(matrix)
+    return scipy.sparse.csr_array((np.ones(found.nnz, int), found.indices, found.indptr))
