@@ -1,5 +1,6 @@
 """The libraries of linear algebra behind numpy and scipy, and their threads."""
 
+import os
 import sys
 from contextlib import AbstractContextManager
 from functools import cache
@@ -21,3 +22,15 @@ def one_thread() -> AbstractContextManager[object]:
     libraries = _libraries("scipy.linalg" in sys.modules)
     limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
     return limited
+
+
+def keep_to_one_thread() -> None:
+    """One thread for good, those of libraries that are yet to be loaded too, unless told otherwise.
+
+    For a process beside others, each of which has a core of its own: spinning threads of all of
+    them would wait for each other.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("MKL_NUM_THREADS", "1")
+    if os.environ["OPENBLAS_NUM_THREADS"] == "1":
+        ThreadpoolController().limit(limits=1, user_api="blas")

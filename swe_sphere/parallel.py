@@ -21,6 +21,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.blas import keep_to_one_thread
 from swe_sphere.errors import ConfigError
 
 T = TypeVar("T")
@@ -99,6 +100,7 @@ class Ranks(Alone):
     def __init__(self) -> None:
         from mpi4py import MPI
 
+        keep_to_one_thread()
         self._mpi, self._comm, self._failures = MPI, cast(Any, MPI.COMM_WORLD), MPI.COMM_WORLD.Dup()
         self._neighbours = MPI.COMM_WORLD.Dup()
         self._neighbours.Set_errhandler(MPI.ERRORS_ARE_FATAL)  # nobody looks at their results

@@ -406,6 +406,21 @@ def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
     assert ended.returncode != 0 and SCRIPTS[script] in ended.stderr
 
 
+@pytest.mark.parametrize(("asked", "found"), [(None, 1), ("2", 2)])
+def test_linear_algebra_of_a_rank_has_one_thread_unless_told_otherwise(mpi, asked, found):
+    """Of libraries that are loaded before and after; threads of several ranks spin for cores."""
+    code = (
+        "import sys, numpy; from swe_sphere.parallel import world; world(); import scipy.linalg;"
+        "from threadpoolctl import threadpool_info as info;"
+        "sys.exit(10 * len(info()) + max(i['num_threads'] for i in info()))"
+    )
+    given = {"OPENBLAS_NUM_THREADS": asked} if asked else {}
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"} | given
+    command = [*MPIEXEC, "2", sys.executable, "-m", "mpi4py", "-c", code]
+    ended = subprocess.run(command, check=False, env=environment, timeout=60)
+    assert ended.returncode % 10 == min(found, os.cpu_count() or 1) and ended.returncode > 10
+
+
 @pytest.mark.parametrize(("code", "status"), [("3", 3), ("'of my own'", 1)])
 def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, status):
     """As the page on processes says; without, the others would wait for ever."""
