@@ -33,6 +33,7 @@ STEPPERS = {
 """Steps [s] on ne 30, and how many of them are timed at once."""
 IMPLICIT, BLOCKS = ("tr-bdf2", "bdf2"), (1, 4)
 """Steppers whose Krylov iterations may share a reduction, and how many do."""
+WORK = "newton_iterations", "krylov_iterations", "preconditioner_applications"
 PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
@@ -81,7 +82,7 @@ def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
     """By iterations that share a reduction: times of a step [ms], in turns, and what it does."""
     counted, found = Counted(world()), {}
     sims = {n: started(stepper, ne, settings=[f"stepper.krylov_block={n}"]) for n in BLOCKS}
-    before = {n: sim.counts()["krylov_iterations"] for n, sim in sims.items()}
+    before = {n: sim.counts() for n, sim in sims.items()}
     times, sums = {n: list[float]() for n in BLOCKS}, Counter[int]()
     for _ in range(steps):
         for n, sim in sims.items():
@@ -90,11 +91,9 @@ def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
             times[n].append(1e3 * (time.perf_counter() - start))
             sums[n] += counted.counts()["sums"] - begin
     for n, sim in sims.items():
-        iterations = sim.counts()["krylov_iterations"] - before[n]
-        found[n] = {
-            "least": min(times[n]), "median": statistics.median(times[n]),
-            "iterations": iterations / steps, "sums": sums[n] / steps,
-        }  # fmt: skip
+        did = {what: sim.counts()[what] - before[n][what] for what in WORK}
+        found[n] = {"least": min(times[n]), "median": statistics.median(times[n])}
+        found[n] |= {what: count / steps for what, count in (did | {"sums": sums[n]}).items()}
     return found
 
 
