@@ -7,6 +7,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
+from swe_sphere.blas import one_thread
 from swe_sphere.parallel import Alone
 
 Float32 = NDArray[np.float32]
@@ -33,7 +34,12 @@ def largest_modulus(
     less than any tolerance worth asking for.  A product that is not finite gives NaN.  comm: the
     ranks that call this together, each with the whole of `start` and of the products.
     """
-    basis = Basis(start.size, comm)
+    with one_thread():  # more of them would cut sums in other places
+        return _iterate(product, start, tolerance, Basis(start.size, comm))
+
+
+def _iterate(product: Product, start: Array, tolerance: float, basis: "Basis") -> float | None:
+    """As `largest_modulus`, in a basis that is empty yet."""
     size = basis.put(0, product(start))  # nearer to the vector sought than the start itself
     if size == 0.0 or not np.isfinite(size):
         return size

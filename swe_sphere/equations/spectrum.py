@@ -8,7 +8,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.blas import one_thread
 from swe_sphere.equations.arnoldi import Product, largest_modulus
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.errors import ConfigError
@@ -68,7 +67,7 @@ def spectral_radius(
     """
     product = _scaled_product(discrete, state, operator, reach)
     start = np.random.default_rng(0).standard_normal(len(discrete.fluid) * discrete.mesh.size)
-    with np.errstate(over="ignore", invalid="ignore"), one_thread():
+    with np.errstate(over="ignore", invalid="ignore"):
         found = largest_modulus(product, start, TOLERANCE, discrete.device_mesh.comm)
     if found is None:
         return _power_iteration(product, start)
