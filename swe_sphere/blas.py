@@ -30,7 +30,5 @@ def keep_to_one_thread() -> None:
     For a process beside others, each of which has a core of its own: spinning threads of all of
     them would wait for each other.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.environ.setdefault("MKL_NUM_THREADS", "1")
-    if os.environ["OPENBLAS_NUM_THREADS"] == "1":
+    if os.environ.setdefault("OPENBLAS_NUM_THREADS", "1") == "1":
         ThreadpoolController().limit(limits=1, user_api="blas")

@@ -99,7 +99,13 @@ def test_ranks_share_the_basis_and_find_the_same_bits(monkeypatch) -> None:
 
 
 def test_ranks_have_a_share_of_the_memory(monkeypatch) -> None:
-    monkeypatch.setattr(arnoldi, "STRIP", 100)
-    held = [sum(s.shape[1] for s in arnoldi.Basis(1050, Thread(r, 3, None, {}))._strips)
-            for r in range(3)]  # fmt: skip
-    assert sum(held) == 1050 and max(held) <= 400
+    monkeypatch.setattr(arnoldi, "STRIP", 10_000)
+    size, held = 105_000, []
+    for rank in range(3):
+        tracemalloc.start()
+        basis = arnoldi.Basis(size, Thread(rank, 3, None, {}))
+        held.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+        del basis
+    whole = 25 * 4 * size
+    assert sum(held) == pytest.approx(whole, rel=1e-3) and max(held) <= 0.4 * whole

@@ -92,6 +92,7 @@ class Basis:
     """BASIS + 1 vectors (n,) in float32, cut into strips, of which each rank has its share.
 
     Sums are taken strip by strip, so that their bits do not depend on how many ranks there are.
+    Those of `operators.chunks` do on whether there are any, which explicit runs must not show.
     """
 
     def __init__(self, size: int, comm: Alone) -> None:

@@ -88,10 +88,9 @@ def _scaled_product(
     """
     mesh = discrete.device_mesh
     fluid = state[: discrete.fluid_size]
-    unit = _unit_of_depth(discrete, mesh.collect(fluid)[-discrete.mesh.size :])
     base = fluid.numpy().astype(np.float64)
     scale = np.ones(base.size)
-    scale[-mesh.size :] = unit
+    scale[-mesh.size :] = _unit_of_depth(discrete, fluid)
     size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
     moved, plus, minus = (
         wp.zeros(discrete.fluid_size, dtype=mesh.real, device=mesh.device) for _ in range(3)
@@ -114,10 +113,11 @@ def _scaled_product(
     return product
 
 
-def _unit_of_depth(discrete: DiscreteScene, depth: Array) -> float:
-    """sqrt(H/g) with H the mean of the depth (N,), for what is stepped with a wind, else 1."""
+def _unit_of_depth(discrete: DiscreteScene, fluid: wp.array) -> float:
+    """sqrt(H/g) with H the mean depth, where wind is stepped too; else 1."""
     if discrete.scene.wind is not None:
         return 1.0
+    depth = discrete.device_mesh.collect(fluid[-discrete.device_mesh.size :])
     mean = np.average(depth.astype(np.float64), weights=discrete.mesh.area)
     return float(np.sqrt(mean / discrete.scene.planet.gravity))
 

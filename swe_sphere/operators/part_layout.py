@@ -41,24 +41,24 @@ class PartLayout(Layout):
         return self.join(vector.numpy())
 
     def join(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Fields (..., k n) of all ranks as those of the whole mesh (..., k N)."""
+        """Fields (..., k n) of all ranks as those of the whole mesh (..., k N).
+
+        Field by field, so that messages take no more room than one of them.
+        """
         if not self.comm.shared:
             return values
-        return self._joined(values.reshape(-1, self.size)).reshape(*values.shape[:-1], -1)
+        fields = values.reshape(-1, self.size)
+        joined = np.empty((len(fields), self.mesh.size), values.dtype)
+        room = np.empty(self.mesh.size, values.dtype)
+        counts, nodes = self._owners
+        for field, mine in zip(joined, fields, strict=True):
+            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
+        return joined.reshape(*values.shape[:-1], -1)
 
     def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
         """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
         sizes = values.size * self.size, vector.size * self.mesh.size
         return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
-
-    def _joined(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Field by field, so that messages take no more room than one of them."""
-        joined = np.empty((len(values), self.mesh.size), values.dtype)
-        room = np.empty(self.mesh.size, values.dtype)
-        counts, nodes = self._owners
-        for field, mine in zip(joined, values, strict=True):
-            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
-        return joined
 
     @functools.cached_property
     def _owners(self) -> tuple[list[int], NDArray[Any]]:
