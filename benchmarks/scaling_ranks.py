@@ -19,6 +19,7 @@ import numpy as np
 from scaling_bytes import Launches, launches
 
 from swe_sphere import Simulation
+from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.work import difference
 from swe_sphere.parallel import Alone, world
@@ -118,7 +119,7 @@ class Counted:
 
     def __init__(self, comm: Alone) -> None:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
-        build = Halo.__init__
+        build, total = Halo.__init__, Chunks.total
 
         def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, *more: Any) -> None:
             build(halo, comm, flat, sends, *more)
@@ -128,7 +129,14 @@ class Counted:
             self._sums.update({"sums": 1, "sums bytes": mine.nbytes})
             return gather(mine, counts, out)
 
+        def adding(chunks: Chunks, width: int) -> Any:
+            sent = 8 * width * len(chunks.branches[comm.rank])
+            self._sums.update({"sums": 1, "sums bytes": sent})
+            return total(chunks, width)
+
         Halo.__init__, comm.gather = kept, counting  # type: ignore[method-assign]
+        if comm.on_one_machine:  # and nothing is gathered by MPI
+            Chunks.total = adding  # type: ignore[method-assign]
 
     def counts(self) -> Counter[str]:
         """So far."""

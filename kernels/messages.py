@@ -1,4 +1,4 @@
-"""Messages of MPI in their place among the launches that are recorded: no Python in between."""
+"""Exchanges between ranks in their place among the launches that are recorded: no Python there."""
 
 import functools
 from typing import no_type_check
@@ -8,29 +8,49 @@ import warp as wp
 
 @functools.cache
 def message_kernel() -> wp.Kernel:
-    """Kernel (call (5,)), of one thread on a CPU: calls MPI_Startall or MPI_Waitall.
+    """Kernel (call,), of one thread on a CPU: begins or ends an exchange with other ranks.
 
-    call: addresses of the function, how many requests, those of the requests and of room for as
-    many statuses, 0 where none are wanted, and how often it was called, which grows.
+    call: how often it was called, which grows, and how many exchanges more the neighbours must have
+    begun; addresses of MPI_Startall or MPI_Waitall, how many requests, those of the requests and of
+    room for as many statuses, 0 where none are wanted; addresses of sched_yield and MPI_Iprobe, and
+    what the latter takes, to be called now and then while waiting; then of each neighbour that
+    shares memory: from where, to where and how many bytes to copy, addresses of a count to wait
+    for and of one to raise.
     """
 
     @wp.func_native("""
         typedef wp::int32 (*start_all)(wp::int32, void*);
         typedef wp::int32 (*wait_all)(wp::int32, void*, void*);
+        typedef wp::int32 (*yield)();
+        typedef wp::int32 (*probe)(wp::int32, wp::int32, wp::uint64, void*, void*);
+        const int HEAD = 12, ROW = 5, PATIENCE = 512;
         auto c = call.data;
-        const wp::int32 many = c[1];
-        void* requests = reinterpret_cast<void*>(c[2]);
-        if (c[3])
-            reinterpret_cast<wait_all>(c[0])(many, requests, reinterpret_cast<void*>(c[3]));
-        else
-            reinterpret_cast<start_all>(c[0])(many, requests);
-        ++c[4];
+        const wp::int32 many = c[3];
+        void* requests = reinterpret_cast<void*>(c[4]);
+        void* statuses = reinterpret_cast<void*>(c[5]);
+        if (many && !statuses)
+            reinterpret_cast<start_all>(c[2])(many, requests);
+        for (auto row = c + HEAD; row < c + call.shape[0]; row += ROW) {
+            const auto due = reinterpret_cast<wp::uint64*>(row[3]);
+            const auto done = reinterpret_cast<wp::uint64*>(row[4]);
+            for (int n = 1; __atomic_load_n(due, __ATOMIC_ACQUIRE) < c[0] + c[1]; ++n)
+                if (n % PATIENCE == 0) {
+                    auto found = reinterpret_cast<wp::int32*>(c[11]);
+                    reinterpret_cast<probe>(c[7])(c[8], c[9], c[10], found, found + 1);
+                    reinterpret_cast<yield>(c[6])();
+                }
+            memcpy(reinterpret_cast<void*>(row[1]), reinterpret_cast<void*>(row[0]), row[2]);
+            __atomic_store_n(done, c[0] + 1, __ATOMIC_RELEASE);
+        }
+        if (many && statuses)
+            reinterpret_cast<wait_all>(c[2])(many, requests, statuses);
+        ++c[0];
     """)
-    def call_mpi(call: wp.array(dtype=wp.uint64)): ...
+    def exchange(call: wp.array(dtype=wp.uint64)): ...
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False)
     def message(call: wp.array(dtype=wp.uint64)):
-        call_mpi(call)
+        exchange(call)
 
     return message

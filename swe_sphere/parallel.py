@@ -13,7 +13,6 @@ import stat
 import sys
 import threading
 import time
-import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.blas import keep_to_one_thread
 from swe_sphere.errors import ConfigError
+from swe_sphere.messages import Messages
 
 T = TypeVar("T")
 
@@ -45,8 +45,10 @@ class Alone:
     """local: which of those on this machine it is."""
     shared = False
     """Whether the mesh is dealt out."""
+    on_one_machine = False
+    """Whether ranks share one machine, and there are no others."""
 
-    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> "Messages":
+    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> Messages:
         """What exchanges arrays with others, by their ranks; there are none here."""
         raise NotImplementedError
 
@@ -105,18 +107,22 @@ class Ranks(Alone):
         self._neighbours = MPI.COMM_WORLD.Dup()
         self._neighbours.Set_errhandler(MPI.ERRORS_ARE_FATAL)  # nobody looks at their results
         self.rank, self.size = self._comm.rank, self._comm.size
-        here = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
-        self.local = here.rank
-        here.Free()
+        self._machine = self.machine()
+        self.local, self._near = self._machine.rank, tuple(self._machine.allgather(self.rank))
+        self.on_one_machine = len(self._near) == self.size
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
         self._tell, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
-    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> "Messages":
-        """They do not block."""
-        return Messages(self._neighbours, outgoing, incoming)
+    def machine(self) -> Any:
+        """A communicator of the ranks on this machine."""
+        return self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
+
+    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> Messages:
+        """They do not block, and go through memory on one machine."""
+        return Messages(self._neighbours, self._machine, self._near, outgoing, incoming)
 
     def reaches(self, device: str) -> bool:
         """All MPIs reach the memory of CPUs, some that of GPUs."""
@@ -177,8 +183,8 @@ class Ranks(Alone):
         """Leave nothing open for MPI to complain of."""
         if self._answer is not None:
             self._answer.Wait()
-        self._failures.Free()
-        self._neighbours.Free()
+        for each in (self._failures, self._neighbours, self._machine):
+            each.Free()
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
         """What nobody has caught is the end of all, too: others may wait for this rank."""
@@ -197,39 +203,6 @@ class Ranks(Alone):
                 self._comm.Abort(1)
                 time.sleep(10.0 * PATIENCE)  # the end comes from outside
             time.sleep(0.01)
-
-
-class Messages:
-    """Requests that are made once, and started again and again, always of the same arrays.
-
-    `start` and `wait` (4,) are calls of MPI in C: the address of the function, how many requests,
-    where they are, and where their statuses go, if there are any.
-    """
-
-    def __init__(self, comm: Any, outgoing: Any, incoming: Any) -> None:
-        from mpi4py import MPI
-        from mpi4py.MPI import _addressof as address_of
-        from mpi4py.MPI import _sizeof as size_of
-
-        requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
-        requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
-        weakref.finalize(self, _free, requests)
-        size, count = size_of(MPI.Request), len(requests)
-        handles = b"".join(ctypes.string_at(address_of(each), size) for each in requests)
-        self._handles = np.frombuffer(bytearray(handles), np.uint8)
-        self._statuses = np.zeros(count * size_of(MPI.Status), np.uint8)
-        library, where = ctypes.CDLL(MPI.__file__), self._handles.ctypes.data  # with MPI's own
-        self.start = _address(library.MPI_Startall), count, where, 0
-        self.wait = _address(library.MPI_Waitall), count, where, self._statuses.ctypes.data
-
-
-def _address(function: Any) -> int:
-    return ctypes.cast(function, ctypes.c_void_p).value or 0
-
-
-def _free(requests: list[Any]) -> None:
-    for request in requests:
-        request.Free()
 
 
 def _end_with(parent: int) -> None:

@@ -210,9 +210,25 @@ def test_nothing_is_sent_but_what_others_need(found, ranks):
 @pytest.mark.parametrize("case", range(len(SUMMING)))
 def test_steps_that_sum_up_have_the_same_bits_on_any_number_of_ranks(found, case):
     """A single process sums up in another order."""
-    (two, depth, _), (three, _, _) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
+    (two, depth, *_), (three, *_) = (found[ranks][len(EXPLICIT) + case] for ranks in (2, 3))
     assert two == three
     assert depth == pytest.approx(fingerprint(*SUMMING[case])[1], rel=1e-9)
+
+
+SOME = [EXPLICIT[0], *SUMMING[:3]]
+
+
+def test_ranks_of_one_machine_have_no_use_for_messages(found):
+    assert {told[3] for told in (*found[2], *found[3])} == {0}
+
+
+@pytest.mark.parametrize(("ranks", "option"), [(5, "pairs"), (3, "no-memory"), (3, "one-without")])
+def test_ranks_that_share_no_memory_have_the_same_bits(found, ranks, option):
+    """Some or all: MPI brings what memory cannot, also to ranks that one waits for in memory."""
+    expected = [found[2][(EXPLICIT + SUMMING).index(case)] for case in SOME]
+    told = fingerprints(SOME, ranks, option)
+    assert [each[:2] for each in told] == [each[:2] for each in expected]
+    assert all(each[3] > 0 for each in told)
 
 
 def test_ranks_whose_parts_differ_begin_gmres_again_together(mpi):

@@ -5,7 +5,9 @@ pairs and so on: a binary tree.  A rank sends the sums of the largest branches t
 of which there are few, and every rank adds them up to the same sum.
 """
 
+import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.kernels.sums import tree_kernel
 from swe_sphere.mesh.partition import Part
+from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.parallel import Alone
 
@@ -32,7 +35,7 @@ class Chunks:
         self.spans = wp.array(spans, dtype=wp.int32, device=device)
         """(kinds, count, 2): a chunk is the nodes from spans[k, c, 0] to spans[k, c, 1], all k."""
         ends = np.cumsum([0, *comm.tell_all(self.count)])
-        self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
+        self.branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
         """(n, 2) the first chunk and the size of those that each rank has all of."""
         self._first = int(ends[comm.rank])
         self._rooms: dict[int, _Room] = {}
@@ -44,44 +47,73 @@ class Chunks:
     def total(self, width: int) -> NDArray[np.float64]:
         """Sums (width,) of what all ranks have put into their rooms, valid until the next call."""
         room = self._room(width)
-        room.up.launch()
-        self._comm.gather(room.sent, room.counts, room.told)
-        room.down.launch()
+        room.add_up()
         return room.told[:width]
 
     def _room(self, width: int) -> "_Room":
         if width not in self._rooms:
             leaves = np.stack([self._first + np.arange(self.count), np.ones(self.count)], axis=-1)
             mine, up = _adding(leaves, width, self._comm, False)
-            everything = np.concatenate(self._branches)
-            told, down = _adding(everything, width, self._comm, True)
-            counts = [width * len(each) for each in self._branches]
-            sent = mine.ravel()[: counts[self._comm.rank]]
-            self._rooms[width] = _Room(mine, up, sent, counts, told.ravel(), down)
+            told, down = _adding(np.concatenate(self.branches), width, self._comm, True)
+            ends = (width * np.cumsum([0, *map(len, self.branches)])).tolist()
+            sent = mine.flatten()[: ends[self._comm.rank + 1] - ends[self._comm.rank]]
+            add_up = _together(self._comm, up, sent, told.flatten(), ends, down)
+            self._rooms[width] = _Room(mine.numpy(), told.numpy().ravel(), add_up)
         return self._rooms[width]
 
 
 @dataclass(frozen=True)
 class _Room:
-    """Room for so many sums, and the commands that add up what is in it."""
+    """Room for so many sums, and what adds up what is in it."""
 
     mine: NDArray[np.float64]
-    up: Any
-    sent: NDArray[np.float64]
-    counts: list[int]
     told: NDArray[np.float64]
-    down: Any
+    add_up: Callable[[], None]
 
 
-def _adding(
-    nodes: NDArray[Any], width: int, comm: Alone, whole: bool
-) -> tuple[NDArray[np.float64], Any]:
+@dataclass(frozen=True)
+class _Graph:
+    """Launches that were recorded, and whose memory they need."""
+
+    graph: Any
+    kept: tuple[Any, ...]
+
+    def __call__(self) -> None:
+        wp.capture_launch(self.graph)
+
+
+def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[wp.array, Any]:
     """Room (n, width) for the sums of nodes (n, 2) of the tree, and what adds them up in it."""
     kernel = tree_kernel()
     Launcher("cpu", comm).load(kernel)
     room = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
     inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), room]
-    return room.numpy(), wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+    return room, wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+
+
+def _together(
+    comm: Alone, up: Any, sent: wp.array, told: wp.array, ends: list[int], down: Any
+) -> Callable[[], None]:
+    """What adds up on this rank, tells the others, and adds up what all have told.
+
+    Recorded as a whole where the ranks share a machine; elsewhere MPI has better ways.
+    """
+    if comm.on_one_machine:
+        of_each = {r: told[a:b] for r, (a, b) in enumerate(itertools.pairwise(ends))}
+        exchange = Exchange(comm, dict.fromkeys(range(comm.size), sent), of_each)
+        wp.capture_begin("cpu", force_module_load=False)
+        for each in (up, exchange.start, exchange.wait, down):
+            each.launch()
+        graph = wp.capture_end("cpu")
+        return _Graph(graph, (up, exchange, down))
+    mine, everything, counts = sent.numpy(), told.numpy(), np.diff(ends).tolist()
+
+    def by_mpi() -> None:
+        up.launch()
+        comm.gather(mine, counts, everything)
+        down.launch()
+
+    return by_mpi
 
 
 def branches(first: int, behind: int) -> NDArray[np.int64]:

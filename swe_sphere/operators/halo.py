@@ -7,8 +7,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.messages import message_kernel
 from swe_sphere.kernels.vectors import packing_kernels
+from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.parallel import Alone
@@ -81,36 +81,27 @@ class Halo:
         self._going, outgoing = _packed(comm, flat, sends)
         self._coming, incoming = _packed(comm, into, scattered)
         self._bytes = int(self._going.numbers.size * flat.strides[0])
-        self._messages = comm.messages(_memory(outgoing), _memory(in_place | incoming))
-        kernel = message_kernel()
-        Launcher("cpu", comm).load(kernel)
-        self._calls = [
-            wp.array([*call, 0], dtype=wp.uint64, device="cpu")
-            for call in (self._messages.start, self._messages.wait)
-        ]
-        self._start, self._wait = (
-            wp.launch(kernel, 1, [call], device="cpu", record_cmd=True) for call in self._calls
-        )
+        self._exchange = Exchange(comm, outgoing, in_place | incoming)
 
     def __call__(self) -> None:
         """Exchange them, or record that."""
         self._going.pack()
-        self._call_mpi(self._start, self._wait)
+        self._launch(self._exchange.start, self._exchange.wait)
         self._coming.unpack()
 
     def start(self) -> None:
         """Let those for the neighbours go, or record that."""
         self._going.pack()
-        self._call_mpi(self._start)
+        self._launch(self._exchange.start)
 
     def wait(self) -> None:
         """Until those of the neighbours are in their places, or record that."""
-        self._call_mpi(self._wait)
+        self._launch(self._exchange.wait)
         self._coming.unpack()
 
-    def _call_mpi(self, *calls: Any) -> None:
+    def _launch(self, *calls: Any) -> None:
         def when_ready() -> None:
-            if self._start in calls:
+            if self._exchange.start in calls:
                 wp.synchronize_device(self._device)
             for call in calls:
                 call.launch()
@@ -124,7 +115,7 @@ class Halo:
     @property
     def exchanges(self) -> int:
         """So far."""
-        return int(self._calls[0].numpy()[-1])
+        return self._exchange.count
 
     @property
     def bytes_sent(self) -> int:
@@ -149,8 +140,3 @@ def _packed(
     ends = np.cumsum([0, *(p.size for p in places.values())], dtype=int).tolist()
     parts = zip(places, ends, ends[1:], strict=False)
     return packed, {rank: packed.numbers[begin:end] for rank, begin, end in parts}
-
-
-def _memory(arrays: Mapping[int, wp.array]) -> dict[int, Any]:
-    """As mpi4py takes it: it knows arrays of numpy, and those of GPUs as they are."""
-    return {r: array.numpy() if array.device.is_cpu else array for r, array in arrays.items()}

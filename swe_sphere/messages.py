@@ -1,0 +1,176 @@
+"""What ranks exchange again and again, always from the same arrays into the same arrays.
+
+On one machine numbers go through memory that ranks share, so that they are under way while the one
+who gets them computes: who sends copies them there and raises a count, who receives sees the count
+and copies them from there.  MPI brings the others, and all where no memory can be shared.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import tempfile
+import weakref
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = Mapping[int, Any]
+"""Of this rank, by the other one."""
+
+SHARED = "/dev/shm"
+"""Where files are memory."""
+LINE = 64
+"""Bytes that cores pass on at once."""
+
+
+class Messages:
+    """Exchanges that are made once, and started again and again.
+
+    `start` and `wait` are calls of `kernels.messages`, each with what it takes.
+    """
+
+    def __init__(
+        self, comm: Any, machine: Any, near: tuple[int, ...], outgoing: Arrays, incoming: Arrays
+    ) -> None:
+        """comm: of all ranks; machine: of those on this one, and `near` their numbers in comm."""
+        letters = Letters(machine, near, outgoing, incoming)
+        far = (
+            {rank: array for rank, array in arrays.items() if rank not in near}
+            for arrays, near in ((outgoing, letters.leaving), (incoming, letters.coming))
+        )
+        requests, progress = Requests(comm, *far), Progress(comm)
+        self.start, self.wait = (
+            np.array([0, ahead, *call, *progress.call, *sum(rows.values(), ())], np.uint64)
+            for ahead, call, rows in (
+                (0, requests.start, letters.leaving),
+                (1, requests.wait, letters.coming),
+            )
+        )
+        self._kept = letters, requests, progress
+
+
+class Requests:
+    """Of MPI: `start` and `wait` (4,) have the address of a function in C, how many requests, where
+    they are, and where their statuses go, if there are any.
+    """
+
+    def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
+        from mpi4py import MPI
+        from mpi4py.MPI import _addressof as address_of
+        from mpi4py.MPI import _sizeof as size_of
+
+        requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        weakref.finalize(self, _free, requests)
+        size, count = size_of(MPI.Request), len(requests)
+        handles = b"".join(ctypes.string_at(address_of(each), size) for each in requests)
+        self._handles = np.frombuffer(bytearray(handles), np.uint8)
+        self._statuses = np.zeros(count * size_of(MPI.Status), np.uint8)
+        library = ctypes.CDLL(MPI.__file__)  # with MPI's own
+        self.start = _address(library.MPI_Startall), count, _where(self._handles), 0
+        self.wait = (
+            _address(library.MPI_Waitall), count, _where(self._handles), _where(self._statuses)
+        )  # fmt: skip
+
+
+class Progress:
+    """What to do while shared memory is waited for, so that others go on.
+
+    `call` (6,) has the addresses of sched_yield and of MPI_Iprobe, and what the latter takes:
+    without it MPI might bring nothing to ranks that this one waits for.
+    """
+
+    def __init__(self, comm: Any) -> None:
+        from mpi4py import MPI
+        from mpi4py.MPI import _sizeof as size_of
+
+        self._found = np.zeros(1 + size_of(MPI.Status), np.int32)
+        look = _address(ctypes.CDLL(MPI.__file__).MPI_Iprobe)
+        every = (number % 2**64 for number in (MPI.ANY_SOURCE, MPI.ANY_TAG))
+        give_way = _address(ctypes.CDLL(None).sched_yield)
+        self.call = give_way, look, *every, comm.handle, _where(self._found)
+
+
+class Letters:
+    """Numbers that go through memory which the ranks of a machine share.
+
+    `leaving` and `coming` have addresses for each neighbour there, none if no memory can be shared:
+    from where, to where and how many bytes; a count to wait for, and one to raise.
+    """
+
+    def __init__(
+        self, machine: Any, near: tuple[int, ...], outgoing: Arrays, incoming: Arrays
+    ) -> None:
+        sent, got = (
+            {rank: each for rank, each in arrays.items() if rank in near and _on_host(each)}
+            for arrays in (outgoing, incoming)
+        )
+        ends = LINE * np.cumsum([0, *(1 + -(-each.nbytes // LINE) for each in sent.values())])
+        boxes = dict(zip(sent, ends.tolist(), strict=False))
+        receipts = {rank: int(ends[-1]) + LINE * i for i, rank in enumerate(got)}
+        me = near[machine.rank]
+        with _memory(int(ends[-1]) + LINE * len(got)) as (mine, path):
+            told = dict(zip(near, machine.allgather((path, boxes, receipts)), strict=True))
+            memories = {rank: _mapped(told[rank][0]) for rank in {*sent, *got}}
+            there = mine is not None and all(each is not None for each in memories.values())
+            there = all(machine.allgather(there))
+        self._kept = mine, memories, sent, got
+        """As long as their addresses are in use."""
+        self.leaving: dict[int, tuple[int, ...]] = {}
+        self.coming: dict[int, tuple[int, ...]] = {}
+        if there:
+            at = {rank: _where(each) for rank, each in memories.items()}
+            for rank, array in sent.items():
+                box, receipt = _where(mine) + boxes[rank], at[rank] + told[rank][2][me]
+                self.leaving[rank] = _where(array), box + LINE, array.nbytes, receipt, box
+            for rank, array in got.items():
+                box, receipt = at[rank] + told[rank][1][me], _where(mine) + receipts[rank]
+                self.coming[rank] = box + LINE, _where(array), array.nbytes, box, receipt
+
+
+@contextmanager
+def _memory(size: int) -> Iterator[tuple[NDArray[np.uint8] | None, str]]:
+    """So many bytes of memory, and where others find it within the block; None if there is none.
+
+    The file has no name that could be left behind.
+    """
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(tempfile.TemporaryFile(dir=SHARED))
+            os.posix_fallocate(file.fileno(), 0, max(size, LINE))
+            path = f"/proc/{os.getpid()}/fd/{file.fileno()}"
+        except OSError:
+            path = ""
+        yield _mapped(path), path
+
+
+def _mapped(path: str) -> NDArray[np.uint8] | None:
+    """The memory that a file is."""
+    try:
+        with Path(path).open("r+b") as file:
+            return np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
+    except OSError:
+        return None
+
+
+def _where(array: Any) -> int:
+    return int(array.ctypes.data)
+
+
+def _on_host(array: Any) -> bool:
+    return isinstance(array, np.ndarray)
+
+
+def _address(function: Any) -> int:
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def _free(requests: list[Any]) -> None:
+    for request in requests:
+        request.Free()
