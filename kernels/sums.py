@@ -204,3 +204,33 @@ def combinations_kernel(real: type) -> wp.Kernel:
         combine(wp.tid(), call, coefficients, n)
 
     return combinations
+
+
+@functools.cache
+def scaled_sum_kernel(real: type) -> wp.Kernel:
+    """Kernel (call, coefficients (2,) float64, n), a thread for each SPAN numbers.
+
+    call: the addresses of x and y (n,).  y = c_0 x + c_1 y, either product rounded by itself.
+    """
+    kind = f"wp::{real.__name__}"
+
+    @wp.func_native(f"""
+        #pragma clang fp contract(off)
+        const long first = span * {SPAN}l, m = n - first < {SPAN} ? n - first : {SPAN};
+        const auto x = reinterpret_cast<const {kind}*>(call.data[0]) + first;
+        const auto y = reinterpret_cast<{kind}*>(call.data[1]) + first;
+        const {kind} a = coefficients.data[0], b = coefficients.data[1];
+        for (long i = 0; i < m; ++i) y[i] = a * x[i] + b * y[i];
+    """)
+    def add(
+        span: int, call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
+    ): ...
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def scaled_sum(
+        call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
+    ):
+        add(wp.tid(), call, coefficients, n)
+
+    return scaled_sum

@@ -1,8 +1,9 @@
 """Vector arithmetic on the memory of Warp arrays: on the CPU, and by Warp kernels.
 
-On the CPU nothing is copied: sums by kernels in C++, each in an order that does not depend on how
-many ranks share the vectors; the rest by numpy.  No BLAS is called: it has threads that spin, and
-an order of its own.  The kernels are for GPUs, and run on "cpu" to be tested.
+On the CPU nothing is copied: products by kernels in C++, each in an order that does not depend on
+how many ranks share the vectors; what numpy would take several passes for by kernels as well; the
+rest by numpy.  No BLAS is called: it has threads that spin, and an order of its own.  The kernels of
+`DeviceVectors` are for GPUs, and run on "cpu" to be tested.
 """
 
 import ctypes
@@ -15,7 +16,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.sums import SPAN, combinations_kernel, weighted_products_kernel
+from swe_sphere.kernels.sums import (
+    SPAN,
+    combinations_kernel,
+    scaled_sum_kernel,
+    weighted_products_kernel,
+)
 from swe_sphere.kernels.vectors import (
     axpby_kernel,
     combine_rows_kernel,
@@ -61,10 +67,17 @@ class HostVectors(_Summed):
         super().__init__(weights, real, "cpu", mesh, SPAN)
         self.dtype = np.dtype(wp.dtype_to_numpy(real))
         self._views: dict[tuple[int, int, int], Floats] = {}
-        self._sum = np.empty(self.n, self.dtype)
         self._call = wp.zeros(3 + 3 * MOST_CALLS, dtype=wp.uint64, device="cpu")
         self._arguments = self._call.numpy()
         self._products, self._coefficients = np.empty(0), np.empty(0)
+
+    @functools.cached_property
+    def _sum_of_two(self) -> tuple[Any, Array]:
+        """The command, and its two factors."""
+        factors = wp.zeros(2, dtype=wp.float64, device="cpu")
+        inputs = [self._call, factors, self.n]
+        command = self._record(scaled_sum_kernel(self.real), -(-self.n // SPAN), inputs)
+        return command, factors.numpy()
 
     @functools.cached_property
     def _multiply(self) -> Any:
@@ -108,13 +121,10 @@ class HostVectors(_Summed):
         self.view(x).fill(0.0)
 
     def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
-        term = self.view(x)
-        if a != 1.0:
-            term = np.multiply(term, self.dtype.type(a), out=self._sum)
-        target = self.view(y)
-        if b != 1.0:
-            np.multiply(target, self.dtype.type(b), out=target)
-        np.add(target, term, out=target)
+        self._arguments[:2] = self._address(x), self._address(y)
+        command, factors = self._sum_of_two
+        factors[:] = a, b
+        command.launch()
 
     def scale(self, a: float, x: wp.array) -> None:
         target = self.view(x)
