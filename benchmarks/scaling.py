@@ -23,14 +23,14 @@ import typer
 from implicit_common import Section
 from memory import per_node
 from scaling_bytes import Traffic
-from scaling_model import NEIGHBOURS, RING, Network, Step, as_it_is, in_trees, picture
+from scaling_model import NEIGHBOURS, Network, Step, as_it_is, in_trees, picture
 from scaling_ranks import PIECES, STEPPERS
 from sections import DOCS, write_page
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import pieces
-from swe_sphere.solvers.preconditioners.coarse import AT_ONCE, SPACING
+from swe_sphere.solvers.preconditioners.coarse import SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
 YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
@@ -146,10 +146,10 @@ def counts() -> Section:
         " rank launches, byte for byte. For each node on the rim, an element sends three fields"
         " for a right-hand side or a tangent, two for a gradient and one for a divergence, in"
         " float64, and in float32 inside of the preconditioner; for each coarse correction go the"
-        " integrals over elements around a part, and three numbers for every coarse function in"
-        " its rings. Not among these bytes are sums and coarse residuals, which go from all to"
-        " all. Ranks beyond the cores of the machine are there for the counts "
-        "and for the bits of the state.",
+        " integrals over elements around a part, and after each sweep a number for every coarse"
+        " function in the ring around it. Not among these bytes are sums and coarse residuals,"
+        " which go from all to all. Ranks beyond the cores of the machine are there for the counts"
+        " and for the bits of the state.",
         ["stepper", "ranks", "neighbours", "exchanges", "messages", "sent [B]", "expected [B]",
          "sums", "coarse residuals to all", "bits"],
         rows,
@@ -213,9 +213,8 @@ def model() -> Section:
         f"{SUPPOSED.bandwidth / 1e9:.0f} GB/s a rank, memory bandwidth for all cores as for one "
         "here, steps that go with 1/ne, and as many iterations as on ne 30. As the program is, "
         "every rank gets the sums of a few large branches from each, and solves for the longest "
-        "waves, which ends the gain of implicit steps early; a piece sweeps over coarse functions "
-        f"of {2 * AT_ONCE * RING:.0f} elements more along its side. There are as many pieces as in "
-        "the last rows, and no more ranks. "
+        "waves, which ends the gain of implicit steps early. There are as many pieces as in the "
+        "last rows, and no more ranks. "
         f"Left out is the dense inverse of the longest waves: {dense / 2**30:.0f} GiB at "
         f"ne {LARGE}, where another level would have to stand. The last columns are what trees of "
         "sums, and all of the coarse level dealt out, with two visits to each of its levels, "

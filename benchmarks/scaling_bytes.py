@@ -20,7 +20,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import partition
 from swe_sphere.operators.sparse import slopes
 from swe_sphere.operators.work import difference
-from swe_sphere.solvers.preconditioners.coarse import AT_ONCE
+from swe_sphere.solvers.preconditioners.coarse import SWEEPS
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 
 FIELDS = {"over_elements": 3, "gradient": 2, "wind_fluxes": 1, "slope_fluxes": 1}
@@ -30,8 +30,6 @@ RESTRICT = "restrict"
 """The kernel that a coarse correction begins with: integrals over the elements."""
 SINGLE = 4
 """Bytes of a number of the coarse level."""
-REFRESHED = 3
-"""Residual, direction and coefficient of each coarse function, between sweeps."""
 
 Launches = Mapping[str, float]
 """How often kernels were launched, by their names and the bytes of their numbers."""
@@ -77,27 +75,25 @@ class Traffic:
         pieces = np.split(of_entry, self.mesh.gather_offsets[1:-1])
         return sum(p.size * (np.unique(p).size - 1) for p in pieces if p.size > 1)
 
-    def coarse(self, rings: int) -> tuple[int, int]:
+    @cached_property
+    def coarse(self) -> tuple[int, int]:
         """Integrals that ranks get for a coarse correction, and coarse functions in their rings.
 
-        A rank works on the functions of its elements and on so many rings of those that meet them:
-        smooth ones in an element, computational modes where both have a slope.  It needs their
-        integrals over all elements.
+        A rank works on the functions of its elements, and needs their integrals over all elements;
+        in its ring are those that meet them: smooth ones in an element, computational modes where
+        both have a slope.
         """
         on, see = self._functions
         mine = _one_hot(self.owner, self.ranks).T
-        own = (mine @ on) > 0
-        has = own
-        for _ in range(rings):
-            has = (has.astype(int) @ see) > 0
-        needed = (has.astype(int) @ on.T) > 0
+        own = ((mine @ on) > 0).astype(int)
+        needed = (own @ on.T) > 0
         elements = needed.sum() - needed.multiply(mine > 0).sum()
-        return int(elements) * self._of_an_element, int(has.sum() - own.sum())
+        return int(elements) * self._of_an_element, int(((own @ see) > 0).sum() - own.sum())
 
     def bytes_sent(self, did: Launches) -> float:
         """By all ranks, where one alone launches that.
 
-        Conjugate gradients, with operators in float64, need a ring more in their corrections.
+        Conjugate gradients, with operators in float64, tell the ring once more in a correction.
         """
         total = 0.0
         for kernel, calls in did.items():
@@ -105,8 +101,8 @@ class Traffic:
             if name in FIELDS:
                 total += calls * FIELDS[name] * int(size) * self.on_the_rim
         if f"{RESTRICT} {SINGLE}" in did:
-            integrals, functions = self.coarse(AT_ONCE + ("gradient 8" in did))
-            of_one = integrals + REFRESHED * (functions if self.ranks > 1 else 0)
+            integrals, functions = self.coarse
+            of_one = integrals + (SWEEPS - 1 + ("gradient 8" in did)) * functions
             total += did[f"{RESTRICT} {SINGLE}"] * SINGLE * of_one
         return total
 

@@ -10,14 +10,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from swe_sphere.mesh.partition import pieces
-from swe_sphere.solvers.preconditioners.coarse import AT_ONCE
 
 NODES = 4
 """On an edge of an element, np."""
 NEIGHBOURS = 8
-RING = 1.8
-"""Elements by which a piece grows on each side where it is given a ring of coarse functions more:
-from 1.6 to 2.0 on 2 to 8 ranks of ne 30."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Step:
     fixed: float
     """Of these, what does not go with the elements: what Python does between kernels."""
     coarse_seconds: float
-    """Of these, sweeps over coarse functions, of which ranks have rings in common."""
+    """Of these, sweeps over coarse functions, of which ranks have those on their rims in common."""
     longest_seconds: float
     """Of these, what every rank does for itself: products that solve for the longest waves."""
     exchanges: float
@@ -65,7 +61,7 @@ def as_it_is(
     rim: element nodes of n elements at nodes of others, over sqrt(n).
     """
     size = elements / step.elements
-    wide = (np.sqrt(elements / ranks) + 2.0 * AT_ONCE * RING) ** 2 / elements
+    wide = (np.sqrt(elements / ranks) + 1.0) ** 2 / elements  # with functions on its rim
     sweeps = size * step.coarse_seconds * np.where(ranks > 1, np.minimum(wide, 1.0), 1.0)
     hops = np.ceil(np.log2(ranks))
     everywhere = step.sums * (hops * net.latency + 0.5 * ranks * step.sum_bytes / net.bandwidth)

@@ -210,8 +210,11 @@ class DeviceMesh(PartLayout):
     def share_places(
         self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]
     ) -> None:
-        """Have `exchange` serve an array (n,): places (...) of what each neighbour gets and has."""
-        if sends or receives:
+        """Have `exchange` serve an array (n,): places (...) of what each neighbour gets and has.
+
+        All ranks do so together, those that have nothing to tell as well.
+        """
+        if self.comm.size > 1:
             self._halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
 
     def share_blocks(self, local: wp.array, lanes: int) -> wp.array:

@@ -70,13 +70,5 @@ class SlicedMatrix:
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
     """Zeros (size,) for `SlicedMatrix`, in whole registers, with one before and one behind."""
-    return vectors(mesh, size, 1)[0][0]
-
-
-def vectors(mesh: DeviceMesh, size: int, count: int) -> tuple[list[Field], wp.array, list[int]]:
-    """So many of them side by side, all of their memory, and where in it each begins."""
-    length = -(-size // mesh.lanes) + 2
-    room = mesh.registers(np.zeros((count * length, mesh.lanes)))
-    parts = [room[k * length + 1 : (k + 1) * length - 1] for k in range(count)]
-    fields = [Field(values, mesh.flat(values)) for values in parts]
-    return fields, mesh.flat(room), [(k * length + 1) * mesh.lanes for k in range(count)]
+    values = mesh.registers(np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes)))[1:-1]
+    return Field(values, mesh.flat(values))

@@ -2,8 +2,8 @@
 
 On the CPU nothing is copied: products by kernels in C++, each in an order that does not depend on
 how many ranks share the vectors; what numpy would take several passes for by kernels as well; the
-rest by numpy.  No BLAS is called: it has threads that spin, and an order of its own.  The kernels of
-`DeviceVectors` are for GPUs, and run on "cpu" to be tested.
+rest by numpy.  No BLAS is called: it has threads that spin, and an order of its own.  The kernels
+of `DeviceVectors` are for GPUs, and run on "cpu" to be tested.
 """
 
 import ctypes

@@ -17,7 +17,7 @@ from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
-from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector, vectors
+from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
@@ -25,10 +25,9 @@ from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 
 Step = tuple[float, float, float]
 
-SWEEPS, AT_ONCE = 6, 3
+SWEEPS = 6
 """Chebyshev steps on the coarse functions.  Days into a run the computational modes limit the
-convergence: with three steps it takes half as many iterations again.  So many, an odd number, are
-taken at once between messages of ranks."""
+convergence: with three steps it takes half as many iterations again."""
 NEGLIGIBLE = 0.02
 """Couplings of computational modes that are left out, relative to the diagonal."""
 SPACING = 12
@@ -57,17 +56,16 @@ class CoarseCorrection:
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
         numbers = _numbers(spaces)
-        self._part = CoarsePart(
-            operator.mesh, numbers, _reach(spaces[0], slopes), AT_ONCE + symmetric
-        )
+        self._part = CoarsePart(operator.mesh, numbers, _reach(spaces[0], slopes))
         size = self._part.functions.size
-        self._b, self._d = (vector(operator.mesh, size) for _ in range(2))
-        (self._r, self._new, found), room, starts = vectors(operator.mesh, size, 3)
+        self._b, self._r, self._d, self._new, found = (
+            vector(operator.mesh, size) for _ in range(5)
+        )
         self._transfer = Transfer(spaces, numbers, self._part, operator, found)
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         self._gather = self._sliced(self._longest.T)
         self._spread = self._sliced(self._part.rows(_filled(self._longest, (count, few))))
-        self._smooth_r, self._refresh = self._r, None
+        self._smooth_r = self._r
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
             mine = self._part.owned(np.arange(smooth))
@@ -75,12 +73,9 @@ class CoarseCorrection:
             sends = dict.fromkeys(range(comm.size) if mine.size else (), self._part.here(mine))
             self._join = Halo(comm, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
-            going, coming = (
-                {rank: places[:, None] + starts for rank, places in each.items()}
-                for each in self._part.rings()
-            )
-            self._refresh = Halo(comm, room, going, coming) if comm.size > 1 else None
-            """Residuals, directions and coefficients of the functions in rings."""
+            ring = self._part.ring()
+            for each in (self._d, self._new, found) if symmetric else (self._d, self._new):
+                operator.mesh.share_places(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -105,16 +100,18 @@ class CoarseCorrection:
     def correct(self, b: Field, x: Field) -> None:
         """Add the correction for the residual b to x."""
         found, d, new = self._transfer.coefficients, self._d, self._new
+        exchange = self._operator.mesh.exchange
         self._transfer.restrict(b, self._b)
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
-        for done, coefficients in enumerate(self._coefficients):
-            if done == AT_ONCE and self._refresh is not None:  # where `d` is `self._new`
-                self._refresh()
+        for left, coefficients in zip(range(SWEEPS)[::-1], self._coefficients, strict=True):
             self._sweep(product, coefficients, d, new, before)
+            if left:
+                exchange(new.flat)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
+            exchange(found.flat)
             wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)

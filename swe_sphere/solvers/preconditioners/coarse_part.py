@@ -1,9 +1,6 @@
-"""The coarse functions that a rank works on: those of its elements, and rings of others around.
+"""The coarse functions that a rank works on, those of its elements, and a ring of others around.
 
-A sweep over the functions reaches one ring further than the last.  With so many rings, so many
-sweeps need no messages in between: what is wrong at the edge of what a rank has does not come as
-far as its own (the matrix powers kernel of Demmel, Hoemmen, Mohiyuddin & Yelick 2008, Avoiding
-communication in sparse matrix computations).
+A sweep takes values in the ring from other ranks: they tell them after every sweep.
 """
 
 from __future__ import annotations
@@ -29,23 +26,19 @@ class CoarsePart:
     entries for functions that see each other in a sweep.
     """
 
-    def __init__(
-        self, mesh: DeviceMesh, numbers: Integers, reach: scipy.sparse.csr_array, rings: int
-    ) -> None:
+    def __init__(self, mesh: DeviceMesh, numbers: Integers, reach: scipy.sparse.csr_array) -> None:
         self._mesh, self._numbers, self._here = mesh, numbers, mesh.part.elements
-        self.functions = np.unique(numbers)
+        self._mine = np.unique(numbers[self._here])
+        self.functions = self._mine
         """(n,) those that it has, ascending."""
         self._away: dict[int, Integers] = {}
         self._owner = np.zeros(len(numbers), dtype=int)
         if mesh.comm.shared:
-            self.functions = np.unique(numbers[self._here])
-            seen_by = reach.T.tocsr()
-            for _ in range(rings):
-                rows = np.unique(seen_by[self.functions].indices)
-                self.functions = np.unique(reach[rows].indices)
+            rows = np.unique(reach.T.tocsr()[self._mine].indices)
+            self.functions = np.unique(reach[rows].indices)
             for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
                 self._owner[elements] = rank
-            needed = np.flatnonzero(self._has()[numbers].any(axis=1))
+            needed = np.flatnonzero(self._is_mine()[numbers].any(axis=1))
             others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
             self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
 
@@ -54,8 +47,11 @@ class CoarsePart:
         return scipy.sparse.csr_array(matrix)[self.functions]
 
     def square(self, matrix: Any) -> scipy.sparse.csr_array:
-        """Rows and columns of its functions."""
-        return self.rows(matrix)[:, self.functions]
+        """Rows and columns of its functions, without entries in the rows of the ring."""
+        kept = scipy.sparse.diags_array(self._is_mine()[self.functions].astype(matrix.dtype))
+        square: scipy.sparse.csr_array = (kept @ self.rows(matrix)[:, self.functions]).tocsr()
+        square.eliminate_zeros()
+        return square
 
     def here(self, functions: Integers) -> Integers:
         """Their numbers among those that it has."""
@@ -71,11 +67,11 @@ class CoarsePart:
         owner: Integers = self._owner[first[functions] // self._numbers.shape[1]]
         return owner
 
-    def rings(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
-        """Places of its functions that others have in rings, and of those in its own, by rank."""
-        comm, rings = self._mesh.comm, np.setdiff1d(self.functions, self._numbers[self._here])
-        owner = self._owner_of(rings)
-        wanted = {r: rings[owner == r] for r in np.unique(owner).tolist()}
+    def ring(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
+        """Places of its functions that others have in their rings, and of its ring, by rank."""
+        comm, ring = self._mesh.comm, np.setdiff1d(self.functions, self._mine)
+        owner = self._owner_of(ring)
+        wanted = {r: ring[owner == r] for r in np.unique(owner).tolist()}
         told = comm.tell_all(wanted)
         sends = {r: self.here(of[comm.rank]) for r, of in enumerate(told) if comm.rank in of}
         return sends, {r: self.here(functions) for r, functions in wanted.items()}
@@ -107,12 +103,12 @@ class CoarsePart:
     def contributors(self) -> NDArray[np.int32]:
         """(n, MOST) places of what adds up to each function, in an order of the whole mesh.
 
-        -1 for what is not there; the fourth of three stands behind all.
+        -1 for what is not there, and in the ring; the fourth of three stands behind all.
         """
-        element, slot = np.nonzero(self._has()[self._numbers])
+        element, slot = np.nonzero(self._is_mine()[self._numbers])
         row = self.here(self._numbers[element, slot])
         order = np.argsort(row, kind="stable")
-        counts = np.bincount(row)
+        counts = np.bincount(row, minlength=self.functions.size)
         within = np.arange(row.size) - np.repeat(np.cumsum(counts) - counts, counts)
         table = np.full((counts.size, MOST), -1, dtype=np.int32)
         table[row[order], within] = self.places()[element, slot][order]
@@ -120,7 +116,7 @@ class CoarsePart:
         table[odd, counts[odd]] = self.size
         return table
 
-    def _has(self) -> NDArray[np.bool_]:
-        has = np.zeros(self._numbers.max() + 1, dtype=bool)
-        has[self.functions] = True
-        return has
+    def _is_mine(self) -> NDArray[np.bool_]:
+        is_mine = np.zeros(self._numbers.max() + 1, dtype=bool)
+        is_mine[self._mine] = True
+        return is_mine
