@@ -39,7 +39,7 @@ PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
 ROUND_TRIPS = 300
-KERNELS = {"sweeps": "sparse_kernels__locals__sweep", "longest": "sparse_kernels__locals__product"}
+KERNELS = {"sweeps": "sweep_kernel__", "longest": "tall_kernels__"}
 LOOKED_AT = 3
 """Steps whose solves of the coarse level are timed."""
 

@@ -8,7 +8,13 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.registers import diagonals_sum, functions_sum, rows_product
+from swe_sphere.kernels.registers import (
+    columns_products,
+    columns_sum,
+    diagonals_sum,
+    functions_sum,
+    rows_product,
+)
 from swe_sphere.kernels.terms import kernel_types
 
 
@@ -68,28 +74,17 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
 
 
 @functools.cache
-def sparse_kernels(real: type, shape: str) -> SimpleNamespace:
-    """Kernels over groups of `lanes` rows of a sparse matrix, see `SlicedMatrix`.
+def sweep_kernel(real: type, shape: str) -> wp.Kernel:
+    """Kernel over groups of `lanes` rows of a `SlicedMatrix`: a Chebyshev step.
 
     The `values` of group g, from at[g] to at[g + 1], are coefficients of the numbers that begin at
-    x[begin]; vectors have a `value` a group, and a flat view.
-
-    `product`: out = M x, or out + M x if `add`.  `sweep`: a Chebyshev step, r -= M d,
-    after = keep d + take r/diagonal, x = before + beta after; `after` is another array than d.
+    d[begin]; vectors have a `value` a group, and d a flat view.  r -= M d, after = keep d + take
+    r/diagonal, x = before + beta after; `after` is another array than d.
     """
     t = kernel_types(1, real, shape, whole=False)
     mul, value = t.ops.mul, t.value
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
     row = diagonals_sum(value, real, t.lanes)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def product(at: numbers, begin: numbers, values: rows, x: flat, add: int, out: rows):
-        g = wp.tid()
-        total = row(at, begin, values, x, g)
-        if add > 0:
-            total += out[g]
-        out[g] = total
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -115,4 +110,46 @@ def sparse_kernels(real: type, shape: str) -> SimpleNamespace:
         after[g] = step
         x[g] = before[g] + beta * step
 
-    return SimpleNamespace(product=product, sweep=sweep)
+    return sweep
+
+
+@functools.cache
+def tall_kernels(real: type, shape: str) -> SimpleNamespace:
+    """Kernels over groups of `lanes` rows of a `TallMatrix`, which share their columns.
+
+    The `values` of group g, from at[g] to at[g + 1], are those of its rows in one column each.
+
+    `product`: out = M x, or out + M x if `add`.  `parts`: what each group adds to M' y in each of
+    its columns.  `total`, over the columns: the sums of their parts, which are `listed` by column
+    from ends[c] to ends[c + 1].
+    """
+    t = kernel_types(1, real, shape, whole=False)
+    numbers, rows = wp.array(dtype=wp.int32), wp.array(dtype=t.value)
+    flat = wp.array(dtype=real)
+    row = columns_sum(t.value, real, t.lanes)
+    products = columns_products(t.value, real, t.lanes)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def product(at: numbers, columns: numbers, values: rows, x: flat, add: int, out: rows):
+        g = wp.tid()
+        total = row(at, columns, values, x, g)
+        if add > 0:
+            total += out[g]
+        out[g] = total
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def parts(at: numbers, values: rows, y: rows, out: flat):
+        products(at, values, y, wp.tid(), out)
+
+    @no_type_check
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def total(ends: numbers, listed: numbers, parts: flat, out: flat):
+        c = wp.tid()
+        found = real(0.0)
+        for k in range(ends[c], ends[c + 1]):
+            found += parts[listed[k]]
+        out[c] = found
+
+    return SimpleNamespace(product=product, parts=parts, total=total)

@@ -177,3 +177,45 @@ def diagonals_sum(value: type, real: type, lanes: int) -> Any:
     def row(at: numbers, begin: numbers, values: rows, x: flat, g: int) -> value: ...
 
     return row
+
+
+@functools.cache
+def columns_sum(value: type, real: type, lanes: int) -> Any:
+    """Warp function (at, columns, values, x, g): M x in group g of a `TallMatrix`."""
+    _, run = run_type(real, lanes)
+    numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
+
+    @wp.func_native(f"""
+        {run}
+        run sum = {{}};
+        for (int k = at.data[g]; k < at.data[g + 1]; ++k)
+            sum += reinterpret_cast<const run*>(values.data)[k] * x.data[columns.data[k]];
+        auto v = *values.data;
+        *reinterpret_cast<run*>(&v) = sum;
+        return v;
+    """)
+    def row(at: numbers, columns: numbers, values: rows, x: flat, g: int) -> value: ...
+
+    return row
+
+
+@functools.cache
+def columns_products(value: type, real: type, lanes: int) -> Any:
+    """Warp function (at, values, y, g, out): what group g adds to M' y, for each of its columns."""
+    kind, run = run_type(real, lanes)
+    numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
+
+    @wp.func_native(f"""
+        {run}
+        typedef const run* registers;
+        for (int k = at.data[g]; k < at.data[g + 1]; ++k) {{
+            run product = registers(values.data)[k] * registers(y.data)[g];
+            const auto each = reinterpret_cast<{kind}*>(&product);
+            for (int half = {lanes} / 2; half > 0; half /= 2)
+                for (int i = 0; i < half; ++i) each[i] += each[i + half];
+            out.data[k] = each[0];
+        }}
+    """)
+    def products(at: numbers, values: rows, y: rows, g: int, out: flat): ...
+
+    return products

@@ -21,7 +21,7 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_kernel
-from swe_sphere.kernels.coarse import coarse_kernels, sparse_kernels
+from swe_sphere.kernels.coarse import coarse_kernels, sweep_kernel, tall_kernels
 from swe_sphere.kernels.damping import damping_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
@@ -80,7 +80,8 @@ def kernels(real: type) -> list[wp.Kernel]:
         *kernels_of(elimination_kernels(4, wp.float32, real, "node")),
         *kernels_of(passage_kernels(4, wp.float32, real, "node")),
         *kernels_of(coarse_kernels(4, 16, wp.float32, "node")),
-        *kernels_of(sparse_kernels(wp.float32, "node")),
+        sweep_kernel(wp.float32, "node"),
+        *kernels_of(tall_kernels(wp.float32, "node")),
         *kernels_of(damping_kernels(4, wp.float32, real, "node")),
         fields.gradient,
         fields.transport,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy
 import warp as wp
 
-from swe_sphere.kernels.coarse import sparse_kernels
+from swe_sphere.kernels.coarse import sweep_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.launch import Launcher
@@ -23,8 +21,8 @@ class SlicedMatrix:
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
-        self._launch, self._kernels = launch, sparse_kernels(mesh.real, mesh.shape)
-        launch.load(self._kernels.product, self._kernels.sweep)
+        self._launch, self._kernel = launch, sweep_kernel(mesh.real, mesh.shape)
+        launch.load(self._kernel)
         rows = np.arange(matrix.shape[0], dtype=np.int32)
         group, lane = np.divmod(np.repeat(rows, np.diff(matrix.indptr)), mesh.lanes)
         width, self._groups = matrix.shape[1] + mesh.lanes, -(-matrix.shape[0] // mesh.lanes)
@@ -41,10 +39,6 @@ class SlicedMatrix:
             mesh.registers(values),
         )
 
-    def __call__(self, x: Field, out: Field, add: bool = False) -> None:
-        """out = M x, or out + M x."""
-        self._run(self._kernels.product, x.flat, int(add), out.values)
-
     def sweep(
         self,
         coefficients: tuple[float, float, float],
@@ -59,13 +53,10 @@ class SlicedMatrix:
         coefficients: keep, take and beta, as `chebyshev_coefficients` has them.
         """
         d, new = directions
-        self._run(
-            self._kernels.sweep, per_diagonal, *coefficients,
+        self._launch(
+            self._kernel, self._groups, *self._entries, per_diagonal, *coefficients,
             d.flat, d.values, r.values, before.values, new.values, x.values,
         )  # fmt: skip
-
-    def _run(self, kernel: Any, *arguments: Any) -> None:
-        self._launch(kernel, self._groups, *self._entries, *arguments)
 
 
 def vector(mesh: DeviceMesh, size: int) -> Field:

@@ -19,6 +19,7 @@ from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
+from swe_sphere.operators.tall_matrix import TallMatrix
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
@@ -63,8 +64,9 @@ class CoarseCorrection:
         )
         self._transfer = Transfer(spaces, numbers, self._part, operator, found)
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
-        self._gather = self._sliced(self._longest.T)
-        self._spread = self._sliced(self._part.rows(_filled(self._longest, (count, few))))
+        here = self._part.rows(_filled(self._longest, (count, few)))
+        self._spread = TallMatrix(operator.mesh, operator.launch, here)
+        self._gather = TallMatrix(operator.mesh, operator.launch, self._longest).transposed
         self._smooth_r = self._r
         if operator.mesh.comm.shared:
             comm, self._smooth_r = operator.mesh.comm, vector(operator.mesh, smooth)
@@ -90,9 +92,12 @@ class CoarseCorrection:
         largest = spectral_bound(lambda x: inverse * (matrix @ x), inverse.size)
         self._coefficients = chebyshev_coefficients(SWEEPS, largest)
         exact = np.linalg.pinv((longest.T @ smooth @ longest).toarray(), 1e-10, hermitian=True)
-        self._exact = self._sliced(exact)
-        self._smooth = self._sliced(self._part.square(_filled(smooth, matrix.shape)))
-        self._matrix = self._sliced(self._part.square(matrix))
+        mesh, launch = self._operator.mesh, self._operator.launch
+        self._exact = TallMatrix(mesh, launch, scipy.sparse.csr_array(exact))
+        self._smooth, self._matrix = (
+            SlicedMatrix(mesh, launch, self._part.square(each))
+            for each in (_filled(smooth, matrix.shape), matrix)
+        )
         inverse = inverse[self._part.functions]
         self._per_diagonal = vector(self._operator.mesh, inverse.size)
         self._operator.mesh.write(inverse, self._per_diagonal.flat)
@@ -132,11 +137,6 @@ class CoarseCorrection:
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
-
-    def _sliced(self, matrix: Any) -> SlicedMatrix:
-        return SlicedMatrix(
-            self._operator.mesh, self._operator.launch, scipy.sparse.csr_array(matrix)
-        )
 
 
 class Transfer:

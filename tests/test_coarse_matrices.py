@@ -9,6 +9,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
+from swe_sphere.operators.tall_matrix import TallMatrix
 
 ROWS, COLUMNS = 61, 45
 
@@ -19,7 +20,7 @@ def mesh(request) -> DeviceMesh:
 
 
 def dense(rows: int, columns: int) -> np.ndarray:
-    """Entries in the corners, diagonals, a full row and empty ones."""
+    """Entries in the corners, here and there, a full row and empty ones."""
     rng = np.random.default_rng(1)
     matrix = rng.standard_normal((rows, columns)) * (rng.random((rows, columns)) < 0.1)
     matrix[0, -1] = matrix[-1, 0] = matrix[-1, -1] = 2.0
@@ -31,18 +32,6 @@ def filled(mesh: DeviceMesh, values: np.ndarray) -> Field:
     made = vector(mesh, values.size)
     mesh.write(values, made.flat)
     return made
-
-
-def test_products(mesh: DeviceMesh) -> None:
-    matrix, rng = dense(ROWS, COLUMNS), np.random.default_rng(2)
-    x, y = rng.standard_normal(COLUMNS), rng.standard_normal(ROWS)
-    made = SlicedMatrix(mesh, Launcher("cpu"), sp.csr_array(matrix))
-    source, out = filled(mesh, x), filled(mesh, y)
-    made(source, out, add=True)
-    assert out.flat.numpy()[:ROWS] == pytest.approx(y + matrix @ x, abs=1e-5)
-    made(source, out)
-    assert out.flat.numpy()[:ROWS] == pytest.approx(matrix @ x, abs=1e-5)
-    assert not out.flat.numpy()[ROWS:].any()
 
 
 def test_sweep(mesh: DeviceMesh) -> None:
@@ -58,3 +47,19 @@ def test_sweep(mesh: DeviceMesh) -> None:
     step = 0.3 * d + 0.7 * per_diagonal * left
     for found, expected in ((residual, left), (new, step), (x, before + 1.2 * step)):
         assert found.flat.numpy()[:ROWS] == pytest.approx(expected, abs=1e-5)
+
+
+def test_tall_matrix_and_its_transpose(mesh: DeviceMesh) -> None:
+    """Of a vector that is longer than the matrix, what is behind does not count."""
+    few, rng = 7, np.random.default_rng(4)
+    matrix = dense(ROWS, COLUMNS)[:, :few]
+    x, y = rng.standard_normal(few), rng.standard_normal(ROWS + 50)
+    made = TallMatrix(mesh, Launcher("cpu"), sp.csr_array(matrix))
+    source, out, back = filled(mesh, x), filled(mesh, y[:ROWS]), vector(mesh, few)
+    made(source, out, add=True)
+    assert out.flat.numpy()[:ROWS] == pytest.approx(y[:ROWS] + matrix @ x, abs=1e-5)
+    made(source, out)
+    assert out.flat.numpy()[:ROWS] == pytest.approx(matrix @ x, abs=1e-5)
+    assert not out.flat.numpy()[ROWS:].any()
+    made.transposed(filled(mesh, y), back)
+    assert back.flat.numpy()[:few] == pytest.approx(y[:ROWS] @ matrix, abs=1e-5)
