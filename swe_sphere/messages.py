@@ -41,8 +41,8 @@ class Messages:
         """comm: of all ranks; machine: of those on this one, and `near` their numbers in comm."""
         letters = Letters(machine, near, outgoing, incoming)
         far = (
-            {rank: array for rank, array in arrays.items() if rank not in near}
-            for arrays, near in ((outgoing, letters.leaving), (incoming, letters.coming))
+            {rank: array for rank, array in arrays.items() if rank not in rows}
+            for arrays, rows in ((outgoing, letters.leaving), (incoming, letters.coming))
         )
         requests, progress = Requests(comm, *far), Progress(comm)
         self.start, self.wait = (
@@ -111,13 +111,12 @@ class Letters:
             {rank: each for rank, each in arrays.items() if rank in near and _on_host(each)}
             for arrays in (outgoing, incoming)
         )
-        ends = LINE * np.cumsum([0, *(1 + -(-each.nbytes // LINE) for each in sent.values())])
-        boxes = dict(zip(sent, ends.tolist(), strict=False))
-        receipts = {rank: int(ends[-1]) + LINE * i for i, rank in enumerate(got)}
-        me = near[machine.rank]
-        with _memory(int(ends[-1]) + LINE * len(got)) as (mine, path):
-            told = dict(zip(near, machine.allgather((path, boxes, receipts)), strict=True))
-            memories = {rank: _mapped(told[rank][0]) for rank in {*sent, *got}}
+        boxes, end = _places(LINE, {rank: LINE + each.nbytes for rank, each in sent.items()})
+        receipts, end = _places(end, dict.fromkeys(got, LINE))
+        me, mark = near[machine.rank], os.urandom(LINE)
+        with _memory(end, mark) as (mine, path):
+            told = dict(zip(near, machine.allgather((path, mark, boxes, receipts)), strict=True))
+            memories = {rank: _memory_of(*told[rank][:2]) for rank in {*sent, *got}}
             there = mine is not None and all(each is not None for each in memories.values())
             there = all(machine.allgather(there))
         self._kept = mine, memories, sent, got
@@ -127,36 +126,49 @@ class Letters:
         if there:
             at = {rank: _where(each) for rank, each in memories.items()}
             for rank, array in sent.items():
-                box, receipt = _where(mine) + boxes[rank], at[rank] + told[rank][2][me]
+                box, receipt = _where(mine) + boxes[rank], at[rank] + told[rank][3][me]
                 self.leaving[rank] = _where(array), box + LINE, array.nbytes, receipt, box
             for rank, array in got.items():
-                box, receipt = at[rank] + told[rank][1][me], _where(mine) + receipts[rank]
+                box, receipt = at[rank] + told[rank][2][me], _where(mine) + receipts[rank]
                 self.coming[rank] = box + LINE, _where(array), array.nbytes, box, receipt
 
 
-@contextmanager
-def _memory(size: int) -> Iterator[tuple[NDArray[np.uint8] | None, str]]:
-    """So many bytes of memory, and where others find it within the block; None if there is none.
+def _places(begin: int, sizes: Mapping[int, int]) -> tuple[dict[int, int], int]:
+    """Where so many bytes begin, each on a line of its own, and where all of them end."""
+    found = {}
+    for key, size in sizes.items():
+        found[key] = begin
+        begin += LINE * -(-size // LINE)
+    return found, begin
 
-    The file has no name that could be left behind.
+
+@contextmanager
+def _memory(size: int, mark: bytes) -> Iterator[tuple[NDArray[np.uint8] | None, str]]:
+    """So many bytes of memory that begin with a mark, and where others find them within the block.
+
+    None where the system has none.  The file has no name that could be left behind.
     """
     with ExitStack() as stack:
         try:
             file = stack.enter_context(tempfile.TemporaryFile(dir=SHARED))
-            os.posix_fallocate(file.fileno(), 0, max(size, LINE))
+            os.posix_fallocate(file.fileno(), 0, size)
+            os.pwrite(file.fileno(), mark, 0)
             path = f"/proc/{os.getpid()}/fd/{file.fileno()}"
         except OSError:
             path = ""
-        yield _mapped(path), path
+        yield _memory_of(path, mark), path
 
 
-def _mapped(path: str) -> NDArray[np.uint8] | None:
-    """The memory that a file is."""
+def _memory_of(path: str, mark: bytes) -> NDArray[np.uint8] | None:
+    """The memory at a path; None if it is not that with the mark, as of a process in a container
+    to which the same path is another file.
+    """
     try:
         with Path(path).open("r+b") as file:
-            return np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
-    except OSError:
+            memory = np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
+    except (OSError, ValueError):
         return None
+    return memory if memory[: len(mark)].tobytes() == mark else None
 
 
 def _where(array: Any) -> int:

@@ -177,3 +177,24 @@ def test_nothing_is_left_in_the_directory(sides, monkeypatch, tmp_path):
     for side in together(lambda: Side(machine, 0), lambda: Side(machine, 1)):
         assert len(side.letters.leaving) == len(side.letters.coming) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_other_memory_than_that_of_the_other_is_not_taken_for_it(monkeypatch, tmp_path):
+    """In a container of its own, a process is another one by the same number."""
+    find, other = messages._memory_of, tmp_path / "other"
+    other.write_bytes(bytes(4 * SIZE * 8))
+    alien = {
+        "other": lambda path, mark: find(str(other), mark),
+        "empty": lambda path, mark: find(str(tmp_path / "empty"), mark),
+    }
+    (tmp_path / "empty").touch()
+    for name, found in alien.items():
+        machine, calls = Machine(2), []
+
+        def of_others(path, mark, found=found, calls=calls):
+            calls.append(path)
+            return find(path, mark) if len(calls) < 3 else found(path, mark)
+
+        monkeypatch.setattr(messages, "_memory_of", of_others)
+        for side in together(lambda m=machine: Side(m, 0), lambda m=machine: Side(m, 1)):
+            assert side.letters.leaving == side.letters.coming == {}, name
