@@ -3,8 +3,7 @@ send for one right-hand side, and how many arrays MPI sends for them; rank 0 wri
 
 Arguments: a JSON list of [scene, stepper, dt, steps, ne, np, settings], and "as-gpu" to take the
 ways of GPUs on a CPU, with "reached" those of an MPI that reaches them; "small-basis" leaves GMRES
-little memory; "pairs" are on one machine each, "no-memory" is shared by ranks, "one-without" has
-none to share.
+little memory; "pairs" are on one machine each, "one-without" has no memory to share.
 """
 
 import hashlib
@@ -65,17 +64,12 @@ def in_pairs(self):
     return MPI.COMM_WORLD.Split(MPI.COMM_WORLD.rank // 2)
 
 
-def share_no_memory():
-    """As where the system has no directory for it."""
-    messages.SHARED = "/nowhere"
-
-
 if __name__ == "__main__":
     watch_mpi()
     if "pairs" in sys.argv:
         Ranks.machine = in_pairs
-    if "no-memory" in sys.argv or ("one-without" in sys.argv and world().rank == 1):
-        share_no_memory()
+    if "one-without" in sys.argv and world().rank == 1:
+        messages.SHARED = "/nowhere"
     if "as-gpu" in sys.argv:
         act_as_gpu(reached="reached" in sys.argv)
     if "small-basis" in sys.argv:

@@ -222,7 +222,7 @@ def test_ranks_of_one_machine_have_no_use_for_messages(found):
     assert {told[3] for told in (*found[2], *found[3])} == {0}
 
 
-@pytest.mark.parametrize(("ranks", "option"), [(5, "pairs"), (3, "no-memory"), (3, "one-without")])
+@pytest.mark.parametrize(("ranks", "option"), [(5, "pairs"), (3, "one-without")])
 def test_ranks_that_share_no_memory_have_the_same_bits(found, ranks, option):
     """Some or all: MPI brings what memory cannot, also to ranks that one waits for in memory."""
     expected = [found[2][(EXPLICIT + SUMMING).index(case)] for case in SOME]

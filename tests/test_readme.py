@@ -143,6 +143,7 @@ def test_the_commands_work(lines, tmp_path, monkeypatch, capsys):
     for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
         monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
     monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
+    monkeypatch.setattr("swe_sphere.pictures.plot.ROWS", 61)
     for line in lines:
         with pytest.raises(SystemExit) as end:
             main(_shortened(line).split())
