@@ -1,8 +1,10 @@
 """What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py.
 
     mpiexec -n 2 python benchmarks/scaling_ranks.py blocks 30 60
+    mpiexec -n 2 python benchmarks/scaling_ranks.py ways 30 60
 
-times steps whose Krylov iterations share a reduction beside others.
+time, in turns, steps whose Krylov iterations share a reduction and others; steps whose numbers go
+through shared memory and by messages of MPI.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from typing import Any
 import numpy as np
 from scaling_bytes import Launches, launches
 
-from swe_sphere import Simulation
+from swe_sphere import Simulation, messages
+from swe_sphere.messages import SHARED
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.work import difference
@@ -40,6 +43,8 @@ SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
 ROUND_TRIPS = 300
 KERNELS = {"sweeps": "sweep_kernel__", "longest": "tall_kernels__"}
+TURN = 10
+"""Steps that follow one another before it is the turn of others."""
 LOOKED_AT = 3
 """Steps whose solves of the coarse level are timed."""
 
@@ -96,6 +101,24 @@ def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
         found[n] = {"least": min(times[n]), "median": statistics.median(times[n])}
         found[n] |= {what: count / steps for what, count in (did | {"sums": sums[n]}).items()}
     return found
+
+
+def ways(stepper: str, ne: int, steps: int) -> dict[str, dict[str, float]]:
+    """By how numbers come to the other rank of a machine: times of a step [ms], in turns."""
+    comm, sims = world(), {}
+    for name, directory in {"memory": messages.SHARED, "messages": "/nowhere"}.items():
+        messages.SHARED, comm.on_one_machine = directory, name == "memory"
+        sims[name] = started(stepper, ne)
+    times = {name: list[float]() for name in sims}
+    for _ in range(steps // TURN):
+        for name, sim in sims.items():
+            sim.step()  # which brings its arrays into the caches
+            for _ in range(TURN):
+                start = time.perf_counter()
+                sim.step()
+                times[name].append(1e3 * (time.perf_counter() - start))
+    messages.SHARED, comm.on_one_machine = SHARED, True
+    return {n: {"least": min(t), "median": statistics.median(t)} for n, t in times.items()}
 
 
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
@@ -176,7 +199,7 @@ def main(job: str, ne: str, pieces: str) -> None:
     if job == "ping":
         told: Any = ping_pong()
     else:
-        of_each = {"steps": measure, "launches": launched, "blocks": blocks}[job]
+        of_each = {"steps": measure, "launches": launched, "blocks": blocks, "ways": ways}[job]
         names = IMPLICIT if job == "blocks" else STEPPERS
         told = {name: of_each(name, int(ne), int(pieces)) for name in names}
     if world().rank == 0:
