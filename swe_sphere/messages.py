@@ -56,8 +56,10 @@ class Messages:
 
 
 class Requests:
-    """Of MPI: `start` and `wait` (4,) have the address of a function in C, how many requests, where
-    they are, and where their statuses go, if there are any.
+    """Requests of MPI.
+
+    `start` and `wait` (4,) have the address of a function in C, how many requests, where they are,
+    and where their statuses go, if there are any.
     """
 
     def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
@@ -92,9 +94,9 @@ class Progress:
 
         self._found = np.zeros(1 + size_of(MPI.Status), np.int32)
         look = _address(ctypes.CDLL(MPI.__file__).MPI_Iprobe)
-        every = (number % 2**64 for number in (MPI.ANY_SOURCE, MPI.ANY_TAG))
+        anything = (number % 2**64 for number in (MPI.ANY_SOURCE, MPI.ANY_TAG, comm.handle))
         give_way = _address(ctypes.CDLL(None).sched_yield)
-        self.call = give_way, look, *every, comm.handle, _where(self._found)
+        self.call = give_way, look, *anything, _where(self._found)
 
 
 class Letters:
