@@ -25,8 +25,9 @@ FOLDERS = {
 """Where lines are counted, and how many there were in commit 8e73fdc, 2026-11-22."""
 
 FEATURES = {
-    "Runs in several processes (MPI)": "parallel cli/ranks mesh/partition operators/halo"
-    " operators/part_layout solvers/preconditioners/coarse_part",
+    "Runs in several processes (MPI)": "parallel messages kernels/messages cli/ranks"
+    " mesh/partition operators/exchange operators/halo operators/part_layout"
+    " solvers/preconditioners/coarse_part",
     "Exponential steppers": "steppers/exponential solvers/krylov_exponential",
     "Multirate steppers": "steppers/multirate equations/fast_waves kernels/fast_waves",
     "Forward-backward steppers": "steppers/forward_backward equations/passes"
@@ -48,7 +49,8 @@ FEATURES = {
     "Zarr, files that grow and stay whole": "io/zarr_store io/classic io/growing",
     "Tides, planetary waves, relaxed jet": "testcases/tide testcases/relaxed_jet",
     "Registers of CPUs, stages in one kernel, recorded launches": "kernels/access"
-    " kernels/registers kernels/sums kernels/stages operators/replay operators/sliced_matrix",
+    " kernels/registers kernels/sums kernels/stages operators/replay operators/sliced_matrix"
+    " operators/tall_matrix",
 }
 """Files that do nothing else than what the program could not do then."""
 

@@ -167,10 +167,29 @@ def _memory_of(path: str, mark: bytes) -> NDArray[np.uint8] | None:
     """
     try:
         with Path(path).open("r+b") as file:
-            memory = np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)
-    except (OSError, ValueError):
+            memory = _mapped(file.fileno())
+    except OSError:
         return None
     return memory if memory[: len(mark)].tobytes() == mark else None
+
+
+def _mapped(descriptor: int) -> NDArray[np.uint8]:
+    """The memory that a file is, by the C library: Python's mmap keeps the file open.
+
+    Each exchange has several of them, and a process may not have many open files.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    library.mmap.argtypes = ctypes.c_void_p, ctypes.c_size_t, *(ctypes.c_int,) * 3, ctypes.c_long
+    library.mmap.restype = ctypes.c_void_p
+    library.munmap.argtypes = ctypes.c_void_p, ctypes.c_size_t
+    size, access = os.fstat(descriptor).st_size, mmap.PROT_READ | mmap.PROT_WRITE
+    address = library.mmap(None, size, access, mmap.MAP_SHARED, descriptor, 0)
+    if address == ctypes.c_void_p(-1).value:
+        raise OSError(ctypes.get_errno(), "mmap")
+    bytes_there = (ctypes.c_uint8 * size).from_address(address)
+    memory: NDArray[np.uint8] = np.ctypeslib.as_array(bytes_there)
+    weakref.finalize(memory, library.munmap, address, size).atexit = False
+    return memory
 
 
 def _where(array: Any) -> int:

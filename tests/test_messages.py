@@ -1,9 +1,11 @@
 """Memory that ranks share, by threads in the place of ranks: no MPI is needed for it."""
 
 import ctypes
+import gc
 import os
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -198,3 +200,23 @@ def test_other_memory_than_that_of_the_other_is_not_taken_for_it(monkeypatch, tm
         monkeypatch.setattr(messages, "_memory_of", of_others)
         for side in together(lambda m=machine: Side(m, 0), lambda m=machine: Side(m, 1)):
             assert side.letters.leaving == side.letters.coming == {}, name
+
+
+def test_shared_memory_keeps_no_file_open_and_is_given_back():
+    """A run has dozens of exchanges, each with all its neighbours."""
+
+    def open_files():
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    def shared():
+        return Path("/proc/self/maps").read_text().count(messages.SHARED)
+
+    gc.collect()
+    files, mapped = open_files(), shared()
+    machine = Machine(2)
+    both = together(lambda: Side(machine, 0), lambda: Side(machine, 1))
+    assert all(side.letters.leaving and side.letters.coming for side in both)
+    assert open_files() == files and shared() == mapped + 4  # each its own and the other's
+    del both
+    gc.collect()
+    assert shared() == mapped
