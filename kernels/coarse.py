@@ -10,8 +10,7 @@ from swe_sphere.kernels.access import entry_of
 from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
 from swe_sphere.kernels.registers import (
     columns_products,
-    columns_sum,
-    diagonals_sum,
+    entries_sum,
     functions_sum,
     rows_product,
 )
@@ -84,7 +83,7 @@ def sweep_kernel(real: type, shape: str) -> wp.Kernel:
     t = kernel_types(1, real, shape, whole=False)
     mul, value = t.ops.mul, t.value
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
-    row = diagonals_sum(value, real, t.lanes)
+    row = entries_sum(value, real, t.lanes, "*registers(from)")
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -126,7 +125,7 @@ def tall_kernels(real: type, shape: str) -> SimpleNamespace:
     t = kernel_types(1, real, shape, whole=False)
     numbers, rows = wp.array(dtype=wp.int32), wp.array(dtype=t.value)
     flat = wp.array(dtype=real)
-    row = columns_sum(t.value, real, t.lanes)
+    row = entries_sum(t.value, real, t.lanes, "*from")
     products = columns_products(t.value, real, t.lanes)
 
     @no_type_check

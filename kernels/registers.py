@@ -153,20 +153,22 @@ def functions_sum(value: type, real: type, lanes: int, functions: int, points: i
 
 
 @functools.cache
-def diagonals_sum(value: type, real: type, lanes: int) -> Any:
-    """Warp function (at, begin, values, x, g): M x in group g of a `SlicedMatrix`.
+def entries_sum(value: type, real: type, lanes: int, factor: str) -> Any:
+    """Warp function (at, places, values, x, g): M x in group g of a `SlicedMatrix` or `TallMatrix`.
 
-    A row's entries one after the other: the rows beside it, which differ from rank to rank, only
-    add zeros.
+    factor: what entry k is a coefficient of, a C++ register or number at `from`, which is x at the
+    entry's place.  A row's entries one after the other: the rows beside it, which differ from rank
+    to rank, only add zeros.
     """
     _, run = run_type(real, lanes)
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
 
     @wp.func_native(f"""
         {run}
+        typedef const run* registers;
         const auto part = [&](int k) {{
-            typedef const run* registers;
-            return registers(values.data)[k] * *registers(x.data + begin.data[k]);
+            const auto from = x.data + places.data[k];
+            return registers(values.data)[k] * {factor};
         }};
         run sum = {{}};
         for (int k = at.data[g]; k < at.data[g + 1]; ++k) sum += part(k);
@@ -174,27 +176,7 @@ def diagonals_sum(value: type, real: type, lanes: int) -> Any:
         *reinterpret_cast<run*>(&v) = sum;
         return v;
     """)
-    def row(at: numbers, begin: numbers, values: rows, x: flat, g: int) -> value: ...
-
-    return row
-
-
-@functools.cache
-def columns_sum(value: type, real: type, lanes: int) -> Any:
-    """Warp function (at, columns, values, x, g): M x in group g of a `TallMatrix`."""
-    _, run = run_type(real, lanes)
-    numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
-
-    @wp.func_native(f"""
-        {run}
-        run sum = {{}};
-        for (int k = at.data[g]; k < at.data[g + 1]; ++k)
-            sum += reinterpret_cast<const run*>(values.data)[k] * x.data[columns.data[k]];
-        auto v = *values.data;
-        *reinterpret_cast<run*>(&v) = sum;
-        return v;
-    """)
-    def row(at: numbers, columns: numbers, values: rows, x: flat, g: int) -> value: ...
+    def row(at: numbers, places: numbers, values: rows, x: flat, g: int) -> value: ...
 
     return row
 

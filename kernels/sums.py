@@ -171,12 +171,9 @@ def combinations_kernel(real: type) -> wp.Kernel:
     c_(1 + s) stack[s]); `out` may be `x`.
     """
     kind = f"wp::{real.__name__}"
-
-    @wp.func_native(f"""
-        const long first = span * {SPAN}l, m = n - first < {SPAN} ? n - first : {SPAN};
+    return _by_spans(f"""
         const auto x = reinterpret_cast<const {kind}*>(call.data[0]) + first;
         const auto out = reinterpret_cast<{kind}*>(call.data[2]) + first;
-        const double* c = coefficients.data;
         const {kind} scale = *c++;
         {kind} sum[{SPAN}] = {{}};
         auto row = reinterpret_cast<const {kind}*>(call.data[1]) + first;
@@ -192,18 +189,6 @@ def combinations_kernel(real: type) -> wp.Kernel:
         }}
         for (long i = 0; i < m; ++i) out[i] = scale * (x[i] + sum[i]);
     """)
-    def combine(
-        span: int, call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
-    ): ...
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def combinations(
-        call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
-    ):
-        combine(wp.tid(), call, coefficients, n)
-
-    return combinations
 
 
 @functools.cache
@@ -213,24 +198,33 @@ def scaled_sum_kernel(real: type) -> wp.Kernel:
     call: the addresses of x and y (n,).  y = c_0 x + c_1 y, either product rounded by itself.
     """
     kind = f"wp::{real.__name__}"
-
-    @wp.func_native(f"""
+    return _by_spans(f"""
         #pragma clang fp contract(off)
-        const long first = span * {SPAN}l, m = n - first < {SPAN} ? n - first : {SPAN};
         const auto x = reinterpret_cast<const {kind}*>(call.data[0]) + first;
         const auto y = reinterpret_cast<{kind}*>(call.data[1]) + first;
-        const {kind} a = coefficients.data[0], b = coefficients.data[1];
+        const {kind} a = c[0], b = c[1];
         for (long i = 0; i < m; ++i) y[i] = a * x[i] + b * y[i];
     """)
-    def add(
+
+
+def _by_spans(code: str) -> wp.Kernel:
+    """Kernel (call, coefficients, n) of that C++ for the m numbers from `first` on; c: the latter.
+
+    n: how many there are.
+    """
+
+    @wp.func_native(f"""
+        const long first = span * {SPAN}l, m = n - first < {SPAN} ? n - first : {SPAN};
+        const double* c = coefficients.data;
+        {{{code}}}
+    """)
+    def in_span(
         span: int, call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
     ): ...
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def scaled_sum(
-        call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
-    ):
-        add(wp.tid(), call, coefficients, n)
+    def by_spans(call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int):
+        in_span(wp.tid(), call, coefficients, n)
 
-    return scaled_sum
+    return by_spans

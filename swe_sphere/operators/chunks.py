@@ -7,9 +7,8 @@ of which there are few, and every rank adds them up to the same sum.
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -19,6 +18,7 @@ from swe_sphere.kernels.sums import tree_kernel
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.replay import Replay
 from swe_sphere.parallel import Alone
 
 
@@ -39,6 +39,7 @@ class Chunks:
         """(n, 2) the first chunk and the size of those that each rank has all of."""
         self._first = int(ends[comm.rank])
         self._rooms: dict[int, _Room] = {}
+        self._replay = Replay(Launcher("cpu", comm))
 
     def room(self, width: int) -> NDArray[np.float64]:
         """(count, width) for the sums of the chunks of this rank."""
@@ -47,39 +48,46 @@ class Chunks:
     def total(self, width: int) -> NDArray[np.float64]:
         """Sums (width,) of what all ranks have put into their rooms, valid until the next call."""
         room = self._room(width)
-        room.add_up()
+        if room.exchange is not None:
+            self._replay(width, room.add_up)
+        else:  # to which MPI knows better ways than from each to each
+            room.up.launch()
+            self._comm.gather(room.sent, room.counts, room.told)
+            room.down.launch()
         return room.told[:width]
 
     def _room(self, width: int) -> "_Room":
         if width not in self._rooms:
+            comm = self._comm
             leaves = np.stack([self._first + np.arange(self.count), np.ones(self.count)], axis=-1)
-            mine, up = _adding(leaves, width, self._comm, False)
-            told, down = _adding(np.concatenate(self.branches), width, self._comm, True)
-            ends = (width * np.cumsum([0, *map(len, self.branches)])).tolist()
-            sent = mine.flatten()[: ends[self._comm.rank + 1] - ends[self._comm.rank]]
-            add_up = _together(self._comm, up, sent, told.flatten(), ends, down)
-            self._rooms[width] = _Room(mine.numpy(), told.numpy().ravel(), add_up)
+            mine, up = _adding(leaves, width, comm, False)
+            told, down = _adding(np.concatenate(self.branches), width, comm, True)
+            counts = [width * len(each) for each in self.branches]
+            sent, everything = mine.flatten()[: counts[comm.rank]], told.flatten()
+            exchange = _to_all(comm, sent, everything, counts) if comm.on_one_machine else None
+            self._rooms[width] = _Room(
+                mine.numpy(), up, sent.numpy(), counts, everything.numpy(), down, exchange
+            )
         return self._rooms[width]
 
 
 @dataclass(frozen=True)
 class _Room:
-    """Room for so many sums, and what adds up what is in it."""
+    """Room for so many sums, and the commands that add up what is in it."""
 
     mine: NDArray[np.float64]
+    up: Any
+    sent: NDArray[np.float64]
+    counts: list[int]
     told: NDArray[np.float64]
-    add_up: Callable[[], None]
+    down: Any
+    exchange: Exchange | None
 
-
-@dataclass(frozen=True)
-class _Graph:
-    """Launches that were recorded, and whose memory they need."""
-
-    graph: Any
-    kept: tuple[Any, ...]
-
-    def __call__(self) -> None:
-        wp.capture_launch(self.graph)
+    def add_up(self) -> None:
+        """All of it by launches, where there is an exchange."""
+        exchange = cast(Exchange, self.exchange)
+        for command in (self.up, exchange.start, exchange.wait, self.down):
+            command.launch()
 
 
 def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[wp.array, Any]:
@@ -91,29 +99,11 @@ def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[
     return room, wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
 
 
-def _together(
-    comm: Alone, up: Any, sent: wp.array, told: wp.array, ends: list[int], down: Any
-) -> Callable[[], None]:
-    """What adds up on this rank, tells the others, and adds up what all have told.
-
-    Recorded as a whole where the ranks share a machine; elsewhere MPI has better ways.
-    """
-    if comm.on_one_machine:
-        of_each = {r: told[a:b] for r, (a, b) in enumerate(itertools.pairwise(ends))}
-        exchange = Exchange(comm, dict.fromkeys(range(comm.size), sent), of_each)
-        wp.capture_begin("cpu", force_module_load=False)
-        for each in (up, exchange.start, exchange.wait, down):
-            each.launch()
-        graph = wp.capture_end("cpu")
-        return _Graph(graph, (up, exchange, down))
-    mine, everything, counts = sent.numpy(), told.numpy(), np.diff(ends).tolist()
-
-    def by_mpi() -> None:
-        up.launch()
-        comm.gather(mine, counts, everything)
-        down.launch()
-
-    return by_mpi
+def _to_all(comm: Alone, sent: wp.array, told: wp.array, counts: list[int]) -> Exchange:
+    """What brings the numbers of each rank to all of them, one rank after the other."""
+    ends = np.cumsum([0, *counts]).tolist()
+    of_each = {rank: told[a:b] for rank, (a, b) in enumerate(itertools.pairwise(ends))}
+    return Exchange(comm, dict.fromkeys(of_each, sent), of_each)
 
 
 def branches(first: int, behind: int) -> NDArray[np.int64]:
