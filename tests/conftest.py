@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
+
 import pytest
 import warp as wp
 
@@ -10,6 +13,11 @@ from swe_sphere.mesh import Mesh
 
 wp.config.log_level = wp.LOG_WARNING
 compiling.PATIENCE = 1e6  # what a test finds on stderr must not depend on Warp's cache
+
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    # or each of the many processes that tests start would compile all it imports: 0.3 to 1.4 s
+    BYTE_CODE = tempfile.TemporaryDirectory(prefix="swe-sphere-byte-code.")
+    os.environ["PYTHONPYCACHEPREFIX"] = BYTE_CODE.name
 
 
 @pytest.fixture(scope="session")
