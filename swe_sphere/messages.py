@@ -84,7 +84,7 @@ class Requests:
 class Progress:
     """What to do while shared memory is waited for, so that others go on.
 
-    `call` (6,) has the addresses of sched_yield and of MPI_Iprobe, and what the latter takes:
+    `call` (7,) has the addresses of sched_yield, of usleep and of MPI_Iprobe, and what that takes:
     without it MPI might bring nothing to ranks that this one waits for.
     """
 
@@ -95,8 +95,9 @@ class Progress:
         self._found = np.zeros(1 + size_of(MPI.Status), np.int32)
         look = _address(ctypes.CDLL(MPI.__file__).MPI_Iprobe)
         anything = (number % 2**64 for number in (MPI.ANY_SOURCE, MPI.ANY_TAG, comm.handle))
-        give_way = _address(ctypes.CDLL(None).sched_yield)
-        self.call = give_way, look, *anything, _where(self._found)
+        system = ctypes.CDLL(None)
+        give_way, sleep = _address(system.sched_yield), _address(system.usleep)
+        self.call = give_way, sleep, look, *anything, _where(self._found)
 
 
 class Letters:

@@ -34,6 +34,10 @@ PATIENCE = 4.0
 """Seconds that a rank which fails waits for the others to fail too."""
 HEARD = 0.2
 """Seconds that mpiexec has to pass on what a rank says, before it is told to end all of them."""
+IN_A_WHILE = 0.001
+"""Seconds that a rank which waits for others keeps its core, as MPI does all the time."""
+NAP = 0.001
+"""Seconds that it leaves the core to others, again and again, after that."""
 WATCH = 1.0
 """Seconds between looks whether what started a rank is still there."""
 
@@ -154,6 +158,7 @@ class Ranks(Alone):
                 value = function()
             except Exception as raised:
                 error = raised
+        self._meet()
         value, error = self._comm.bcast((value, error))
         if error is not None:
             raise error
@@ -163,10 +168,17 @@ class Ranks(Alone):
     def root_first(self) -> Iterator[None]:
         """By a barrier."""
         if self.rank:
-            self._comm.Barrier()
+            self._meet()
         yield
         if not self.rank:
-            self._comm.Barrier()
+            self._meet()
+
+    def _meet(self) -> None:
+        """Wait for all ranks, which may take long."""
+        all_here = self._comm.Ibarrier()
+        patience = time.monotonic() + IN_A_WHILE
+        while not all_here.Test():
+            time.sleep(NAP if time.monotonic() > patience else 0.0)
 
     def any_lately(self, mine: bool) -> bool:
         """Whether it held when they were asked the last time: the message takes its time."""

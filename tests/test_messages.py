@@ -20,6 +20,7 @@ PROBE = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_int32, ctypes.c_int32, ctypes.c_uint64, ctypes.c_void_p,
     ctypes.c_void_p,
 )  # fmt: skip
+SLEEP = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_uint32)
 SIZE, ROUNDS = 1000, 40
 
 
@@ -56,16 +57,23 @@ class Side:
         self.letters = Letters(
             machine.of(rank), near, {near[1 - rank]: self.sent}, {near[1 - rank]: self.got}
         )
-        self.looks = 0
-        self._probe = PROBE(self._look)
-        give_way = ctypes.cast(ctypes.CDLL(None).sched_yield, ctypes.c_void_p).value
-        look = ctypes.cast(self._probe, ctypes.c_void_p).value
+        self.looks = self.naps = 0
+        self._calls = SLEEP(self._nap), PROBE(self._look)
+        give_way, sleep, look = (
+            ctypes.cast(function, ctypes.c_void_p).value
+            for function in (ctypes.CDLL(None).sched_yield, *self._calls)
+        )
         self._found = np.zeros(2, np.int32)
-        middle = [0, 0, 0, 0, give_way, look, 0, 0, 0, self._found.ctypes.data]
+        middle = [0, 0, 0, 0, give_way, sleep, look, 0, 0, 0, self._found.ctypes.data]
         self.start, self.wait = (
             self._command([0, ahead, *middle, *sum(rows.values(), ())])
             for ahead, rows in ((0, self.letters.leaving), (1, self.letters.coming))
         )
+
+    def _nap(self, microseconds):
+        self.naps += 1
+        time.sleep(1e-6 * microseconds)
+        return 0
 
     def _look(self, *_):
         self.looks += 1
@@ -137,6 +145,22 @@ def test_who_waits_lets_mpi_go_on(sides):
     waiting.join(30.0)
     assert not waiting.is_alive()
     assert (one.got == 4.0).all()
+
+
+def test_who_waits_long_leaves_the_core_to_others(sides):
+    one, other = sides
+    other.sent[:] = 4.0
+    other.start.launch()
+    one.wait.launch()
+    assert one.naps == 0
+    waiting = threading.Thread(target=one.wait.launch, daemon=True)
+    waiting.start()
+    wait_until(lambda: one.naps >= 3)
+    seen = one.looks
+    wait_until(lambda: one.looks > seen)
+    other.start.launch()
+    waiting.join(30.0)
+    assert not waiting.is_alive()
 
 
 def test_who_is_ahead_waits_until_the_last_was_read(sides):
