@@ -7,6 +7,7 @@ for itself from the same numbers, every rank does: their decisions agree because
 import atexit
 import ctypes
 import functools
+import math
 import os
 import signal
 import stat
@@ -34,10 +35,10 @@ PATIENCE = 4.0
 """Seconds that a rank which fails waits for the others to fail too."""
 HEARD = 0.2
 """Seconds that mpiexec has to pass on what a rank says, before it is told to end all of them."""
-IN_A_WHILE = 0.001
-"""Seconds that a rank which waits for others keeps its core, as MPI does all the time."""
+BRIEFLY = 0.001
+"""Seconds in which a rank that waits for others looks again as soon as it may."""
 NAP = 0.001
-"""Seconds that it leaves the core to others, again and again, after that."""
+"""Seconds that it sleeps between looks after that; MPI itself would never let go of the core."""
 WATCH = 1.0
 """Seconds between looks whether what started a rank is still there."""
 
@@ -158,7 +159,7 @@ class Ranks(Alone):
                 value = function()
             except Exception as raised:
                 error = raised
-        self._meet()
+        self._meet(self._comm)
         value, error = self._comm.bcast((value, error))
         if error is not None:
             raise error
@@ -168,17 +169,20 @@ class Ranks(Alone):
     def root_first(self) -> Iterator[None]:
         """By a barrier."""
         if self.rank:
-            self._meet()
+            self._meet(self._comm)
         yield
         if not self.rank:
-            self._meet()
+            self._meet(self._comm)
 
-    def _meet(self) -> None:
-        """Wait for all ranks, which may take long."""
-        all_here = self._comm.Ibarrier()
-        patience = time.monotonic() + IN_A_WHILE
+    def _meet(self, comm: Any, patience: float = math.inf) -> bool:
+        """Wait for all ranks, for so many seconds; whether they came."""
+        all_here, began = comm.Ibarrier(), time.monotonic()
         while not all_here.Test():
-            time.sleep(NAP if time.monotonic() > patience else 0.0)
+            waited = time.monotonic() - began
+            if waited > patience:
+                return False
+            time.sleep(NAP if waited > BRIEFLY else 0.0)
+        return True
 
     def any_lately(self, mine: bool) -> bool:
         """Whether it held when they were asked the last time: the message takes its time."""
@@ -205,16 +209,12 @@ class Ranks(Alone):
 
     def agree_to_fail(self, line: str) -> None:
         """By a barrier that is not waited for any longer than a while."""
-        all_here = self._failures.Ibarrier()
-        patience = time.monotonic() + PATIENCE
-        while not all_here.Test():
-            if time.monotonic() > patience:
-                sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
-                sys.stderr.flush()
-                time.sleep(HEARD)
-                self._comm.Abort(1)
-                time.sleep(10.0 * PATIENCE)  # the end comes from outside
-            time.sleep(0.01)
+        if not self._meet(self._failures, PATIENCE):
+            sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
+            sys.stderr.flush()
+            time.sleep(HEARD)
+            self._comm.Abort(1)
+            time.sleep(10.0 * PATIENCE)  # the end comes from outside
 
 
 def _end_with(parent: int) -> None:
