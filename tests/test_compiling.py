@@ -12,7 +12,7 @@ import warp as wp
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
 from swe_sphere.compiling import COMPILING
-from swe_sphere.operators.launch import keep_headers
+from swe_sphere.operators.launch import TEMPLATES, keep_headers
 
 
 @pytest.fixture
@@ -89,3 +89,12 @@ def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):
         monkeypatch.setattr(wp, "__file__", f"/{place}/warp/__init__.py")
         keep_headers()
     assert len([*tmp_path.glob("headers_*")]) == 2
+
+
+@pytest.mark.parametrize("flags", ["-march=native -fno-vectorize", None])
+def test_templates_of_headers_are_instantiated_once(monkeypatch, flags):
+    """Asked for once, beside the flags that somebody has set, and never in the place of Warp's."""
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", flags)
+    for _ in range(2):
+        keep_headers()
+    assert wp.config.cpu_compiler_flags == (flags and f"{flags} {TEMPLATES}")
