@@ -24,6 +24,7 @@ from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, in_registers
 from swe_sphere.kernels.terms import Terms, kernel_types
 
 
+@functools.cache
 def tendency_kernel(
     terms: Terms,
     np_: int,
