@@ -1,6 +1,6 @@
 """How long a short run takes from the command line to its end; makes docs/start-up.
 
-    python benchmarks/start_up.py [--repeats N]
+    python benchmarks/start_up.py [SECTION ...] [--repeats N]      start, again; both by default
 
 Each run is a process of its own; Python keeps its byte code, also where it is told not to.
 """
@@ -31,6 +31,14 @@ CASES = {
 """Steppers by how they are called here: the aim with an empty cache [s] and further arguments."""
 WARM, COLD = 0.8, 2
 """The aim with compiled kernels [s], and how often a cache is empty."""
+AGAIN = """
+import sys, time
+from swe_sphere import Simulation
+for _ in range(9):
+    start = time.perf_counter()
+    Simulation("williamson2", ne=8, np=4, stepper=sys.argv[1]).step()
+    print(time.perf_counter() - start)
+"""
 
 HEAD = f"""# How long a run takes to start
 
@@ -67,7 +75,15 @@ def row(name: str, repeats: int) -> list[str]:
     return [name, *times, f"{max(cold):.2f}", f"{aim:.0f}"]
 
 
+def again(name: str) -> list[str]:
+    """The first simulation of a process, and those after it."""
+    command = [sys.executable, "-c", AGAIN, name]
+    first, *later = map(float, subprocess.check_output(command, text=True).split())
+    return [name, f"{first:.3f}", f"{min(later):.3f}", f"{statistics.median(later):.3f}"]
+
+
 def main(
+    sections: Annotated[list[str] | None, typer.Argument(help="Sections; default: all.")] = None,
     repeats: Annotated[int, typer.Option(help="Runs on each cache of compiled kernels.")] = 6,
 ) -> None:
     """Measure, print and write the page."""
@@ -83,7 +99,18 @@ def main(
             [row(name, repeats) for name in CASES],
         )
 
-    write_page("start-up", HEAD, {"start": start}, [])
+    def next_ones() -> Section:
+        return Section(
+            "One simulation after the other in a process",
+            "As in a notebook or a sweep: time [s] to make a simulation of williamson2, ne 8, np 4,"
+            " and to take its first step, with compiled kernels. The first of a process makes and"
+            " loads its kernels, and imports what is imported late; of the eight that follow the"
+            " least and the median.",
+            ["stepper", "first", "later, least", "median"],
+            [again(name) for name in CASES if "," not in name],
+        )
+
+    write_page("start-up", HEAD, {"start": start, "again": next_ones}, sections or [])
 
 
 if __name__ == "__main__":

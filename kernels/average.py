@@ -1,11 +1,13 @@
 """Averages of the energy's gradient between two states, node by node."""
 
+import functools
 from types import SimpleNamespace
 from typing import no_type_check
 
 import warp as wp
 
 
+@functools.cache
 def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
     """Kernel (struct, first, last, mean, base), all states (3N,): what the skew form is made of.
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+import warp as wp
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag
@@ -354,3 +355,15 @@ def test_a_damaged_checkpoint_is_one_line(tmp_path):
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(ConfigError, match="damaged"):
         Simulation.from_checkpoint(path)
+
+
+@pytest.mark.parametrize("name", STEPPERS)
+def test_a_second_simulation_makes_no_kernel(monkeypatch, name):
+    """Making one takes longer than most of what else a short run does."""
+
+    def step_once():
+        Simulation("williamson5", ne=1, np=4, stepper=name, dt=60.0).step()
+
+    step_once()
+    monkeypatch.setattr(wp.Kernel, "__init__", lambda *_, **__: pytest.fail("one was made"))
+    step_once()
