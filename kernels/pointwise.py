@@ -24,6 +24,7 @@ class PointTerm:
 
     They are functions of (c, i, u, v, h), or of (c, i, u, v, h, du, dv, dh) for derivatives, with i
     the number of the node and c the coefficients: c.name of `numbers`, c.name[i] of `fields`.
+    outside: what they read from around them, which is compiled in: other values, other kernels.
     """
 
     name: str
@@ -31,6 +32,7 @@ class PointTerm:
     depth: Callable[..., Any] | None = None
     numbers: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
+    outside: tuple[object, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from manufactured import tight
 from support import advance, make_scene, random_state, relative, tangent, tendency
 from test_generated_code import code_of
 
 from swe_sphere.cli.main import main
-from swe_sphere.equations.effects import Drag, Relaxation
+from swe_sphere.equations.effects import Drag, PointwiseEffect, Relaxation
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
@@ -284,3 +286,31 @@ def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
     path.write_text(FILE.replace("-rate * u", "-2.0 * rate * u"))
     assert scene_sources(str(path), own(path, "friction")) != sources
     path.write_text(FILE)
+
+
+RATE = wp.constant(wp.float64(1e-5))
+
+
+@dataclass(frozen=True)
+class Slowing(PointwiseEffect):
+    """-RATE v, with a constant of the program around it."""
+
+    name = "slowing"
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return -RATE * u, -RATE * v
+
+
+@pytest.mark.parametrize("shape", ["element", "node"])
+def test_a_constant_around_a_formula_may_change(monkeypatch, shape):
+    """As in a notebook, one cell of which is run again: no kernel with the old one is taken."""
+    scene = get_scene("williamson5")
+    plain = Model(MESH, scene, shape=shape)
+    state, winds = random_state(plain), slice(0, 2 * MESH.size)
+    without = tendency(plain, state)[winds]
+    for rate in (1e-5, 1e-3, 1e-5):
+        monkeypatch.setitem(globals(), "RATE", wp.constant(wp.float64(rate)))
+        slowed = Model(MESH, scene.with_effect(Slowing()), shape=shape)
+        added = tendency(slowed, state)[winds] - without
+        np.testing.assert_allclose(added, -rate * state[winds], rtol=1e-6)

@@ -1,8 +1,9 @@
 """The components a right-hand side is made of, each compiled with the terms of its effects."""
 
 import copy
+import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -65,7 +66,24 @@ def _point_term(effect: PointwiseEffect, discrete: DiscreteScene, tangent: bool)
     read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
     numbers = tuple(name for name in known if name in read and np.ndim(known[name]) == 0)
     arrays = tuple(name for name in known if name in read and name not in numbers)
-    return PointTerm(effect.name, wind, depth, numbers, arrays)
+    return PointTerm(effect.name, wind, depth, numbers, arrays, _read_around(wind, depth))
+
+
+def _read_around(*formulas: Callable[..., Any] | None) -> tuple[object, ...]:
+    """Names, types and values of the constants and functions that formulas read around them."""
+    found: dict[str, Any] = {}
+    for formula in filter(None, formulas):
+        around = inspect.getclosurevars(formula)
+        found |= {**around.globals, **around.nonlocals}
+    return tuple((name, type(found[name]), _hashable(found[name])) for name in sorted(found))
+
+
+def _hashable(value: object) -> object:
+    try:
+        hash(value)
+    except TypeError:
+        return repr(value)
+    return value
 
 
 @contextmanager
