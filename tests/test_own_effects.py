@@ -291,15 +291,20 @@ def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
 RATE = wp.constant(wp.float64(1e-5))
 
 
+@wp.func
+def slowed(v: wp.float64):
+    return -RATE * v
+
+
 @dataclass(frozen=True)
 class Slowing(PointwiseEffect):
-    """-RATE v, with a constant of the program around it."""
+    """-RATE v, with a constant of the program around it and around a function it calls."""
 
     name = "slowing"
 
     @staticmethod
     def wind_tendency(c, i, u, v, h):
-        return -RATE * u, -RATE * v
+        return -RATE * u, slowed(v)
 
 
 @pytest.mark.parametrize("shape", ["element", "node"])

@@ -70,12 +70,18 @@ def _point_term(effect: PointwiseEffect, discrete: DiscreteScene, tangent: bool)
 
 
 def _read_around(*formulas: Callable[..., Any] | None) -> tuple[object, ...]:
-    """Names, types and values of the constants and functions that formulas read around them."""
-    found: dict[str, Any] = {}
-    for formula in filter(None, formulas):
+    """Constants and functions around formulas that they read, and what functions of Warp read."""
+    found: dict[tuple[str, str], object] = {}
+    waiting = [formula for formula in formulas if formula is not None]
+    while waiting:
+        formula = waiting.pop()
         around = inspect.getclosurevars(formula)
-        found |= {**around.globals, **around.nonlocals}
-    return tuple((name, type(found[name]), _hashable(found[name])) for name in sorted(found))
+        for name, value in {**around.globals, **around.nonlocals}.items():
+            place = formula.__module__, name
+            if isinstance(value, wp.Function) and value.func is not None and place not in found:
+                waiting.append(value.func)
+            found[place] = value
+    return tuple((*place, type(found[place]), _hashable(found[place])) for place in sorted(found))
 
 
 def _hashable(value: object) -> object:
