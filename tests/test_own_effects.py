@@ -316,6 +316,6 @@ def test_a_constant_around_a_formula_may_change(monkeypatch, shape):
     without = tendency(plain, state)[winds]
     for rate in (1e-5, 1e-3, 1e-5):
         monkeypatch.setitem(globals(), "RATE", wp.constant(wp.float64(rate)))
-        slowed = Model(MESH, scene.with_effect(Slowing()), shape=shape)
-        added = tendency(slowed, state)[winds] - without
+        model = Model(MESH, scene.with_effect(Slowing()), shape=shape)
+        added = tendency(model, state)[winds] - without
         np.testing.assert_allclose(added, -rate * state[winds], rtol=1e-6)

@@ -10,6 +10,7 @@ from swe_sphere.equations.effects import Drag, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
 from swe_sphere.testcases import get_scene
 
 WAVES = ("advection", "pressure", "rotation")
@@ -123,3 +124,19 @@ def test_limits_that_theory_knows() -> None:
 
 def test_nothing_moves_nothing_limits() -> None:
     assert STEPPERS["rk4"].stable_dt(0.0, 0.0) == np.inf
+
+
+def test_growth_of_the_filtered_scheme_is_that_of_its_map():
+    """Put together by stepping and filtering each of the two levels."""
+    rng = np.random.default_rng(4)
+    old, new = (rng.standard_normal(200) + 1j * rng.standard_normal(200) for _ in range(2))
+    strength, share = Leapfrog.default_strength, Leapfrog.default_share
+
+    def stepped(past, present):
+        future = old * past + new * present
+        change = 0.5 * strength * (past - 2.0 * present + future)
+        return present + share * change, future - (1.0 - share) * change
+
+    matrix = np.transpose([stepped(1.0, 0.0), stepped(0.0, 1.0)], (2, 1, 0))
+    expected = np.abs(np.linalg.eigvals(matrix)).max(axis=-1)
+    np.testing.assert_allclose(filtered_growth(old, new), expected, rtol=1e-12)

@@ -90,13 +90,13 @@ def _growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
 def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
     """Largest growth with the filter of the scheme x+ = old x- + new x.
 
-    That is the larger eigenvalue of the map (x-, x) -> (x + share d, x+ - (1 - share) d), with the
-    filter's d = strength / 2 (x- - 2 x + x+): of the matrix ((a, b), (c, d)).
+    That is the larger eigenvalue of the map (x-, x) -> (x + share D, x+ - (1 - share) D), with the
+    filter's D = strength / 2 (x- - 2 x + x+): of the matrix ((a, b), (c, d)).
     """
     half, share = 0.5 * Leapfrog.default_strength, Leapfrog.default_share
-    d_past, d_present = half * (1.0 + old), half * (new - 2.0)
-    a, b = share * d_past, 1.0 + share * d_present
-    c, d = old - (1.0 - share) * d_past, new - (1.0 - share) * d_present
+    of_past, of_present = half * (1.0 + old), half * (new - 2.0)
+    a, b = share * of_past, 1.0 + share * of_present
+    c, d = old - (1.0 - share) * of_past, new - (1.0 - share) * of_present
     mean = 0.5 * (a + d)
     root = np.sqrt(mean**2 - (a * d - b * c))
     growth: NDArray[np.float64] = np.maximum(np.abs(mean + root), np.abs(mean - root))
