@@ -2,7 +2,8 @@
 
     python benchmarks/start_up.py [SECTION ...] [--repeats N]      start, again; both by default
 
-Each run is a process of its own; Python keeps its byte code, also where it is told not to.
+Each run is a process of its own, but for those that follow one another (again); Python keeps its
+byte code, also where it is told not to.
 """
 
 from __future__ import annotations
@@ -52,12 +53,15 @@ the first compiles, and the others load what it has compiled. Whatever compiles 
 second says so on the terminal."""
 
 
+KEPT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+"""The environment of all processes."""
+
+
 def seconds(arguments: tuple[str, ...], cache: str) -> float:
     """Wall time [s] of a run in a process of its own, with that cache of compiled kernels."""
-    kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
     start = time.perf_counter()
-    subprocess.run(command, env=kept | {"WARP_CACHE_PATH": cache}, check=True)
+    subprocess.run(command, env=KEPT | {"WARP_CACHE_PATH": cache}, check=True)
     return time.perf_counter() - start
 
 
@@ -78,7 +82,7 @@ def row(name: str, repeats: int) -> list[str]:
 def again(name: str) -> list[str]:
     """The first simulation of a process, and those after it."""
     command = [sys.executable, "-c", AGAIN, name]
-    first, *later = map(float, subprocess.check_output(command, text=True).split())
+    first, *later = map(float, subprocess.check_output(command, env=KEPT, text=True).split())
     return [name, f"{first:.3f}", f"{min(later):.3f}", f"{statistics.median(later):.3f}"]
 
 

@@ -88,7 +88,7 @@ def _hashable(value: object) -> object:
     try:
         hash(value)
     except TypeError:
-        return repr(value)
+        return str(value)  # of vectors and matrices of Warp: their numbers
     return value
 
 

@@ -123,10 +123,10 @@ def keep_headers() -> None:
     another installation of Warp, even of the same version, as the headers are known by their paths.
     Their templates are instantiated once, in there, and not anew for each kernel: 0.1 s of it.
     """
-    flags = wp.config.cpu_compiler_flags
-    if flags is not None and TEMPLATES not in flags:
-        wp.config.cpu_compiler_flags = f"{flags} {TEMPLATES}"
     with suppress(ImportError, AttributeError, OSError):  # another Warp, a cache of others
+        flags = wp.config.cpu_compiler_flags
+        if flags is not None and TEMPLATES not in flags:
+            wp.config.cpu_compiler_flags = f"{flags} {TEMPLATES}"
         from warp._src import context
 
         processor = context.runtime.llvm.wp_get_host_cpu_features()
