@@ -1,13 +1,11 @@
 """Warp kernels of the shallow-water model: the ground floor, which imports nothing else of ours."""
 
-from swe_sphere.kernels.assembly import assembly_kernel
 from swe_sphere.kernels.local import tendency_kernel
 from swe_sphere.kernels.terms import Terms, lanes_of
 from swe_sphere.kernels.vectors import combine_kernel
 
 __all__ = [
     "Terms",
-    "assembly_kernel",
     "combine_kernel",
     "lanes_of",
     "tendency_kernel",

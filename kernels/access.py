@@ -108,20 +108,22 @@ def lanes_access(value: type, index: type, real: type, lanes: int) -> tuple[Any,
 
 
 @functools.cache
-def step_run(value: type, index: type, real: type, lanes: int) -> Any:
-    """Warp function (now, past, offset, node, rate, tau, weights, out, mixed): a run's own step.
+def step_run(value: type, real: type, lanes: int, shifted: bool) -> Any:
+    """Warp function (now, past, at, rate, tau, weights, base, out, mixed): a run's own step.
 
     out = now + tau rate and mixed = the weights' sum of (out, now, past), of which any may be one
-    array.  A statement has one operation, so that none are contracted.
+    array; less `base`, where it is `shifted`.  A statement has one operation, so that none are
+    contracted.
     """
     _, register = run_type(real, lanes)
     vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
+    took = "change = rate;" if lanes == 1 else "__builtin_memcpy(&change, &rate, sizeof rate);"
+    shift = "sum -= *reinterpret_cast<const run*>(base.data + at);" if shifted else ""
 
     @wp.func_native(f"""
         {register}
-        const auto at = offset + ~node.c[0];
         run change, sum, more;
-        __builtin_memcpy(&change, &rate, sizeof rate);
+        {took}
         const run first = *reinterpret_cast<const run*>(now.data + at);
         const run second = *reinterpret_cast<const run*>(past.data + at);
         change *= tau;
@@ -131,12 +133,13 @@ def step_run(value: type, index: type, real: type, lanes: int) -> Any:
         sum += more;
         more = second * weights.c[2];
         sum += more;
+        {shift}
         *reinterpret_cast<run*>(out.data + at) = change;
         *reinterpret_cast<run*>(mixed.data + at) = sum;
     """)
     def step(
-        now: vector, past: vector, offset: int, node: index, rate: value, tau: real,
-        weights: triple, out: vector, mixed: vector,
+        now: vector, past: vector, at: int, rate: value, tau: real, weights: triple, base: vector,
+        out: vector, mixed: vector,
     ): ...  # fmt: skip
 
     return step

@@ -15,7 +15,7 @@ import warp as wp
 
 from swe_sphere.kernels.access import entry_of, gather_run, run_of
 from swe_sphere.kernels.registers import product_of
-from swe_sphere.kernels.stages import leave_of, node_types, stage_struct
+from swe_sphere.kernels.stages import node_types
 
 CONTRIBUTORS = 4
 OPTIONS = {"max_unroll": 1}
@@ -41,59 +41,6 @@ def gather_sum(real: type) -> wp.Function:
         return total
 
     return gather
-
-
-@functools.cache
-def assembly_kernel(unknowns: int, real: type, rotation: bool, lanes: int = 1) -> wp.Kernel:
-    """Kernel from local tendencies (entries,) to the tendency (unknowns*N,) of the unique nodes.
-
-    Over nodes, or on a CPU over runs of `lanes` nodes, which fill a register.  Arguments: `places`
-    (N,), `inverse_area` (N,), the distance `stride` between two fields in the local tendencies, the
-    first node to be written, N, the local tendencies, with rotation the Coriolis parameter (N,)
-    [s-1] and the state, the `stage_struct` and the result.
-    """
-    place, vector, stage = wp.array(dtype=Contributors), wp.array(dtype=real), stage_struct(real)
-    value, rows = node_types(real, lanes, unknowns)
-    means, load = means_of(unknowns, real, lanes), run_of(value, real, lanes)
-    leave, mul = leave_of(rows, real, lanes, unknowns), run_product(real, lanes)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assemble(
-        places: place,
-        inverse_area: vector,
-        stride: int,
-        first: int,
-        size: int,
-        local: vector,
-        s: stage,
-        out: vector,
-    ):
-        node = first + lanes * wp.tid()
-        leave(s, node, size, means(places, inverse_area, stride, node, local), out)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def assemble_rotating(
-        places: place,
-        inverse_area: vector,
-        stride: int,
-        first: int,
-        size: int,
-        local: vector,
-        coriolis: vector,
-        x: vector,
-        s: stage,
-        out: vector,
-    ):
-        node = first + lanes * wp.tid()
-        r = means(places, inverse_area, stride, node, local)
-        f = load(coriolis, node)
-        r[0] = r[0] + mul(f, load(x, size + node))
-        r[1] = r[1] - mul(f, load(x, node))
-        leave(s, node, size, r, out)
-
-    return assemble_rotating if rotation else assemble
 
 
 @functools.cache

@@ -85,7 +85,7 @@ def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
     """
     np_, last, keep = t.np, t.np - 1, keep_fields(t, f)
     rates = t.done is t.vector
-    finish = _finish(t, f, first) if rates else finish_wind(t, f.winds)
+    finish = _finish(t, f, first) if rates else finish_wind(t)
 
     @no_type_check
     @wp.func
@@ -103,9 +103,9 @@ def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
         n = i * np_ + j
         if e < geo.whole and i > 0 and i < last and j > 0 and j < last:
             if wp.static(rates):
-                finish(geo, x, w, r, geo.nodes[e, n], done)
+                finish(geo, x, r, geo.nodes[e, n], done)
             else:
-                finish(geo, w, r, geo.nodes[e, n], done)
+                finish(geo, r, ~geo.nodes[e, n][0], done)
         else:
             keep(r, e, n, first, out)
 
@@ -113,42 +113,22 @@ def _deliver(t: SimpleNamespace, f: Formula, first: int = 0) -> wp.Function:
 
 
 def _finish(t: SimpleNamespace, f: Formula, first: int) -> wp.Function:
-    """Function (geometry, x, winds, result, node, done): what DSS makes of a run of inner nodes."""
-    mul, load, poisson, fields = t.ops.mul, t.ops.load_run, t.terms.poisson, f.fields
-    rates = t.rows(fields)
+    """Function (geometry, x, result, node, done): what DSS makes of a run of inner nodes."""
+    mul, load, add = t.ops.mul, t.ops.load_run, t.point.add
+    rates, fields = t.rows(f.fields), f.fields
     leave = leave_of(rates, t.real, t.lanes, fields)
-    add = t.point and t.point.add
 
     @no_type_check
     @wp.func
-    def finish(
-        geo: t.geometry,
-        x: t.vector,
-        w: f.winds,
-        r: t.rows(f.fields),
-        node: t.index,
-        done: t.vector,
-    ):
+    def finish(geo: t.geometry, x: t.vector, r: rates, node: t.index, done: t.vector):
         scale = load(geo.inverse_area, 0, node)
+        rate = r
         if wp.static(fields == 1):
             rate = mul(scale, r)
         else:
-            u = mul(scale, r[0])
-            v = mul(scale, r[1])
-            if wp.static(t.rotation):
-                f = load(geo.coriolis, 0, node)
-                if wp.static(poisson):
-                    u += mul(f, w.bv)
-                    v -= mul(f, w.bu)
-                else:
-                    u += mul(f, w.v)
-                    v -= mul(f, w.u)
-            rate = rates()
-            rate[0] = u
-            rate[1] = v
-            if wp.static(fields == 3):
-                rate[2] = mul(scale, r[2])
-        if wp.static(add is not None):
+            for k in range(wp.static(fields)):
+                rate[k] = mul(scale, r[k])
+        if wp.static(fields == t.terms.unknowns):
             rate = add(geo.point, ~node[0], geo.size, x, rate)
         leave(geo.stage, ~node[0] + first * geo.size, geo.size, rate, done)
 

@@ -1,8 +1,8 @@
 """One equation after the other: time levels, DSS, the step, and what is differentiated next.
 
-Continuity and momentum are each stepped by a kernel over the unique nodes that sums what the
-elements left (`assembly.py`), moves its field on, and leaves combinations of the time levels for
-the elements to differentiate next, so that no level is read for that alone.
+Continuity and momentum are each stepped at a node once its rate is known (`run_steps.py`): its
+field moves on, and combinations of the time levels are left for the elements to differentiate next,
+so that no level is read for that alone.
 """
 
 import functools
@@ -11,9 +11,7 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, put_of, step_run
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
-from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
+from swe_sphere.kernels.access import entry_of, put_of, run_of, step_run
 
 
 @functools.cache
@@ -33,162 +31,50 @@ def levels_struct(real: type) -> type:
     return structure
 
 
-def finish_mass(t: SimpleNamespace, moves: bool) -> wp.Function:
+def finish_mass(t: SimpleNamespace, moves: bool, shifted: bool = False) -> wp.Function:
     """Function (geometry, levels, k, offset, node, result): of the k-th mass; the depth first.
 
-    moves: whether the depth pushes the wind.
+    moves: whether the depth pushes the wind.  Where it is `shifted`, combinations are less `base`.
     """
-    load, mul, of_depth = t.ops.load_run, t.ops.mul, t.point and t.point.depth
-    step = step_run(t.value, t.index, t.real, t.lanes)
+    load, mul, of_depth = run_of(t.value, t.real, t.lanes), t.ops.mul, t.point.depth
+    step = step_run(t.value, t.real, t.lanes, shifted)
 
     @no_type_check
     @wp.func
-    def finish(geo: t.geometry, s: t.done, k: int, at: int, node: t.index, result: t.value):
-        rate = mul(load(geo.inverse_area, 0, node), result)
-        if wp.static(of_depth is not None):  # noqa: SIM102 - a static choice is an if of its own
-            if k == 0:
-                rate += of_depth(geo.point, ~node[0], geo.size, s.pushed, s.carried)
+    def finish(geo: t.geometry, s: t.done, k: int, offset: int, node: int, result: t.value):
+        rate = mul(load(geo.inverse_area, node), result)
+        at = offset + node
+        if k == 0:
+            rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)
         if wp.static(t.damped):
-            rate += load(s.loss, at, node)
+            rate += load(s.loss, at)
         if wp.static(moves) and k == 0:  # first, as `out` may be a level, which is gone then
-            step(s.now, s.past, at, node, rate, s.tau, s.mixes, s.pushed, s.pushed)
-        step(s.now, s.past, at, node, rate, s.tau, s.weights, s.out, s.carried)
+            step(s.now, s.past, at, rate, s.tau, s.mixes, s.base, s.pushed, s.pushed)
+        step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.carried)
 
     return finish
 
 
-def finish_wind(t: SimpleNamespace, winds: type) -> wp.Function:
-    """Function (geometry, winds, result, node, levels): of both winds."""
-    load, mul, of_wind = t.ops.load_run, t.ops.mul, t.point and t.point.wind
-    step = step_run(t.value, t.index, t.real, t.lanes)
+def finish_wind(t: SimpleNamespace, shifted: bool = False) -> wp.Function:
+    """Function (geometry, result, node, levels): of both winds; `carried` has them if `shifted`."""
+    load, mul, of_wind = run_of(t.value, t.real, t.lanes), t.ops.mul, t.point.wind
+    step = step_run(t.value, t.real, t.lanes, shifted)
 
     @no_type_check
     @wp.func
-    def finish(geo: t.geometry, x: winds, result: t.rows(2), node: t.index, s: t.done):
-        scale = load(geo.inverse_area, 0, node)
-        rate_u = mul(scale, result[0])
-        rate_v = mul(scale, result[1])
-        if wp.static(t.rotation):
-            f = load(geo.coriolis, 0, node)
-            rate_u += mul(f, x.v)
-            rate_v -= mul(f, x.u)
-        if wp.static(of_wind is not None):
-            more = of_wind(geo.point, ~node[0], geo.size, s.pushed)
-            rate_u += more[0]
-            rate_v += more[1]
-        if wp.static(t.damped):
-            rate_u += load(s.loss, 0, node)
-            rate_v += load(s.loss, geo.size, node)
-        step(s.now, s.past, 0, node, rate_u, s.tau, s.weights, s.out, s.pushed)
-        step(s.now, s.past, geo.size, node, rate_v, s.tau, s.weights, s.out, s.pushed)
+    def finish(geo: t.geometry, result: t.rows(2), node: int, s: t.done):
+        scale = load(geo.inverse_area, node)
+        more = of_wind(geo.point, node, geo.size, s.pushed)
+        for k in range(2):
+            at = k * geo.size + node
+            rate = mul(scale, result[k]) + more[k]
+            if wp.static(t.damped):
+                rate += load(s.loss, at)
+            if wp.static(shifted):
+                step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.carried, s.carried)
+            step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.pushed)
 
     return finish
-
-
-@functools.cache
-def level_kernels(
-    unknowns: int, real: type, point: Pointwise, damped: bool, tracers: bool
-) -> SimpleNamespace:
-    """Kernels over nodes that step `depth` and `wind`, with the `structure` of the terms.
-
-    depth: (places, inverse_area, stride, begin, N, count, local, c, levels): from the node `begin`
-    on, out = now + tau (rate + loss) in the `count` blocks of depth and tracers, with the rates of
-    `point` at the masses `carried` and the wind of `pushed`; then the combinations of
-    `levels_struct`.
-    wind: (places, inverse_area, stride, begin, N, local, c, levels): the same for both winds with
-    the rates at `pushed`.
-    `loss` is only read where `damped`.  Where `point` is a tangent all combinations are less
-    `base`, and `carried` has those of the winds as well.
-    """
-    first, vector, gather = (unknowns - 1), wp.array(dtype=real), gather_sum(real)
-    triple, place = wp.types.vector(3, real), entry_of(Contributors)
-    entry, put, levels = entry_of(real), put_of(real), levels_struct(real)
-    rates, moves, shifted = pointwise_sum(unknowns, real, point, 1), unknowns == 3, point.tangent
-    structure, of_wind, of_depth = rates.structure, rates.wind, rates.depth
-
-    @no_type_check
-    @wp.func
-    def total(w: triple, new: real, now: real, past: real, base: vector, k: int):
-        r = w[0] * new + w[1] * now + w[2] * past
-        if wp.static(shifted):
-            r -= entry(base, k)
-        return r
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def step_depth(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        begin: int,
-        size: int,
-        count: int,
-        local: vector,
-        c: structure,
-        s: levels,
-    ):
-        i = begin + wp.tid()
-        at = place(places, i)
-        scale = entry(inverse_area, i)
-        k = first * size + i
-        rate = scale * gather(local, at, 0) + of_depth(c, i, size, s.pushed, s.carried)
-        if wp.static(damped):
-            rate += entry(s.loss, k)
-        h = entry(s.now, k)
-        h1 = entry(s.past, k)
-        new = h + s.tau * rate
-        put(s.carried, k, total(s.weights, new, h, h1, s.base, k))
-        if wp.static(moves):
-            put(s.pushed, k, total(s.mixes, new, h, h1, s.base, k))
-        put(s.out, k, new)
-        if wp.static(tracers):
-            for block in range(1, count):
-                k += size
-                rate = scale * gather(local, at, block * stride)
-                if wp.static(damped):
-                    rate += entry(s.loss, k)
-                h = entry(s.now, k)
-                new = h + s.tau * rate
-                put(s.carried, k, total(s.weights, new, h, entry(s.past, k), s.base, k))
-                put(s.out, k, new)
-
-    @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def step_wind(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        begin: int,
-        size: int,
-        local: vector,
-        c: structure,
-        s: levels,
-    ):
-        i = begin + wp.tid()
-        j = size + i
-        at = place(places, i)
-        scale = entry(inverse_area, i)
-        wind = of_wind(c, i, size, s.pushed)
-        rate_u = scale * gather(local, at, 0) + wind[0]
-        rate_v = scale * gather(local, at, stride) + wind[1]
-        if wp.static(damped):
-            rate_u += entry(s.loss, i)
-            rate_v += entry(s.loss, j)
-        u = entry(s.now, i)
-        v = entry(s.now, j)
-        new_u = u + s.tau * rate_u
-        new_v = v + s.tau * rate_v
-        mixed_u = total(s.weights, new_u, u, entry(s.past, i), s.base, i)
-        mixed_v = total(s.weights, new_v, v, entry(s.past, j), s.base, j)
-        put(s.pushed, i, mixed_u)
-        put(s.pushed, j, mixed_v)
-        if wp.static(shifted):
-            put(s.carried, i, mixed_u)
-            put(s.carried, j, mixed_v)
-        put(s.out, i, new_u)
-        put(s.out, j, new_v)
-
-    return SimpleNamespace(depth=step_depth, wind=step_wind, structure=structure)
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 """Kernels over elements, in both launch shapes: mass-weighted results of each element, before DSS.
 
-The shape "element" launches (groups, 1) threads, one a group of elements, "node" (E, np*np)
+The shape "element" launches a thread for each group of elements, "node" (E, np*np)
 threads, one an element node.  Formulas, arguments and results (groups, np*np, fields) are the same.
 """
 
@@ -20,8 +20,8 @@ from swe_sphere.kernels.element import (
 )
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_sweep
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, in_registers
-from swe_sphere.kernels.terms import Terms, kernel_types
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
+from swe_sphere.kernels.terms import Terms, kernel_types, lanes_of
 
 
 @functools.cache
@@ -43,8 +43,8 @@ def tendency_kernel(
     With the types `geometry` and `value`.  With diffusion in the shape "node", `flux_kernel`
     (geometry, x) goes before it over the same threads and fills `geometry.fluxes`, else it is None.
     """
-    rates = in_registers(terms.unknowns, real, point) if direct else {}
-    t = kernel_types(np_, real, shape, terms, direct, done=done, damped=damped, **rates)
+    at_points = pointwise_sum(terms.unknowns, real, point, lanes_of(real)) if direct else None
+    t = kernel_types(np_, real, shape, terms, direct, done, point=at_points, damped=damped)
     sweep, diffuses = _drivers(shape)
     dynamics = diffuse = None
     if terms.dynamics:

@@ -6,7 +6,7 @@ What they read, arrays and coefficients, is in a structure that holds it and not
 import functools
 import types
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, no_type_check
 
@@ -15,7 +15,6 @@ import warp as wp
 from swe_sphere.kernels.access import run_of
 from swe_sphere.kernels.assembly import run_product
 from swe_sphere.kernels.stages import node_types
-from swe_sphere.kernels.terms import lanes_of
 
 
 @dataclass(frozen=True)
@@ -48,11 +47,6 @@ class Pointwise:
     forcing: bool = False
     terms: tuple[PointTerm, ...] = ()
     tangent: bool = False
-
-    @property
-    def plain(self) -> bool:
-        """Whether a kernel of `assembly.py` has all the terms."""
-        return replace(self, rotation=False, tangent=False) == NO_POINTWISE
 
     @property
     def needs_base(self) -> bool:
@@ -93,34 +87,31 @@ def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> Si
     structure, _ = _structure(unknowns, real, point)
     vector, depth = wp.array(dtype=real), _depth_of_run(unknowns, real, point, lanes)
     wind = _wind_of_run(unknowns, real, point, lanes)
+    on_depth = point.forcing or any(term.depth for term in point.terms)
+    on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
 
     @no_type_check
     @wp.func
     def add(c: structure, node: int, size: int, x: vector, r: rows):
-        if wp.static(unknowns == 3):
+        if wp.static(unknowns == 3 and on_wind):
             two = wind(c, node, size, x)
             r[0] = r[0] + two[0]
             r[1] = r[1] + two[1]
+        if wp.static(unknowns == 3 and on_depth):
             r[2] = r[2] + depth(c, node, size, x, x)
-            return r
-        else:
-            return r + depth(c, node, size, x, x)
+        if wp.static(unknowns == 1 and on_depth):
+            r += depth(c, node, size, x, x)
+        return r
 
     return SimpleNamespace(structure=structure, add=add, wind=wind, depth=depth)
 
 
-def in_registers(unknowns: int, real: type, point: Pointwise) -> dict[str, Any]:
-    """What tells `kernel_types` of these rates, where kernels add them in whole registers."""
-    if point.plain:
-        return {"rotation": point.rotation}
-    return {"point": pointwise_sum(unknowns, real, point, lanes_of(real))}
-
-
 def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, own = _structure(unknowns, real, point)[0], _wind_of_terms(unknowns, real, point)
+    structure, terms = _structure(unknowns, real, point)
     value, pair = node_types(real, lanes, 2)
     vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
     one, acts = lanes == 1, any(term.wind for term in point.terms)
+    triple, of_terms = wp.types.vector(3, real), terms and terms.wind
 
     @no_type_check
     @wp.func
@@ -134,24 +125,36 @@ def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.
             r[0] = r[0] + mul(f, load(x, size + node))
             r[1] = r[1] - mul(f, load(x, node))
         if wp.static(acts):
-            for lane in range(lanes):
-                i = node + lane
-                rate = own(c, i, size + i, 2 * size + i, x)
+            for i in range(node, node + lanes):
+                d = triple(x[i], x[size + i], x[2 * size + i])
+                at = d
+                if wp.static(point.tangent):
+                    at = triple(c.base[i], c.base[size + i], c.base[2 * size + i])
+                rate = of_terms(c.terms, i, at, d)
                 if wp.static(one):
                     r += rate
                 else:
-                    r[0, lane] = r[0, lane] + rate[0]
-                    r[1, lane] = r[1, lane] + rate[1]
+                    r[0, i - node] = r[0, i - node] + rate[0]
+                    r[1, i - node] = r[1, i - node] + rate[1]
         return r
 
     return wind
 
 
 def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, own = _structure(unknowns, real, point)[0], _depth_of_terms(unknowns, real, point)
+    structure, terms = _structure(unknowns, real, point)
     value, _ = node_types(real, lanes)
     vector, load, last = wp.array(dtype=real), run_of(value, real, lanes), unknowns - 1
     one, acts = lanes == 1, any(term.depth for term in point.terms)
+    triple, of_terms = wp.types.vector(3, real), terms and terms.depth
+
+    @no_type_check
+    @wp.func
+    def state(c: structure, i: int, size: int, w: vector, x: vector):
+        if wp.static(unknowns == 1):
+            return triple(c.wind[i], c.wind[size + i], x[i])
+        else:
+            return triple(w[i], w[size + i], x[2 * size + i])
 
     @no_type_check
     @wp.func
@@ -160,13 +163,18 @@ def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp
         if wp.static(point.forcing):
             r = load(c.forcing, last * size + node)
         if wp.static(acts):
-            for lane in range(lanes):
-                i = node + lane
-                rate = own(c, i, size + i, last * size + i, w, x)
+            for i in range(node, node + lanes):
+                d = state(c, i, size, w, x)
+                at = d
+                if wp.static(point.tangent):
+                    at = state(c, i, size, c.base, c.base)
+                if wp.static(point.tangent and unknowns == 1):
+                    d = triple(real(0.0), real(0.0), x[i])  # a prescribed wind does not change
+                rate = of_terms(c.terms, i, at, d)
                 if wp.static(one):
                     r += rate
                 else:
-                    r[lane] = r[lane] + rate
+                    r[i - node] = r[i - node] + rate
         return r
 
     return depth
@@ -177,53 +185,6 @@ def _structure(unknowns: int, real: type, point: Pointwise) -> tuple[type, Simpl
     """What a structure for these holds, and the sum of the terms, if there are any."""
     terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
     return pointwise_struct(unknowns, point, real, terms.structure if terms else None), terms
-
-
-def _wind_of_terms(unknowns: int, real: type, point: Pointwise) -> wp.Function:
-    """Warp function (c, i, j, k, x): rates of (x[i], x[j]) at node i, where the depth is x[k]."""
-    structure, terms = _structure(unknowns, real, point)
-    triple, of_terms = wp.types.vector(3, real), terms and terms.wind
-
-    @no_type_check
-    @wp.func
-    def of_wind(c: structure, i: int, j: int, k: int, x: wp.array(dtype=real)):
-        d = triple(x[i], x[j], x[k])
-        if wp.static(point.tangent):
-            return of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
-        else:
-            return of_terms(c.terms, i, d, d)
-
-    return of_wind
-
-
-def _depth_of_terms(unknowns: int, real: type, point: Pointwise) -> wp.Function:
-    """Warp function (c, i, j, k, w, x): rate of x[k], the wind (w[i], w[j]) or prescribed."""
-    structure, terms = _structure(unknowns, real, point)
-    triple, vector = wp.types.vector(3, real), wp.array(dtype=real)
-    of_terms = terms and terms.depth
-
-    @no_type_check
-    @wp.func
-    def state(c: structure, i: int, j: int, k: int, w: vector, x: vector):
-        if wp.static(unknowns == 1):
-            return triple(c.wind[i], c.wind[j], x[k])
-        else:
-            return triple(w[i], w[j], x[k])
-
-    @no_type_check
-    @wp.func
-    def of_depth(c: structure, i: int, j: int, k: int, w: vector, x: vector):
-        if wp.static(not point.tangent):
-            d = state(c, i, j, k, w, x)
-            return of_terms(c.terms, i, d, d)
-        elif wp.static(unknowns == 1):  # a prescribed wind does not change
-            d = triple(real(0.0), real(0.0), x[k])
-            return of_terms(c.terms, i, state(c, i, j, k, c.base, c.base), d)
-        else:
-            d = triple(w[i], w[j], x[k])
-            return of_terms(c.terms, i, triple(c.base[i], c.base[j], c.base[k]), d)
-
-    return of_depth
 
 
 def _sum_of_terms(terms: tuple[PointTerm, ...], real: type, tangent: bool) -> SimpleNamespace:

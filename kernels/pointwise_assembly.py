@@ -1,7 +1,6 @@
-"""DSS together with the terms that act at a point and need an array or coefficient of their own.
+"""DSS together with the terms that act at a point: rotation, forcing, effects without derivatives.
 
-A scene with forcing or effects without derivatives gets these kernels in the place of the plain
-ones of `assembly.py`.
+Of a scene without any of them, the structure is empty and only the sum is compiled.
 """
 
 import functools
@@ -21,9 +20,11 @@ def pointwise_kernel(
 ) -> SimpleNamespace:
     """Kernels for the tendency of the unique nodes with these terms, and their `structure`.
 
-    `assembly`: from local tendencies; arguments as in `assembly_kernel`, with the structure and the
-    state before the result, whatever the terms.  `alone` (N, structure, state, stage, result):
-    where there are no terms with derivatives and so nothing to assemble.
+    Over nodes, or on a CPU over runs of `lanes` nodes, which fill a register.  `assembly`: from
+    local tendencies (entries,), with `places` (N,), `inverse_area` (N,), the distance `stride`
+    between two fields in them, the first node to be written, N, the local tendencies, the
+    structure, the state, the `stage_struct` and the result (unknowns*N,).  `alone` (N, structure,
+    state, stage, result): where there are no terms with derivatives and so nothing to assemble.
     """
     vector, (_, rows) = wp.array(dtype=real), node_types(real, lanes, unknowns)
     means, added = means_of(unknowns, real, lanes), pointwise_sum(unknowns, real, point, lanes)

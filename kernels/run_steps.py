@@ -1,7 +1,6 @@
-"""Continuity and momentum stepped in registers: the launch shape for CPUs.
+"""Continuity and momentum stepped by kernels: at nodes, or on a CPU in runs that fill a register.
 
-Nodes inside elements need no DSS: the kernels over elements step them themselves.  Of the others,
-as many are summed as a register holds.  What is left over goes to `forward_backward.py`.
+Nodes inside elements need no DSS: on a CPU the kernels over elements step them themselves.
 """
 
 import functools
@@ -15,8 +14,8 @@ from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.dynamics import mass_flux
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.forward_backward import finish_mass, finish_wind, levels_struct
-from swe_sphere.kernels.pointwise import Pointwise, in_registers
-from swe_sphere.kernels.terms import kernel_types
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
+from swe_sphere.kernels.terms import kernel_types, lanes_of
 
 
 @functools.cache
@@ -27,7 +26,8 @@ def carrying_kernel(
 
     Nodes inside the elements of the first `whole` groups are stepped.
     """
-    t, moves = _stepping_types(np_, unknowns, real, point, damped), unknowns == 3
+    lanes, moves = lanes_of(real), unknowns == 3
+    t = _stepping_types(np_, unknowns, real, point, damped, lanes)
     value, last, (d1, d2, _, _) = t.value, np_ - 1, line_sums(t, t.value)
     geometry, vector, local = t.geometry, t.vector, t.local
     load, wedge, flux, finish = t.ops.load, t.ops.wedge, mass_flux(t, False), finish_mass(t, moves)
@@ -57,7 +57,7 @@ def carrying_kernel(
                     div = d1(geo.derivative, f1, i, j) + d2(geo.derivative, f2, i, j)
                     r = -geo.weight[i, j] * div
                     if e < geo.whole and i > 0 and i < last and j > 0 and j < last:
-                        finish(geo, s, k, at, geo.nodes[e, n], r)
+                        finish(geo, s, k, at, ~geo.nodes[e, n][0], r)
                     else:
                         out[e, n, k] = r
 
@@ -65,51 +65,52 @@ def carrying_kernel(
 
 
 @functools.cache
-def run_kernels(unknowns: int, real: type, point: Pointwise, damped: bool) -> SimpleNamespace:
-    """Kernels over runs of nodes that step `depth` and `wind`, as `level_kernels` do.
+def run_kernels(
+    unknowns: int, real: type, point: Pointwise, damped: bool, lanes: int
+) -> SimpleNamespace:
+    """Kernels over runs of `lanes` nodes that sum up what elements left, and step it.
 
-    Arguments: the `geometry`, places, stride, begin, for the depth the count of masses, the local
-    tendencies and the levels.
+    depth: (geometry, places, stride, begin, count, local, levels): from the node `begin` on, out =
+    now + tau (rate + loss) in the `count` blocks of depth and tracers, with the rates of `point` at
+    the masses `carried` and the wind of `pushed`; then the combinations of `levels_struct`.
+    wind: (geometry, places, stride, begin, local, levels): the same for both winds with the rates
+    at `pushed`.  `loss` is only read where `damped`.  Where `point` is a tangent all combinations
+    are less `base`, and `carried` has those of the winds as well.
     """
-    t = _stepping_types(2, unknowns, real, point, damped)
-    lanes, numbers, winds, pair = t.lanes, t.index, t.struct("Winds", ["u", "v"]), t.rows(2)
+    t = _stepping_types(2, unknowns, real, point, damped, lanes)
+    members = {"size": wp.int32, "inverse_area": t.vector, "point": t.point.structure}
+    t.geometry = wp.struct(type("Geometry", (), {"__annotations__": members}))
     gather = gather_run(t.value, Contributors, real, lanes)
-    load, first = t.ops.load_run, unknowns - 1
-    mass, wind = finish_mass(t, unknowns == 3), finish_wind(t, winds)
+    first, pair = unknowns - 1, t.rows(2)
+    mass, finish = finish_mass(t, unknowns == 3, point.tangent), finish_wind(t, point.tangent)
     place, local, levels = wp.array(dtype=Contributors), t.vector, t.done
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def run_depth(
+    def depth(
         geo: t.geometry, places: place, stride: int, begin: int, count: int, local: local, s: levels
     ):
-        at = begin + lanes * wp.tid()
-        node = numbers()
-        node[0] = ~at
+        node = begin + lanes * wp.tid()
         for k in range(count):
-            mass(geo, s, k, (first + k) * geo.size, node, gather(local, places, at, k * stride))
+            mass(geo, s, k, (first + k) * geo.size, node, gather(local, places, node, k * stride))
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def run_wind(geo: t.geometry, places: place, stride: int, begin: int, local: local, s: levels):
-        at = begin + lanes * wp.tid()
-        node = numbers()
-        node[0] = ~at
-        x = winds()
-        x.u = load(s.pushed, 0, node)
-        x.v = load(s.pushed, geo.size, node)
+    def wind(geo: t.geometry, places: place, stride: int, begin: int, local: local, s: levels):
+        node = begin + lanes * wp.tid()
         r = pair()
-        r[0] = gather(local, places, at, 0)
-        r[1] = gather(local, places, at, stride)
-        wind(geo, x, r, node, s)
+        r[0] = gather(local, places, node, 0)
+        r[1] = gather(local, places, node, stride)
+        finish(geo, r, node, s)
 
-    return SimpleNamespace(depth=run_depth, wind=run_wind, geometry=t.geometry)
+    moves = wind if unknowns == 3 else None
+    return SimpleNamespace(depth=depth, wind=moves, geometry=t.geometry)
 
 
 def _stepping_types(
-    np_: int, unknowns: int, real: type, point: Pointwise, damped: bool
+    np_: int, unknowns: int, real: type, point: Pointwise, damped: bool, lanes: int
 ) -> SimpleNamespace:
-    rates = in_registers(unknowns, real, point)
     return kernel_types(
-        np_, real, "element", direct=True, done=levels_struct(real), damped=damped, **rates
-    )
+        np_, real, "element" if lanes > 1 else "node", direct=True, done=levels_struct(real),
+        damped=damped, point=pointwise_sum(unknowns, real, point, lanes),
+    )  # fmt: skip

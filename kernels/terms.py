@@ -74,26 +74,16 @@ def lanes_of(real: type) -> int:
     return LANE_BYTES // size
 
 
-def geometry_struct(
-    terms: Terms,
-    value: type,
-    index: type,
-    real: type,
-    fluxes: bool,
-    direct: bool,
-    rotation: bool,
-    steps: bool,
-    point: type | None,
-) -> type:
-    """Warp structure with just the arrays and scalars that `terms` reads.
+def geometry_struct(t: SimpleNamespace, fluxes: bool, steps: bool) -> type:
+    """Warp structure with just the arrays and scalars that kernels of these types read.
 
-    `value` is a number, or one SIMD register of numbers (one an element); `index` the integers that
-    go with it; `real` the number type.  Arrays on element nodes have shape (group, np*np, ...),
-    arrays on unique nodes (unknowns*N,).
+    fluxes, steps: whether those of diffusion are kept, and whether rates are left by a stage.
+    Arrays on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,).
     """
+    terms, value, real, direct, point = t.terms, t.value, t.real, t.direct, t.point
     on_nodes = wp.array(dtype=real)
     members: dict[str, object] = {
-        "nodes": wp.array2d(dtype=index),
+        "nodes": wp.array2d(dtype=t.index),
         "basis": wp.array3d(dtype=value),
         "derivative": wp.array2d(dtype=real),
         "weight": wp.array2d(dtype=real),
@@ -112,9 +102,8 @@ def geometry_struct(
         "work": (value is not real, wp.uint64),
         "whole": (direct, wp.int32),
         "inverse_area": (direct, on_nodes),
-        "coriolis": (direct and rotation, on_nodes),
         "stage": (direct and steps, stage_struct(real)),
-        "point": (point is not None, point),
+        "point": (point is not None, point and point.structure),
     }
     members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
     geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
@@ -127,7 +116,6 @@ def kernel_types(
     shape: str,
     terms: Terms = NO_TERMS,
     direct: bool = False,
-    rotation: bool = False,
     done: type | None = None,
     whole: bool = True,
     point: SimpleNamespace | None = None,
@@ -159,28 +147,16 @@ def kernel_types(
         return made
 
     vector = wp.array(dtype=real)
-    return SimpleNamespace(
+    t = SimpleNamespace(
         terms=terms,
         np=np_,
         real=real,
         lanes=lanes,
         value=value,
         index=index,
-        geometry=geometry_struct(
-            terms,
-            value,
-            index,
-            real,
-            shape == "node",
-            direct,
-            rotation,
-            done is None,
-            None if point is None else point.structure,
-        ),
         vector=vector,
         local=wp.array3d(dtype=value),
         direct=direct,
-        rotation=rotation,
         point=point,
         damped=damped,
         done=done or vector,
@@ -188,3 +164,5 @@ def kernel_types(
         rows=rows,
         struct=struct,
     )
+    t.geometry = geometry_struct(t, shape == "node", done is None)
+    return t

@@ -27,7 +27,7 @@ from swe_sphere.messages import Messages
 
 T = TypeVar("T")
 
-SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE")
+SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
 """Where those who start the ranks say how many there are."""
 OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
 """And which of them a process is."""
@@ -170,9 +170,11 @@ class Ranks(Alone):
         """By a barrier."""
         if self.rank:
             self._meet(self._comm)
-        yield
-        if not self.rank:
-            self._meet(self._comm)
+        try:
+            yield
+        finally:  # where it fails here, the others shall see for themselves
+            if not self.rank:
+                self._meet(self._comm)
 
     def _meet(self, comm: Any, patience: float = math.inf) -> bool:
         """Wait for all ranks, for so many seconds; whether they came."""
@@ -253,10 +255,10 @@ def world() -> Alone:
 
 def _started_ranks() -> int | None:
     """Of how many ranks this process is one; 0 if nobody says.  What a rank starts is none."""
-    socket = os.environ.get("PMI_FD", "")
+    said = [os.environ[name] for name in SIZES if name in os.environ]
+    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # that of another MPI around
     if socket.isdigit() and not _is_socket(int(socket)):
         return None
-    said = [os.environ[name] for name in SIZES if name in os.environ]
     if not said and "PMIX_RANK" in os.environ:
         said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
     return int(said[0]) if said and said[0].isdigit() else None

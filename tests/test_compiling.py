@@ -98,3 +98,24 @@ def test_templates_of_headers_are_instantiated_once(monkeypatch, flags):
     for _ in range(2):
         keep_headers()
     assert wp.config.cpu_compiler_flags == (flags and f"{flags} {TEMPLATES}")
+
+
+def test_what_was_compiled_for_another_processor_is_compiled_anew_and_told_of(tmp_path):
+    """Warp keeps the objects of all processors in one folder."""
+    script = (
+        "import sys, warp as wp; from pathlib import Path; from swe_sphere import Simulation;"
+        "from swe_sphere.operators import launch; blocks, real = [], launch.compiling;"
+        "launch.compiling = lambda: blocks.append(1) or real();"
+        "Simulation('williamson2', ne=1, np=3, dt=600).step(); print(len(blocks))"
+    )
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+
+    def told():
+        command = [sys.executable, "-c", script]
+        return int(subprocess.check_output(command, text=True, env=environment).splitlines()[-1])
+
+    first = told()
+    assert first > 0 and told() == 0
+    for made in tmp_path.rglob("*.o"):
+        made.rename(made.with_name(f"other_{made.name}"))
+    assert told() == first

@@ -20,14 +20,16 @@ from swe_sphere.equations.effects import (
     Viscosity,
 )
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels import Terms, assembly_kernel, combine_kernel, tendency_kernel
+from swe_sphere.kernels import Terms, combine_kernel, tendency_kernel
 from swe_sphere.kernels.coarse import coarse_kernels, sweep_kernel, tall_kernels
 from swe_sphere.kernels.damping import damping_kernels
+from swe_sphere.kernels.forward_backward import combine_levels_kernel
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
-from swe_sphere.kernels.pointwise import PointTerm, Pointwise
+from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
+from swe_sphere.kernels.run_steps import run_kernels
 from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.kernels.vectors import leapfrog_kernel
@@ -69,8 +71,10 @@ def kernels(real: type) -> list[wp.Kernel]:
     return [
         *(compiled.kernel for compiled in nodes),
         *(compiled.flux_kernel for compiled in nodes if compiled.flux_kernel),
-        assembly_kernel(3, real, True),
-        assembly_kernel(1, real, False),
+        pointwise_kernel(3, real, Pointwise(rotation=True)).assembly,
+        pointwise_kernel(1, real, NO_POINTWISE).assembly,
+        *kernels_of(run_kernels(3, real, Pointwise(True, True, terms()), True, 1)),
+        combine_levels_kernel(real, True),
         pointwise_kernel(3, real, Pointwise(True, True, terms())).assembly,
         pointwise_kernel(3, real, Pointwise(True, False, terms(True), True)).assembly,
         pointwise_kernel(3, real, Pointwise(terms=terms())).alone,

@@ -13,7 +13,6 @@ from support import make_scene
 
 import swe_sphere.kernels
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels import assembly_kernel
 from swe_sphere.mesh import Mesh
 from swe_sphere.testcases import get_scene
 
@@ -171,12 +170,11 @@ def test_dynamics_do_not_know_of_effects_that_are_taken_apart(effects, shape) ->
 
 
 @pytest.mark.parametrize("effects", [("pressure",), ("pressure", "rotation"), ("wind",)])
-def test_without_pointwise_effects_the_plain_assembly_is_launched(effects) -> None:
-    """And with the arguments of one that never heard of forcing, drag and relaxation."""
+def test_without_pointwise_effects_the_assembly_is_given_nothing_for_them(effects) -> None:
+    """As one that never heard of forcing, drag and relaxation."""
     operator = Model(MESH, make_scene(*effects)).component("all").operator
-    plain = assembly_kernel(operator.terms.unknowns, operator.mesh.real, "rotation" in effects)
-    assert operator.assembly is plain
-    assert len(plain.adj.args) == 8 + 2 * ("rotation" in effects)
+    (read,) = (arg.type for arg in operator.assembly.adj.args if arg.label == "c")
+    assert {*read.vars} == ({"coriolis"} if "rotation" in effects else set())
 
 
 @pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])

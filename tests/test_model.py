@@ -189,3 +189,10 @@ def test_a_bottom_that_is_no_number_is_refused(small_mesh) -> None:
     scene = replace(get_scene("williamson5"), bottom=lambda lon, lat: np.log(lat))
     with pytest.raises(ConfigError, match=r"bottom.*not finite"):
         Model(small_mesh, scene)
+
+
+def test_more_numbers_than_places_can_tell_are_refused() -> None:
+    """They are of 32 bits, and numpy would cut them short without a word."""
+    mesh = Model(Mesh.build(1, 3), get_scene("williamson2")).device_mesh
+    with pytest.raises(ConfigError, match=r"fields .* have more than 2\^31 numbers"):
+        mesh.places(10**8)

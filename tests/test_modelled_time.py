@@ -38,7 +38,7 @@ def test_every_launch_of_rk4_is_counted():
     _, done, right_hand_sides = work_of("rk4", 5)
     assert right_hand_sides == 20
     assert calls(done, "tendency_kernel") == 20
-    assert calls(done, "assembly_kernel") == 40  # runs of nodes, and those left over
+    assert calls(done, "pointwise_kernel") == 40  # runs of nodes, and those left over
     assert calls(done, "mix") == 5  # levels before the last stage
     assert sum(number for number, _ in done.values()) == 65
 

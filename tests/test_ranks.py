@@ -343,6 +343,44 @@ def fails_on_day(sim):
     assert program(*run, "--restart", out, "--out", out, "--ranks", 2).returncode == 0
 
 
+WRONG = """
+from dataclasses import dataclass
+from swe_sphere import Simulation
+from swe_sphere.equations.effects import PointwiseEffect
+from swe_sphere.errors import ConfigError
+
+@dataclass(frozen=True)
+class Wrong(PointwiseEffect):
+    name = "wrong"
+
+    @staticmethod
+    def wind_tendency(c, i, u, v, h):
+        return nothing_known(u), v
+
+told = []
+try:
+    Simulation("williamson2", ne=1, np=3, dt=600.0, effects=[Wrong()])
+except ConfigError as error:
+    told.append(str(error))
+assert len(told) == 1
+Simulation("williamson2", ne=1, np=3, dt=600.0).step()
+"""
+
+
+def test_what_fails_on_all_ranks_may_be_caught_on_all(mpi, tmp_path):
+    """Rank 0 compiles for all; where it cannot, the others find so too, and none waits."""
+    (tmp_path / "wrong.py").write_text(WRONG)  # Warp reads the source of a formula
+    command = [*MPIEXEC, "2", sys.executable, str(tmp_path / "wrong.py")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_ranks_may_have_fewer_nodes_than_a_register(mpi):
+    run = ["williamson5", "--ne", 1, "--np", 3, "--stepper", "forward-backward", "--days", 0.1]
+    ended = program("run", *run, "--precision", "float32", "--quiet", "--ranks", 6)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 def test_more_ranks_than_there_is_memory_for_are_not_started(mpi, monkeypatch):
     monkeypatch.setattr("swe_sphere.cli.ranks.available_memory", lambda: 10.5 * PROCESS)
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))

@@ -1,6 +1,7 @@
 """The continuity and the momentum equation stepped one after the other, in a pass each."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import warp as wp
@@ -8,10 +9,12 @@ import warp as wp
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tendencies import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
-from swe_sphere.kernels.forward_backward import combine_levels_kernel, level_kernels, levels_struct
+from swe_sphere.kernels.forward_backward import combine_levels_kernel, levels_struct
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
+from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.kernels.run_steps import carrying_kernel, run_kernels
 from swe_sphere.kernels.vectors import combine_kernel
+from swe_sphere.operators.launch import in_runs
 from swe_sphere.operators.pointwise_operator import fill
 
 Levels = tuple[wp.array, ...]
@@ -42,27 +45,20 @@ class Passes:
         self._flux, self._add = flux, combine_kernel(self._real, 1)
         self._crossing = model.zeros() if flux is not None else self._loss
         self._combine = combine_levels_kernel(self._real, point.tangent)
-        self._kernels = level_kernels(
-            terms.unknowns, self._real, point, model.dissipative, self._masses > 1
-        )
-        self._structure = fill(self._kernels.structure, {"base": None, **model.parameters}, point)
         self._steps: dict[Any, Any] = {}
-        damped, parameters = model.dissipative, model.parameters | {"point": self._structure}
+        damped, parameters = model.dissipative, {"base": None, **model.parameters}
         direct = (
             mesh.lanes > 1
             and not point.tangent
             and terms.dynamics
             and terms.gradient == self._moves
         )
-        self._runs = None
-        """Kernels that step what elements have not, as many nodes at once as a register holds."""
-        self._begin, self._behind = 0, 0
-        """The first nodes that they, and that `_kernels` step."""
-        if direct:
-            self._runs = run_kernels(terms.unknowns, self._real, point, damped)
-            self._run_geometry = mesh.geometry(self._runs.geometry, parameters)
-            self._begin = mesh.inner
-            self._behind = mesh.size - (mesh.size - mesh.inner) % mesh.lanes
+        self._direct, lanes = direct, mesh.lanes if direct else 1
+        kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
+        runs = in_runs(kernels_of, lanes, mesh.inner if direct else 0, mesh.size)
+        self._runs = [(made, self._of_point(made, point), *span) for made, *span in runs]
+        """Kernels that step what elements have not, with their geometry, threads and first nodes."""
+        parameters |= {"point": getattr(self._runs[0][1], "point")}
         of_fields = field_kernels(np_, self._real, mesh.shape)
         self._local_depth, self._flat_depth = mesh.local(self._masses, of_fields.value)
         self._local_wind, self._flat_wind = mesh.local(2, of_fields.value)
@@ -80,10 +76,8 @@ class Passes:
             made = tendency_kernel(alone, np_, self._real, mesh.shape, *turns)
             self._force = made.kernel
             self._force_geometry = mesh.geometry(made.geometry, parameters)
-        wanted = [self._kernels.depth, self._transport, self._force, self._combine]
-        wanted += [self._kernels.wind] * self._moves + [self._add] * (flux is not None)
-        if self._runs is not None:
-            wanted += [self._runs.depth] + [self._runs.wind] * self._moves
+        wanted = [self._transport, self._force, self._combine, self._add if flux else None]
+        wanted += [kernel for made, *_ in self._runs for kernel in (made.depth, made.wind)]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -118,10 +112,9 @@ class Passes:
                 model.launch, self._transport, mesh.dim_of(self._masses), self._flat_depth,
                 self._geometry, wind, self.carried, self._first * size, self._masses,
                 self._local_depth,
-                *([] if self._runs is None else [step]),
+                *([step] if self._direct else []),
             )  # fmt: skip
-        of_run = self._runs and self._runs.depth
-        self._sum(self._kernels.depth, of_run, self._flat_depth, step, self._masses)
+        self._sum("depth", self._flat_depth, step, self._masses)
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
@@ -132,27 +125,27 @@ class Passes:
             return
         mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
-            done = out if self._runs is None else step
+            done = step if self._direct else out
             mesh.sweep(
                 self._model.launch, self._force, mesh.dim, self._flat_wind, self._force_geometry,
                 self.pushed, self._local_wind, done,
             )  # fmt: skip
-        self._sum(self._kernels.wind, self._runs and self._runs.wind, self._flat_wind, step)
+        self._sum("wind", self._flat_wind, step)
 
-    def _sum(self, of_node: Any, of_run: Any, flat: wp.array, step: Any, *count: int) -> None:
+    def _sum(self, name: str, flat: wp.array, step: Any, *count: int) -> None:
         """DSS of what elements have left, and the step."""
-        launch, mesh, size, behind = self._model.launch, self._mesh, self._mesh.size, self._behind
-        places = mesh.places(*(count or (2,)))
-        if of_run is not None:
-            launch(
-                of_run, (behind - self._begin) // mesh.lanes, self._run_geometry, places,
-                mesh.lanes, self._begin, *count, flat, step,
+        mesh = self._mesh
+        for made, geometry, threads, begin in self._runs:
+            self._model.launch(
+                getattr(made, name), threads, geometry, mesh.places(*(count or (2,))), mesh.lanes,
+                begin, *count, flat, step,
             )  # fmt: skip
-        if behind < size:
-            launch(
-                of_node, size - behind, places, mesh.inverse_area, mesh.lanes, behind, size,
-                *count, flat, self._structure, step,
-            )  # fmt: skip
+
+    def _of_point(self, made: Any, point: Pointwise) -> Any:
+        """The geometry of kernels that step, with what the terms of a point read."""
+        parameters = {"base": None, **self._model.parameters}
+        own = fill(made.geometry.vars["point"].type, parameters, point)
+        return self._mesh.geometry(made.geometry, parameters | {"point": own})
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
         """Those arguments of a pass as its kernels take them, the same ones for the same."""

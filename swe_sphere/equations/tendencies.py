@@ -142,7 +142,7 @@ class TermsOperator:
         self.operator: Any
         """What is launched: its kernels, with their arguments."""
         with _compiling(discrete.scene, point):
-            if point.plain or terms.dynamics or terms.diffuses:
+            if terms.dynamics or terms.diffuses:
                 self.operator = TendencyOperator(mesh, terms, launch, mine, point)
             else:
                 self.operator = PointwiseOperator(mesh, terms.unknowns, point, launch, mine)

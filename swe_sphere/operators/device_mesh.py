@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.access import room
 from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.kernels.stages import stage_struct
@@ -130,8 +131,14 @@ class DeviceMesh(PartLayout):
         """(N,) where the contributors of each node stand in local tendencies of that many fields.
 
         A node lacks those that are -1; the fourth of three stands in the empty last group.
+        Raises ConfigError where 32 bits cannot tell the places.
         """
         part, width = self.part, unknowns * self.lanes
+        if self.rows * width >= 2**31:
+            raise ConfigError(
+                f"{unknowns} fields of this part of the mesh have more than 2^31 numbers: take more"
+                " ranks, or a coarser mesh"
+            )
         position = self._positions(part.contributors, width)
         empty = self.groups * self.points * width
         places = np.full((self.size, CONTRIBUTORS), -1, dtype=np.int32)
@@ -180,11 +187,15 @@ class DeviceMesh(PartLayout):
         No element writes to the first group behind the others, which stays zero; those after it
         are for what other ranks send.
         """
-        shape = (self.rows // self.points, self.points, unknowns)
-        local = self.aligned(shape, value)
-        flat = self.flat(local)
+        local, flat = self.unshared(unknowns, value)
         self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
         return local, flat
+
+    def unshared(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
+        """The same room, of which other ranks get nothing: all of them would make messages."""
+        shape = (self.rows // self.points, self.points, unknowns)
+        local = self.aligned(shape, value)
+        return local, self.flat(local)
 
     @property
     def rows(self) -> int:

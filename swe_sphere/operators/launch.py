@@ -63,9 +63,12 @@ class Launcher:
         self.compile_seconds += time.perf_counter() - start
 
     def _is_cached(self, module: Any) -> bool:
-        """Whether Warp has compiled the module before."""
-        folder = module.get_module_identifier(self._block_dim)
-        return Path(wp.config.kernel_cache_dir, folder).is_dir()
+        """Whether Warp has compiled the module before, for this processor or GPU."""
+        place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
+        with suppress(AttributeError, TypeError):  # of another Warp
+            device = wp.get_device(self.device)
+            place /= module._get_compile_output_name(device, block_dim=self._block_dim)
+        return place.exists()
 
     def _compile(self, first: Any, *others: Any) -> None:
         """On all cores, but for the first, with which Warp's headers are."""

@@ -56,7 +56,8 @@ class SchurOperator:
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
         self._known_passages: dict[Any, Any] = {}
         self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
-        self._local, self._f1, self._f2 = (self.field() for _ in range(3))
+        self._f1, self._f2 = self.field(), self.field()
+        self._local = Field(*mesh.local(1, self._kernels.value))
         (self._east, self._north), self._slopes = mesh.fields(2, self._kernels.value)
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
@@ -69,7 +70,7 @@ class SchurOperator:
 
     def field(self) -> Field:
         """A field of zeros."""
-        return Field(*self.mesh.local(1, self._kernels.value))
+        return Field(*self.mesh.unshared(1, self._kernels.value))
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""

@@ -1,11 +1,12 @@
 """A compiled set of terms: local tendencies of the elements, then DSS."""
 
 import copy
+from dataclasses import replace
 from typing import Any, Self
 
 import warp as wp
 
-from swe_sphere.kernels import Terms, assembly_kernel, tendency_kernel
+from swe_sphere.kernels import Terms, tendency_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
 from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
@@ -35,13 +36,13 @@ class TendencyOperator:
         self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
         inside = terms.dynamics
         if terms.diffuses:
-            inside = point.plain and not (terms.dynamics or point.rotation)
+            inside = not terms.dynamics and replace(point, tangent=False) == NO_POINTWISE
         direct = mesh.lanes > 1 and inside
         self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point)
-        self._runs = self._assembly(mesh.lanes)[0] if direct else None
+        self._runs = self._made(mesh.lanes).assembly if direct else None
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         if "fluxes" in self.compiled.geometry.vars:
-            parameters = parameters | {"fluxes": mesh.local(4, self.compiled.value)[0]}
+            parameters = parameters | {"fluxes": mesh.unshared(4, self.compiled.value)[0]}
         self._fill(parameters)
         self._recorded = recorded(launch, self._evaluate)
         self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
@@ -81,27 +82,20 @@ class TendencyOperator:
 
     def _fill(self, parameters: dict[str, Any]) -> None:
         """Put the parameters into the arguments of the kernels."""
-        self._parameters, point = parameters, self.point
-        self.assembly, structure = self._assembly(1)
-        self._own = (parameters["coriolis"],) if point.plain and point.rotation else ()
-        if structure is not None:
-            self._own = (fill(structure, parameters, point),)
-            parameters = parameters | {"point": self._own[0]}
-        self.geometry = self.mesh.geometry(self.compiled.geometry, parameters)
+        self._parameters, made = parameters, self._made(1)
+        self.assembly, self._own = made.assembly, fill(made.structure, parameters, self.point)
+        self.geometry = self.mesh.geometry(
+            self.compiled.geometry, parameters | {"point": self._own}
+        )
 
-    def _assembly(self, lanes: int) -> tuple[Any, Any]:
+    def _made(self, lanes: int) -> Any:
         """The kernel for DSS and pointwise terms, and the structure of what these read."""
-        point, unknowns, real = self.point, self.terms.unknowns, self.mesh.real
-        if point.plain:
-            return assembly_kernel(unknowns, real, point.rotation, lanes), None
-        made = pointwise_kernel(unknowns, real, point, lanes)
-        return made.assembly, made.structure
+        return pointwise_kernel(self.terms.unknowns, self.mesh.real, self.point, lanes)
 
     def _assemble(self, x: wp.array, out: wp.array) -> None:
         """DSS, and what acts at a point."""
         mesh, size = self.mesh, self.mesh.size
         wind = self.geometry.base if self.terms.poisson else x
-        turned = (*self._own, wind) if self._own else ()
         stage = self._parameters.get("stage", mesh.stage)
         parts = [(self.assembly, size, 0)]
         if self._runs is not None:
@@ -110,7 +104,7 @@ class TendencyOperator:
         for kernel, threads, begin in parts:
             self._launch(
                 kernel, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                self._flat, *turned, stage, out,
+                self._flat, self._own, wind, stage, out,
             )  # fmt: skip
 
     @property
