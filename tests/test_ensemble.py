@@ -129,3 +129,50 @@ def test_seeds_that_are_none(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["ensemble", "galewsky", "--seeds", "1-x", "--folder", str(tmp_path)])
     assert "seeds: give whole numbers, 1,2,3 or 1-8, not '1-x'" in capsys.readouterr().err
+
+
+def test_a_moved_folder_keeps_its_members(tmp_path):
+    told = []
+    run_members(make_config(SMALL), [1, 2], tmp_path / "here", told.append)
+    (tmp_path / "here").rename(tmp_path / "there")
+    run_members(make_config(SMALL), [1, 2], tmp_path / "there", told.append)
+    assert [": kept, " in line for line in told] == [False, False, True, True]
+
+
+def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path, capsys):
+    from swe_sphere.simulation.interrupt import Interruption
+
+    line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
+    line += ["--seeds", "1,2", "--folder", str(tmp_path / "members")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Interruption, "received", property(lambda _: "Ctrl-C"))
+        with pytest.raises(SystemExit) as ended:
+            main(line)
+    assert ended.value.code == 130 and "the same command goes on" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(line)
+    told = capsys.readouterr()
+    assert (ended.value.code, told.err) == (0, "")
+    assert [*RunFile(tmp_path / "members" / "galewsky_seed1.nc").times] == [0.0, 8640.0]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--field", "b"], "it is the same in all members"),
+        (["--seeds", "1-2000000000"], "give 2 to 1000 different ones"),
+    ],
+)
+def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, said):
+    line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
+    with pytest.raises(SystemExit) as ended:
+        main([*line, "--seeds", "1,2", "--folder", str(tmp_path / "a"), *more])
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and said in told and told.count("\n") == 1
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path, capsys):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(SystemExit) as ended:
+        main(["ensemble", "galewsky", "--ne", "2", "--folder", str(tmp_path / "a")])
+    assert ended.value.code == 2 and "cannot write to" in capsys.readouterr().err

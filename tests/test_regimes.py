@@ -176,3 +176,14 @@ def test_lists_of_a_recipe_are_lists(tmp_path) -> None:
     path.write_text('scene = "lauter"\nsteppers = ["imex"]\n[[sweep]]\n[sweep.each]\nne = 4\n')
     with pytest.raises(ConfigError, match=r"\[sweep\.each\] has a list of values for each key"):
         load_recipe(str(path))
+
+
+def test_places_of_a_scene_file_are_folders_of_their_own(tmp_path) -> None:
+    path = tmp_path / "recipe.toml"
+    path.write_text(
+        'map = true\nscene = "there/mine.toml"\nsteppers = ["rk4"]\n[each]\nspeed = [5, 20]\n'
+    )
+    assert [values["name"] for values in load_recipe(str(path)).sweeps] == [
+        "mine-speed5",
+        "mine-speed20",
+    ]

@@ -298,8 +298,8 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     store.add(result(name, "failed", "why", "abc", l2_v=math.nan))
     store.add(result("island-rk4", "refused", "no water", "def"))
     again = Store(path, quick=False)
-    assert again.has(name, "abc")
-    assert not again.has(name, "xyz")
+    assert again.known(name, "abc") is not None
+    assert again.known(name, "xyz") is None
     with again.unfinished():
         again.add(result(name, "passed", "", "abc", l2_v=0.002))
         with pytest.raises(ConfigError, match="another process"), store.unfinished():
@@ -309,7 +309,7 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     assert "| passed | l2_v 0.002 |" in text
     assert numbers["results"][name]["outcome"] == "passed"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["page.json", "page.md"]
-    assert Store(path, quick=False).has("island-rk4", "def")
+    assert Store(path, quick=False).known("island-rk4", "def")
     with pytest.raises(ConfigError, match="full form"):
         Store(path, quick=True)
 
@@ -344,7 +344,7 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) ->
         with pytest.raises(RunFailed, match=r"cannot write .*000002\.json: No space left on"):
             store.add(result("steady-pi/4-rk4", "passed", "", "abc"))
     again = Store(tmp_path / "page.md", quick=False)
-    assert again.has("island-rk4", "def") and not again.has("steady-pi/4-rk4", "abc")
+    assert again.known("island-rk4", "def") and not again.known("steady-pi/4-rk4", "abc")
 
 
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:

@@ -207,3 +207,42 @@ def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
     assert process.returncode == 130 and err.count("\n") == 1
     assert err.startswith("swe-sphere: interrupted by Ctrl-C; ") and "goes on from there" in err
     assert runs_of(tmp_path).records and (tmp_path / "sweep.nc").exists()
+
+
+def test_a_sweep_of_a_recipe_has_its_folder_also_alone(swe, tmp_path):
+    (tmp_path / "two.toml").write_text(RECIPE)
+    assert swe("--recipe", "two.toml", "--out", "d")[0] == 0
+    page = (tmp_path / "d" / "README.md").read_text()
+    made = {path: path.stat().st_mtime_ns for path in (tmp_path / "d").rglob("runs/*")}
+    assert swe("lauter", "--recipe", "two.toml", "--out", "d")[0] == 0
+    assert made == {path: path.stat().st_mtime_ns for path in (tmp_path / "d").rglob("runs/*")}
+    assert (tmp_path / "d" / "README.md").read_text() == page
+
+
+def test_notes_are_those_of_the_sweeps_that_have_them(swe, tmp_path):
+    """By the name of the sweep where it has one, and a scene may be a file."""
+    (tmp_path / "flow.toml").write_text('base = "lauter"\nname = "flow"\n')
+    recipe = RECIPE.replace('note = "steady"', 'note = "steady"\nname = "still"')
+    (tmp_path / "two.toml").write_text(recipe.replace('"lauter"', '"flow.toml"\nnote = "mine"'))
+    assert swe("--recipe", "two.toml", "--out", "d")[0] == 0
+    page = (tmp_path / "d" / "README.md").read_text()
+    assert page.endswith("|['still', 'flow']|{'still': 'steady', 'flow': 'mine'}")
+
+
+@pytest.mark.parametrize("claim", ['"x"', "{gravity = 30}", '{gravity = "x", advective = 1}'])
+def test_a_claim_that_is_none_is_told_before_anything_runs(swe, tmp_path, claim):
+    recipe = RECIPE.replace('note = "steady"', f"claim = {claim}")
+    (tmp_path / "two.toml").write_text(recipe)
+    status, _, err = swe("--recipe", "two.toml", "--out", "d")
+    assert status == 2 and "claim: williamson2" in err and err.count("\n") == 1
+    assert not (tmp_path / "d").exists()
+
+
+def test_a_report_is_made_while_other_sweeps_have_yet_to_begin(swe, tmp_path):
+    (tmp_path / "two.toml").write_text(RECIPE)
+    assert swe("--recipe", "two.toml", "--out", "d")[0] == 0
+    for path in (tmp_path / "d" / "lauter" / "runs").iterdir():
+        path.unlink()
+    (tmp_path / "d" / "williamson2" / "index.html").unlink()
+    assert swe("--out", "d", "--report-only")[0] == 0
+    assert (tmp_path / "d" / "williamson2" / "index.html").exists()

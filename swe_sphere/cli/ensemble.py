@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.show import Stopped
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.settings import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.interrupt import Interrupted
 
 WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")
 
@@ -35,7 +38,11 @@ def ensemble(
 
     config, field = make_config(given(values, RunConfig)), check_field(field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
-    found = spread(run_members(config, _seeds(seeds), place, typer.echo), field)
+    try:
+        members = run_members(config, _seeds(seeds), place, typer.echo)
+    except Interrupted as error:
+        raise Stopped(str(error)) from None
+    found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
     for time, value, rate in zip(found.times, found.values, found.rates, strict=True):
         typer.echo(f"{time / DAY:6.4g}  {value:10.4g}  {rate:.3f}")
@@ -43,11 +50,11 @@ def ensemble(
         typer.echo(path)
 
 
-def _seeds(text: str) -> list[int]:
+def _seeds(text: str) -> Sequence[int]:
     first, dash, last = text.partition("-")
     try:
         if dash:
-            return list(range(int(first), int(last) + 1))
+            return range(int(first), int(last) + 1)
         return [int(part) for part in names_in(text)]
     except ValueError:
         raise ConfigError(f"seeds: give whole numbers, 1,2,3 or 1-8, not {text!r}") from None

@@ -94,6 +94,8 @@ def _searched(dataset: xr.Dataset, search: SweepPlan) -> list[Ranking]:
     """Rankings by the error that was searched for, one for each mesh."""
     from swe_sphere.studies.report import Metric, sweep_rankings
 
+    if not dataset.sizes["report_day"]:
+        return []
     tried = dataset.isel(run=dataset["role"].values == "target")
     day, kind = float(dataset["report_day"].values[-1]), search.target_kind
     total = dataset["error"].sel(kind="total", field=search.target_field)

@@ -54,13 +54,17 @@ def stress(
     chosen = choose(names_in(groups), names_in(steppers), quick)
     trials = [trial for group in chosen for trial in group.trials]
     store = None if out is None else Store(out, quick)
+    kept: list[Result] = []
     if store is not None and resume:
-        trials = [trial for trial in trials if not store.has(trial.name, trial.fingerprint)]
+        known = [store.known(trial.name, trial.fingerprint) for trial in trials]
+        trials = [*compress(trials, (result is None for result in known))]
+        kept = [result for result in known if result is not None]
     try:
         with nullcontext() if store is None else store.unfinished():
-            results = _run(trials, store, jobs, quiet=as_json)
+            results = kept + _run(trials, store, jobs, quiet=as_json)
     except Interrupted as error:
-        raise Stopped(f"{error}; --resume goes on after the last trial") from None
+        rest = "" if store is None else "; --resume goes on after the last trial"
+        raise Stopped(f"{error}{rest}") from None
     counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
     plain = [json.loads(result.as_text()) for result in results]  # NaN is null
     told = ", ".join(f"{count} {name}" for name, count in counts.items())

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from pydantic import TypeAdapter, ValidationError
 
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.settings import place_and_complaint
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
 from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     import xarray as xr
+
+    from swe_sphere.studies.report import Claim
 
 RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
@@ -53,8 +57,9 @@ def sweep(
     datasets, completed = {}, False
     _check_pages(out)
     plans, mapped = _plans(values, loaded), loaded if loaded and loaded.mapped else None
+    _claims(loaded)
     for plan in plans:
-        folder = out / plan.folder if mapped or len(plans) > 1 else out
+        folder = out / plan.folder if mapped or (loaded and len(loaded.sweeps) > 1) else out
         dataset = datasets[plan.folder] = _carried_out(plan, folder, quiet)
         completed |= _any_completed(dataset)
         if not mapped:
@@ -114,13 +119,14 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
         _map(out, recipe, quiet)
         return 0
     from swe_sphere.studies.sweep.dataset import write_dataset
-    from swe_sphere.studies.sweep.record import HEADER, RUNS
+    from swe_sphere.studies.sweep.record import HEADER, RUNS, runs_of
 
     kept = [path for of in ("", "*/") for name in (HEADER, RUNS) for path in out.glob(of + name)]
     folders = sorted({path.parent for path in kept})
     if not folders:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
-    datasets = {folder: write_dataset(folder) for folder in folders}
+    begun = [folder for folder in folders if runs_of(folder).records] or folders
+    datasets = {folder: write_dataset(folder) for folder in begun}
     for folder, dataset in datasets.items():
         _finish(dataset, folder, None, quiet)
     if len(datasets) > 1:
@@ -143,16 +149,28 @@ def _join(
     datasets: Mapping[str, xr.Dataset], out: Path, recipe: Recipe | None, quiet: bool
 ) -> None:
     """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
-    from swe_sphere.studies.report import Claim, write_markdown, write_report
+    from swe_sphere.studies.report import write_markdown, write_report
 
     recipe = recipe or Recipe("What accuracy costs in time", ())
-    order = [str(values.get("scene")) for values in recipe.sweeps]
+    order = [plan.folder for plan in recipe.plans({})] if recipe.sweeps else []
     names = sorted(datasets, key=lambda name: order.index(name) if name in order else len(order))
     ordered = {name: datasets[name] for name in names}
     page = write_report(ordered, out, title=recipe.title, notes=recipe.notes)
     write_markdown(
         ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes,
-        claims={scene: Claim(**claim) for scene, claim in recipe.claims.items()},
+        claims=_claims(recipe),
     )  # fmt: skip
     if not quiet:
         typer.echo(page)
+
+
+def _claims(recipe: Recipe | None) -> dict[str, Claim]:
+    """Those of a recipe by folder; ConfigError for what is none."""
+    if recipe is None or not recipe.claims:
+        return {}
+    from swe_sphere.studies.report import Claim  # matplotlib takes its time to import
+
+    try:
+        return TypeAdapter(dict[str, Claim]).validate_python(recipe.claims)
+    except ValidationError as error:
+        raise ConfigError(f"claim: {place_and_complaint(error)}") from None

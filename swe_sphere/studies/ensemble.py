@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import write_whole
+from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.io.layout import MESH_ATTRIBUTES
@@ -22,6 +22,7 @@ from swe_sphere.pictures.panels import Panel, draw_panel
 from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
+from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.simulation.run import run
 from swe_sphere.simulation.setup import make_scene, method_sources, scene_sources
 
@@ -52,16 +53,17 @@ def run_members(
 ) -> list[Path]:
     """Run the scene with `scene.seed` of each of the seeds; the files, SCENE_seedK.nc in a folder.
 
-    A member that is there, finished and of the same configuration is kept.  tell: is given a line
-    for each member.
+    A member of the same configuration that is there is kept where it is finished, and else made
+    again.  tell: is given a line for each member.
 
     Raises ConfigError for fewer than two seeds, for a scene that has no seed, or if a run cannot be
-    made as asked for; RunFailed if one does not come to its end.
+    made as asked for; RunFailed if one does not come to its end, Interrupted if the user stops it.
     """
-    if not 2 <= len(set(seeds)) == len(seeds) <= MOST:
+    if len(seeds) > MOST or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
         raise ConfigError(f"seeds: give 2 to {MOST} different ones, not {few}")
-    folder.mkdir(parents=True, exist_ok=True)
+    with clear_errors(f"cannot write to {folder}"):
+        folder.mkdir(parents=True, exist_ok=True)
     return [_member(config, seed, folder, tell) for seed in seeds]
 
 
@@ -70,9 +72,15 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     settings = (*config.settings, f"scene.seed={seed}")
     asked = config.model_copy(update={"settings": settings, "out": out})
     if out.exists() and not config.overwrite and _is_of(out, asked):
-        tell(f"seed {seed}: kept, {out}")
-        return out
+        if RunFile(out).attributes.get("completed"):
+            tell(f"seed {seed}: kept, {out}")
+            return out
+        asked = asked.model_copy(update={"overwrite": True})  # with frames at the same times
     summary = run(asked)
+    if summary.status == "interrupted":
+        raise Interrupted(
+            f"seed {seed}: {summary.reason}; the same command goes on with the others"
+        )
     if not summary.completed:
         raise RunFailed(f"seed {seed}: {summary.reason}")
     tell(f"seed {seed}: {summary['wall_seconds']:.3g} s, {out}")
@@ -80,13 +88,14 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
 
 
 def _is_of(file: Path, config: RunConfig) -> bool:
-    """Whether a file is of a finished run of the configuration; ConfigError if it is of none.
+    """Whether a file is of a run of the configuration; ConfigError if it is of none.
 
     Or if the code, or the user's files that the run is made of, are not what they were.
     """
     found = RunFile(file).attributes
     stored, asked = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
-    if not found.get("completed") or stored | {"overwrite": False} != asked:
+    apart = {"overwrite": False, "out": None}
+    if stored | apart != asked | apart:
         return False
     sources = scene_sources(config.scene, make_scene(config)) | method_sources(config)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
@@ -100,7 +109,8 @@ def _is_of(file: Path, config: RunConfig) -> bool:
 def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
     """The spread of the members in the files, at the times of their frames.
 
-    Raises ConfigError if the files are not on one mesh, lack the field or have other times.
+    Raises ConfigError if the files are not on one mesh, lack the field or have other times, or if
+    they do not differ in the field.
     """
     runs, field = [RunFile(path) for path in files], check_field(field)
     times, mesh = runs[0].times, runs[0].mesh
@@ -112,6 +122,8 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
     found = [
         np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times
     ]  # fmt: skip
+    if not any(each.any() for each in found):
+        raise ConfigError(f"field {field}: it is the same in all members")
     return Spread(field, times, np.sqrt([area_mean(mesh.area, each) for each in found]))
 
 

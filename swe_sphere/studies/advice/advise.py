@@ -75,7 +75,7 @@ class Advice:
         words = ["swe-sphere", "run", self.config.scene]
         for name, value in self.config.given().items():
             for each in value if isinstance(value, tuple) else (value,):
-                text = f"{each:g}" if isinstance(each, float) else str(each)
+                text = f"{each:.12g}" if isinstance(each, float) else str(each)
                 words += [] if name == "scene" else [f"--{flag_of(name)}", text]
         return shlex.join(words)
 

@@ -187,6 +187,11 @@ def _point(
             continue
         stepper, dt, error = record.config.stepper, record.config.dt, errors["vorticity"].l2
         assert error is not None and isinstance(dt, float)
+        if _size(record) not in units:
+            raise ConfigError(
+                f"{name}: no run of {UNIT} in {record.config.precision} says what a right-hand side"
+                f" costs, in which costs are told: add {UNIT} to the steppers"
+            )
         cost = _seconds(record, prices) / units[_size(record)]
         runs.append(Run(stepper, dt, record.numbers["steps"] or math.nan, error, cost))
     limits = records[0].numbers

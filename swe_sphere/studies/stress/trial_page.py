@@ -100,10 +100,10 @@ class Store:
         self._runs = record_store.Store(path.with_suffix(".runs"), Result)
         self._results |= {result.name: result for result in self._runs.records}
 
-    def has(self, name: str, fingerprint: str) -> bool:
-        """Whether there is a result of just that trial."""
+    def known(self, name: str, fingerprint: str) -> Result | None:
+        """The result of just that trial, if there is one."""
         found = self._results.get(name)
-        return found is not None and found.fingerprint == fingerprint
+        return found if found is not None and found.fingerprint == fingerprint else None
 
     def add(self, result: Result) -> None:
         """Keep the result, and write the page; RunFailed if the disk refuses."""

@@ -64,7 +64,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     """
     records = current(records, header.sources)
     table = pd.DataFrame([_row(record, header.scene) for record in records])
-    order = table["key"].unique()
+    order = table.loc[table["repeat"] == 0, "key"].unique()
     single = table["rhs_seconds"]
     table["rhs_seconds"] = table.groupby(list(MESH))["rhs_seconds"].transform("median")
     noise = (single / table["rhs_seconds"]).quantile([0.1, 0.9])

@@ -137,9 +137,12 @@ class Sweep:
             finished: set[Integrator] = set()
             costs: dict[Integrator, list[float]] = {}
             for run in _ordered(runs):
-                if run.integrator in finished:
+                left_out = repeat and self._runner.known(run) is None  # of the first round
+                if left_out or run.integrator in finished:
                     self._watcher.expect(-1)
-                elif self._is_last(self._make(run, repeat), costs.setdefault(run.integrator, [])):
+                    continue
+                made = self._make(run, repeat)
+                if not repeat and self._is_last(made, costs.setdefault(run.integrator, [])):
                     finished.add(run.integrator)
 
     def _make(self, run: RunSpec, repeat: int) -> RunRecord:

@@ -263,10 +263,15 @@ def load_recipe(name: str) -> Recipe:
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
-    notes = {str(each.get("scene")): str(each.pop("note")) for each in sweeps if "note" in each}
-    claims = {str(each.get("scene")): each.pop("claim") for each in sweeps if "claim" in each}
+    notes = {_folder(each): str(each.pop("note")) for each in sweeps if "note" in each}
+    claims = {_folder(each): each.pop("claim") for each in sweeps if "claim" in each}
     single = [one for each in sweeps for one in _combinations(path, table | each)]
     return Recipe(title, tuple(map(by_field, single)), introduction, notes, claims, mapped)
+
+
+def _folder(sweep: dict[str, Any]) -> str:
+    """As `SweepPlan.folder`."""
+    return str(sweep.get("name") or Path(str(sweep.get("scene"))).stem)
 
 
 def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -282,6 +287,6 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
         words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
         settings = [f"{key}={value}" for key, value in chosen.items() if "." in key]
         plain = {key: value for key, value in chosen.items() if "." not in key}
-        named = {"name": "-".join([str(sweep.get("scene")), *words])} if each else {}
+        named = {"name": "-".join([Path(str(sweep.get("scene"))).stem, *words])} if each else {}
         of_all = [*sweep.get("set", ()), *settings]
         yield sweep | plain | named | ({"set": of_all} if of_all else {})
