@@ -1,11 +1,13 @@
 """Adaptive steps: the controller, errors that follow the tolerance, cuts, restart, refusals."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
 import pytest
+from support import make_scene
 
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
@@ -64,6 +66,8 @@ def error(flow, name: str, tolerance: float, **options) -> float:
         (1.0, 1e-4, 0.5),
         (np.nan, 1e-4, 0.5),
         (np.inf, 1e-4, 0.5),
+        (1e-4, 0.0, 0.9),  # no error before tells no trend
+        (1e-5, 0.0, 1.5401949),
     ],
 )
 def test_ratio_of_steps_by_hand(now: float, before: float, ratio: float) -> None:
@@ -121,6 +125,43 @@ def test_energy_drift_measures_the_error_of_a_damping_scheme(moving) -> None:
     errors = [error(moving, "sdirk3", tol, by="energy") for tol in (1e-5, 1e-6)]
     assert errors[1] < 0.4 * errors[0]
     assert errors[0] < 2e-5
+
+
+@pytest.mark.parametrize("surface", [4000.0, 0.0, -1e4])
+def test_energy_drift_is_that_above_the_lowest_point(surface: float) -> None:
+    """Heights are measured from anywhere: the total energy may be negative, the drift is not."""
+
+    def bump(lon, lat):
+        return (
+            0.0 * lon,
+            0.0 * lon,
+            4000.0 + 200.0 * np.exp(4.0 * (np.cos(lat) * np.cos(lon) - 1.0)),
+        )
+
+    scene = make_scene("advection", "pressure", "orography")
+    low = replace(scene, initial=bump, bottom=lambda lon, lat: surface - 4000.0 + 0.0 * lon)
+    flow = SimpleNamespace(
+        model=(model := Model(Mesh.build(2, 4), low)), state=model.initial_state()
+    )
+    stepper = make(flow, "implicit-euler", 1e-6, by="energy")
+    scheme = stepper._scheme
+    assert scheme.attempt(0.0, OUTER) is None
+    fields = [model.fields(state) for state in (scheme.state, scheme.new)]
+    before, after = (
+        np.sum(
+            model.mesh.area * f["h"] * (f["u"] ** 2 + f["v"] ** 2 + scene.planet.gravity * f["h"])
+        )
+        for f in fields
+    )
+    drift = abs(after / before - 1.0) * 86400.0 / OUTER
+    assert stepper._measure(OUTER) == pytest.approx(drift, rel=1e-6)
+    assert drift > 1e-4 and not stepper.controller.accepts(drift)
+
+
+def test_energy_drift_of_what_is_no_number_is_none(moving) -> None:
+    stepper = make(moving, "implicit-euler", 1e-6, by="energy")
+    stepper._scheme.new.fill_(np.nan)
+    assert np.isnan(stepper._measure(OUTER))
 
 
 def test_energy_drift_is_only_an_alarm_for_a_scheme_without_damping(moving) -> None:
@@ -194,7 +235,45 @@ def test_a_run_that_cannot_go_on_says_so_in_one_line(moving, monkeypatch) -> Non
     failing_above(stepper, 0.0, monkeypatch)
     with pytest.raises(RunFailed, match=r"^tr-bdf2: no step from 0 s is short enough.*no way") as e:
         stepper.step()
-    assert "\n" not in str(e.value)
+    assert "\n" not in str(e.value) and "tolerance" not in str(e.value)
+
+
+def test_a_run_that_never_meets_its_tolerance_is_told_to_ask_for_less(moving, monkeypatch) -> None:
+    stepper = make(moving, "tr-bdf2", 1e-2)
+    monkeypatch.setattr(stepper, "_measure", Unmet(stepper._measure))
+    with pytest.raises(RunFailed, match=r"error 1 above 0\.01; choose a larger tolerance"):
+        stepper.step()
+
+
+class Unmet:
+    """A measure for which all steps are bad."""
+
+    unit = "error"
+
+    def __init__(self, measure) -> None:
+        self.per_change = measure.per_change
+
+    def __call__(self, dt: float) -> float:
+        return 1.0
+
+
+def test_a_step_that_fails_on_its_way_leaves_the_state_of_its_start(moving, monkeypatch) -> None:
+    """Which is the one that belongs to `time`."""
+    stepper = make(moving, "tr-bdf2", 1e-2, first=OUTER / 8)
+    attempt = stepper._scheme.attempt
+    monkeypatch.setattr(
+        stepper._scheme, "attempt", lambda t, dt: "no way" if t > OUTER / 4 else attempt(t, dt)
+    )
+    with pytest.raises(RunFailed):
+        stepper.step()
+    assert stepper.counters["accepted_steps"] > 1 and stepper.time == 0.0
+    assert np.array_equal(stepper.state.numpy(), moving.state.numpy())
+
+
+@pytest.mark.parametrize("first", [-5.0, 0.0, np.nan, np.inf])
+def test_a_first_step_that_leads_nowhere_is_refused(moving, first: float) -> None:
+    with pytest.raises(ConfigError, match=r"^adaptive: the first step must be positive"):
+        make(moving, "tr-bdf2", 1e-5, first=first)
 
 
 def test_steps_fill_the_outer_step_exactly(moving, monkeypatch) -> None:

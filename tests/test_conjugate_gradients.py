@@ -188,6 +188,18 @@ def test_not_a_number_never_enters_the_solution() -> None:
         assert np.all(np.isfinite(x))
 
 
+@pytest.mark.parametrize("size", [1e-320, 1e-290, 1e290])
+def test_what_overflows_ends(size: float) -> None:
+    """A step to what no float holds is not taken, nor is one tried again and again."""
+    matrix, calls = size * laplacian(1.0), []
+    result, x = solve(
+        lambda v: (calls.append(1), matrix @ v)[1], 1e10 * random(), max_iterations=50
+    )
+    assert result.status is not Status.CONVERGED
+    assert len(calls) < 150
+    assert np.all(np.isfinite(x))
+
+
 def test_repeats_to_the_last_bit() -> None:
     matrix, b, space = laplacian(), random(), VectorSpace(np.ones(N))
     solver, found = ConjugateGradients(space), []

@@ -147,6 +147,7 @@ def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
         last = advance(name, model, model.initial_state(), dt, DURATION, **tight(name))
         errors.append(float(np.abs((last.state.numpy() - exact) / scale).max()))
     order = 1 if lagged else STEPPERS[name].order
+    assert STEPPERS[name].order_in(model) == order
     for coarse, fine in pairwise(errors):
         assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)
 

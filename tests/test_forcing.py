@@ -41,6 +41,20 @@ def test_every_stepper_keeps_its_order_with_unsteady_forcing(model, name, monkey
         assert np.log2(coarse / fine) == pytest.approx(STEPPERS[name].order, abs=0.2)
 
 
+@pytest.mark.parametrize("name", STEPPERS)
+def test_forcing_is_not_asked_for_before_the_start(name: str) -> None:
+    """It need not be known there: no formula has to hold for negative times."""
+    times = []
+
+    def forcing(lon, lat, t):
+        times.append(t)
+        return 1e-5 * np.cos(lat) * np.sqrt(t / 3600.0), 0.0 * lat, 0.0 * lat
+
+    scene = replace(make_scene("pressure", "forcing"), forcing=forcing)
+    advance(name, made := Model(MESH, scene), made.initial_state(), 300.0, 600.0)
+    assert min(times) == 0.0 and len(set(times)) > 1
+
+
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_mass_is_that_of_the_forcing_whatever_the_tolerance(model, name) -> None:
     means = [

@@ -350,7 +350,7 @@ def reductions(space: VectorSpace, monkeypatch: pytest.MonkeyPatch) -> list[str]
 
 
 @pytest.mark.parametrize("kernels", [False, True])
-@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("block", [*BLOCKS, 11])
 def test_iterations_of_a_block_share_a_reduction(
     b: np.ndarray, block: int, kernels: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -383,7 +383,7 @@ def test_blocks_of_vectors_that_are_alike(b: np.ndarray, block: int, real: type)
     assert residual <= 1.01 * rtol * np.linalg.norm(b)
 
 
-@pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.parametrize("block", [*BLOCKS, 11])
 def test_a_block_may_hold_more_than_the_space(block: int) -> None:
     """The solution lies in the span of fewer vectors, or the operator is none at all."""
     b, diagonal = np.ones(30), np.repeat([1.0, 1.5, 3.0], 10)

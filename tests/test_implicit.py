@@ -208,6 +208,26 @@ def test_step_in_two_halves_is_two_steps_of_half_the_size(
     assert stepper.counters["rejected_steps"] == 1
 
 
+@pytest.mark.parametrize("name", ["tr-bdf2", "epi3"])
+def test_a_step_given_up_leaves_the_state_of_its_start(
+    small_mountain, monkeypatch, name: str
+) -> None:
+    """Which is the one that belongs to `time`, whatever parts of the step have been taken."""
+    stepper = advance(name, small_mountain, 1800.0, 1)
+    start, attempt, taken = stepper.state.numpy().copy(), stepper.attempt, []
+
+    def attempted(t, dt):
+        fault = "no way" if dt == 1800.0 or t > 2600.0 else attempt(t, dt)
+        taken.append(fault is None)
+        return fault
+
+    monkeypatch.setattr(stepper, "attempt", attempted)
+    with pytest.raises(RunFailed, match="64 parts: no way"):
+        stepper.step()
+    assert any(taken) and stepper.time == 1800.0
+    assert np.array_equal(stepper.state.numpy(), start)
+
+
 @pytest.mark.parametrize("name", NEWTON)
 def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: str) -> None:
     """With two Newton iterations allowed, a step of two days fails and its parts do not."""

@@ -1,9 +1,12 @@
 """Jacobians as operators, and the difference of two right-hand sides against the exact one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import make_scene, random_state, relative, tangent
 
+from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
@@ -34,11 +37,61 @@ def test_has_half_the_digits_of_the_exact_product(precision: str, bound: float) 
         assert np.finfo(precision).eps < error < bound
 
 
+@pytest.mark.parametrize("moved", [(1.0, 1.0, 100.0), (0.0, 0.0, 100.0), (1.0, 1.0, 0.0)])
+@pytest.mark.parametrize("wind", [0.0, 1e-9])
+@pytest.mark.parametrize(("precision", "bound"), [("float64", 1e-6), ("float32", 5e-3)])
+def test_of_a_fluid_at_rest(precision: str, bound: float, wind: float, moved) -> None:
+    """Or nearly so: the scale of a wind that is none is the speed of gravity waves."""
+    scene, n, found = make_scene("advection", "pressure", "rotation"), MESH.size, []
+    direction = np.random.default_rng(1).standard_normal(3 * n) * np.repeat(moved, n)
+    for jacobian in ("exact", "difference"):
+        model = Model(MESH, scene, precision=precision, jacobian=jacobian)
+        state, out = (
+            model.state_from(*np.multiply.outer((wind, wind, 1e3), np.ones(n))),
+            model.zeros(),
+        )
+        model.linearise(state, 0.0)(model.device_mesh.upload(direction), out)
+        found.append(out.numpy().astype(np.float64))
+    scale = np.linalg.norm(found[0].reshape(3, -1) * [[1.0], [1.0], [0.1]])
+    error = np.linalg.norm((found[1] - found[0]).reshape(3, -1) * [[1.0], [1.0], [0.1]])
+    assert error < bound * scale
+
+
+def test_of_a_tracer_of_which_there_is_none() -> None:
+    """A direction with nothing but rounding of it leaves all digits of the rest."""
+    tracers = {"none": lambda lon, lat: 0.0 * lon}
+    scene = make_scene("advection", "pressure")
+    scene = replace(scene, effects=(*scene.effects, Tracers()), tracers=tracers)
+    n, found = MESH.size, []
+    for noise in (0.0, 1e-18, 1.0):
+        model = Model(MESH, scene, jacobian="difference")
+        direction, out = np.random.default_rng(1).standard_normal(4 * n), model.zeros()
+        direction[3 * n :] *= noise
+        model.linearise(model.initial_state(), 0.0)(model.device_mesh.upload(direction), out)
+        found.append(out.numpy())
+    for other in found[1:]:
+        assert relative(other[: 3 * n], found[0][: 3 * n], 3) < 1e-6
+    exact = tangent(Model(MESH, scene), model.initial_state().numpy(), direction)
+    assert relative(found[-1], exact, 4) < 1e-4
+
+
 def test_of_no_direction_is_zero() -> None:
     model = Model(MESH, get_scene("williamson2"), jacobian="difference")
     out = model.initial_state()
     model.linearise(model.initial_state(), 0.0)(model.zeros(), out)
     assert not out.numpy().any()
+
+
+def test_waves_that_leave_a_fluid_at_rest_are_those_of_the_exact_product() -> None:
+    ends = []
+    for jacobian in ("exact", "difference"):
+        model = Model(MESH, get_scene("gravity-bumps"), jacobian=jacobian)
+        stepper = get_stepper("rosenbrock-w")(model, 3600.0)
+        stepper.start(model.initial_state())
+        for _ in range(3):
+            stepper.step()
+        ends.append(stepper.state.numpy())
+    assert relative(ends[1], ends[0], 3) < 1e-3
 
 
 def test_newton_takes_the_same_steps_with_it() -> None:

@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import Operator, Status
 from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
-from swe_sphere.solvers.newton_steps import Backtracking, FollowedNonlinearity, Forcing
+from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing
 from swe_sphere.solvers.vector_space import VectorSpace
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -212,8 +212,6 @@ def test_a_nearly_linear_problem_is_solved_at_once_after_the_first_time() -> Non
     [
         lambda: FollowedNonlinearity(cap=1.0),
         lambda: FollowedNonlinearity(first=0.0),
-        lambda: Backtracking(shortest=0.0),
-        lambda: Backtracking(shortenings=-1),
     ],
 )
 def test_parameters_without_convergence_are_refused(make: Callable[[], object]) -> None:
@@ -273,17 +271,6 @@ def test_line_search_where_the_full_step_diverges(start: float) -> None:
     assert x == pytest.approx([0.0], abs=1e-11)
     assert min(result.history.lengths) < 0.5 < result.history.lengths[-1]
     assert result.residual_evaluations > result.newton_iterations + 1
-    with np.errstate(over="ignore"):
-        alone, _ = solve(problem, guess, rtol=1e-12, line_search=Backtracking(shortenings=0))
-    assert not alone.converged
-
-
-def test_divergence_without_line_search() -> None:
-    """A cubic from beside its minimum: the tangent is flat, and the full step goes far off."""
-    problem = one(lambda x: x**3 - 2.0 * x - 5.0, lambda x: 3.0 * x**2 - 2.0)
-    guess = np.array([np.sqrt(2.0 / 3.0) + 1e-4])
-    alone, _ = solve(problem, guess, rtol=1e-12, line_search=Backtracking(shortenings=0))
-    assert alone.status is Status.DIVERGED
 
 
 def test_steps_back_from_where_the_residual_is_not_a_number() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -258,6 +258,11 @@ def test_its_parameters_are_set_as_those_of_others(path: Path) -> None:
         ('name = "friction"', 'name = "drag"', "name of one of the package"),
         ('name = "friction"', 'name = "Big Friction"', "small letters"),
         ("linear: float = 1e-5", "linear: float = math.nan", "friction: linear must be finite"),
+        (
+            "linear: float = 1e-5",
+            "needs = 'heating'; linear: float = 1e-5",
+            "needs 'heating', which",
+        ),
         ("wind_tendency", "tendency", "neither a wind_tendency nor a depth_tendency"),
         ('base: str = "williamson5"', 'base: str = "williamson1"', "wind, which is prescribed"),
     ],
@@ -272,6 +277,34 @@ def test_what_is_wrong_with_it_is_told_in_a_line(
     lines = capsys.readouterr().err.strip().splitlines()
     assert len(lines) == 1
     assert re.search(message, lines[0])
+
+
+@pytest.mark.parametrize("value", [None, "much", np.inf])
+def test_a_coefficient_that_is_no_number_is_told_in_a_line(monkeypatch, value) -> None:
+    monkeypatch.setattr(Drag, "coefficients", lambda self, mesh: {"linear": value, "still": 1.0})
+    with pytest.raises(ConfigError, match=r"coefficients of drag: linear must be finite, not ."):
+        Model(MESH, make_scene("drag"))
+
+
+def test_an_effect_may_read_the_equilibrium_that_relaxation_has() -> None:
+    """Without relaxation too."""
+
+    @dataclass(frozen=True)
+    class Recovery(PointwiseEffect):
+        name = "recovery"
+        needs = "equilibrium"
+        rate: float = 1e-5
+
+        @staticmethod
+        def depth_tendency(c, i, u, v, h):
+            return c.rate * (c.equilibrium[i] - h)
+
+    with_own, with_ours = (make_scene().with_effect(e) for e in (Recovery(), Relaxation(1e5)))
+    with pytest.raises(ConfigError, match=r"'recovery' needs the function 'equilibrium'"):
+        replace(make_scene(), effects=(Recovery(),))
+    state = random_state(Model(MESH, with_own))
+    own, ours = (tendency(Model(MESH, scene), state) for scene in (with_own, with_ours))
+    assert relative(own, ours, 3) < 1e-12
 
 
 def test_linearised_dynamics_need_its_derivative(path: Path) -> None:

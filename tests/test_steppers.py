@@ -61,6 +61,8 @@ def test_leapfrog_filter_leaves_first_order_in_the_limit(moving) -> None:
     """The filter damps by a part of ν (2α - 1) (ω Δt)² a step: first order over a given time."""
     found = orders(moving, "leapfrog", (400.0, 200.0, 100.0, 50.0))
     assert found == pytest.approx([1.0] * 3, abs=0.15)
+    kind, (model, *_) = STEPPERS["leapfrog"], moving
+    assert [kind.order_in(model, strength=s) for s in (None, 0.1, 0.0)] == [1, 1, 2]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import Tracers, Viscosity
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
 from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep, symbol
@@ -103,6 +103,28 @@ def test_stages_reach_as_far_as_they_say():
         assert np.abs(p - np.exp(1j * y))[small].max() < 1e-5
     assert stages_for(2.0 * LONGEST)[0] == 2
     assert stages_for(2.0) == (1, (1 / 4, 1 / 3, 1 / 2, 1.0))
+
+
+def test_rounding_leaves_no_reach_without_stages():
+    for parts in range(1, 400):
+        reach = parts * LONGEST
+        for there in (reach, np.nextafter(reach, np.inf)):
+            assert parts <= stages_for(float(there))[0] <= parts + 1
+
+
+@pytest.mark.parametrize("reach", [1e12, np.inf, np.nan])
+def test_a_step_that_would_never_end_is_refused_in_a_line(reach):
+    with pytest.raises(Unstable, match=r"parts in a step, more than 1000: .* smaller dt") as error:
+        stages_for(reach)
+    assert "\n" not in str(error.value)
+
+
+def test_a_flow_that_blows_up_ends_the_run(hill):
+    stepper = CarriedTracers(hill, STEPPERS["rk4"](hill.carrier, 9000.0), 2)
+    stepper.start(hill.initial_state())
+    with pytest.raises(Unstable), np.errstate(all="ignore"):
+        for _ in range(300):
+            stepper.step()
 
 
 @pytest.mark.parametrize(("np_", "known"), [(3, 1.5), (4, 1.5 * 10**0.5 / 3**0.5)])

@@ -12,8 +12,9 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.scene_checks import is_finite
 from swe_sphere.equations.scene_functions import fitted
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, shown
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 from swe_sphere.user_file import guarded
@@ -100,8 +101,8 @@ class DiscreteScene:
             if np.ndim(value):
                 field = fitted(f"{label}: {name}", value, mesh.lon, mesh.lat)
                 found[name] = self.device_mesh.scatter(field)
-            elif not np.isfinite(value):
-                raise ConfigError(f"{label}: {name} must be finite, not {value}")
+            elif not is_finite(value):
+                raise ConfigError(f"{label}: {name} must be finite, not {shown(value)}")
         return found
 
     def _on_nodes(self, formula: Callable[[Array, Array], Array] | None) -> Array:

@@ -71,8 +71,8 @@ class ExactJacobian(Jacobian):
 class DifferenceJacobian(Jacobian):
     """J d near [F(x + e d) - F(x)]/e with e = sqrt(round-off) max|x| / max|d|.
 
-    Knoll & Keyes 2004 (doi:10.1016/j.jcp.2003.08.010), section 2.3, with depth and wind each
-    measured by its own largest value.  For comparison, and for effects without a derivative of
+    Knoll & Keyes 2004 (doi:10.1016/j.jcp.2003.08.010), section 2.3, with each field measured by its
+    own size (`_sizes_of`).  For comparison, and for effects without a derivative of
     their own: it costs about what the exact product does, but has only half the digits.
     """
 
@@ -90,12 +90,13 @@ class DifferenceJacobian(Jacobian):
         self._root = float(np.sqrt(np.finfo(discrete.device_mesh.numpy_real).eps))
         self._comm = discrete.device_mesh.comm
         self._time, self._sizes = 0.0, np.ones(len(self._blocks))
+        self._gravity = discrete.scene.planet.gravity
         launch.load(self._one, self._two)
 
     def update(self, state: wp.array, t: float) -> Self:
         """Take the derivative there; costs one right-hand side."""
         wp.copy(self._base, state)
-        self._time, self._sizes = t, self._largest(state)
+        self._time, self._sizes = t, self._sizes_of(state)
         self._tendency(state, t, self._slope)
         return self
 
@@ -111,9 +112,19 @@ class DifferenceJacobian(Jacobian):
         launch(self._two, size, self._zero, out, 1.0 / e, self._slope, -1.0 / e, out)
 
     def _largest(self, state: wp.array) -> Array:
-        """Largest modulus of the winds together and of each other field, never below a rounding."""
+        """Largest modulus of each field."""
         mine = np.abs(state.numpy()).reshape(len(self._blocks), -1).max(axis=1)
-        largest = np.max(self._comm.tell_all(mine), axis=0)
+        return np.asarray(np.max(self._comm.tell_all(mine), axis=0), dtype=np.float64)
+
+    def _sizes_of(self, state: wp.array) -> Array:
+        """What a change of each field is small against.
+
+        A wind, to the speed of gravity waves too: by that of a fluid at rest no depth would change.
+        A tracer of which there is none, to a mixing ratio of 1.
+        """
+        sizes = self._largest(state)
+        depth = sizes[self._blocks.index("h")] or 1.0
+        sizes[sizes == 0.0] = depth
         if "u" in self._blocks:
-            largest[:2] = largest[:2].max()
-        return np.asarray(np.maximum(largest, np.finfo(np.float32).tiny), dtype=np.float64)
+            sizes[:2] = max(sizes[:2].max(), np.sqrt(self._gravity * depth))
+        return sizes

@@ -24,6 +24,9 @@ KINDS: Mapping[str, type] = {
 }  # fmt: skip
 """Attributes of a scene that are neither numbers nor functions."""
 
+FIELDS = ("bottom", "coriolis", "equilibrium")
+"""Functions of a scene that an effect without derivatives may read."""
+
 
 def check_scene(scene: SceneFields) -> None:
     """ConfigError for the first thing that is wrong."""
@@ -69,11 +72,12 @@ def _check_effects(scene: SceneFields) -> None:
     names = [effect.name for effect in scene.effects]
     if len(set(names)) < len(names):
         raise ConfigError(f"{scene.name}: an effect is listed twice: {', '.join(names)}")
+    needed = [effect.needs for effect in scene.effects]
     for name, cls in EFFECTS.items():
         if cls.needs is None:
             continue
         there = getattr(scene, cls.needs) is not None
-        if there and name not in names:
+        if there and cls.needs not in needed:
             raise ConfigError(f"{scene.name}: {cls.needs!r} is given without effect {name!r}")
         if name in names and not there:
             raise ConfigError(f"{scene.name}: effect {name!r} needs the function {cls.needs!r}")
@@ -92,6 +96,11 @@ def _check_pointwise(scene: SceneFields, effect: PointwiseEffect) -> None:
         raise ConfigError(f"{label} has the name of one of the package; choose another")
     if not (re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) and effect.name not in (SCENE, STEPPER)):
         raise ConfigError(f"{label}: a name is of small letters, digits and -")
+    if effect.needs not in (None, *FIELDS):
+        known = ", ".join(FIELDS)
+        raise ConfigError(f"{label} needs {shown(effect.needs)}, which is none of {known}")
+    if effect.needs is not None and getattr(scene, effect.needs) is None:
+        raise ConfigError(f"{label} needs the function {effect.needs!r}")
     wind, depth = effect.tendencies
     if wind is None and depth is None:
         raise ConfigError(f"{label} has neither a wind_tendency nor a depth_tendency")
@@ -126,12 +135,12 @@ def _check_numbers(scene: SceneFields) -> None:
     if scene.dt is not None:
         positive["dt"] = scene.dt
     for name, value in positive.items():
-        if not (_is_finite(value) and value > 0.0):
+        if not (is_finite(value) and value > 0.0):
             what = shown(value)
             raise ConfigError(f"{scene.name}: {name} must be finite and positive, not {what}")
     if scene.days > LONGEST_DAYS:
         raise ConfigError(f"{scene.name}: days must be at most {LONGEST_DAYS:g}, not {scene.days}")
-    if not _is_finite(scene.planet.rotation):
+    if not is_finite(scene.planet.rotation):
         raise ConfigError(f"{scene.name}: rotation must be finite, not {scene.planet.rotation!r}")
 
 
@@ -147,7 +156,7 @@ def _check_count(scene: SceneFields, name: str, value: object) -> None:
         )
 
 
-def _is_finite(value: object) -> bool:
+def is_finite(value: object) -> bool:
     """Whether the value is a finite number; a switch is none, nor is one too large for a float."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False

@@ -51,6 +51,8 @@ class ConjugateGradients(KrylovSolver):
             if p.history[-1] <= p.target and trusted:
                 return p.end(Status.CONVERGED, "converged")
             residual = p.history[-1] = self._true_residual(p)
+            if not math.isfinite(residual):
+                return p.end(Status.NAN, "the solution is not finite")
             if residual <= p.target:
                 return p.end(Status.CONVERGED, "converged")
             small = smallest if residual <= 0.5 * start else MOST_ROUNDOFFS * smallest
@@ -69,12 +71,12 @@ class ConjugateGradients(KrylovSolver):
             p.operator(z, self._image)
             found = self._products(z)
             keep, curvature = found.turned(curvature, self._least)
-            if not (math.isfinite(found.rz) and math.isfinite(curvature)):
+            step = found.rz / (curvature or 1.0)
+            if not (math.isfinite(step) and math.isfinite(curvature)):
                 return p.end(Status.NAN, "a product or the preconditioner is not finite")
             if found.rz <= 0.0 or curvature <= 0.0:
                 culprit = "preconditioner" if found.rz <= 0.0 else "operator"
                 return p.end(Status.DIVERGED, f"the {culprit} is not positive")
-            step = found.rz / curvature
             space.axpby(1.0, z, keep, self._direction)
             space.axpby(1.0, self._image, keep, self._product)
             space.axpy(step, self._direction, p.x)

@@ -165,7 +165,9 @@ class GravityWaveSolver:
         self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
         self._rough_fields = self._rough.field(), self._rough.field()
         area = model.mesh.area / model.mesh.area.sum()
-        self.space = VectorSpace(area, model.device, work=model.launch.work, mesh=model.device_mesh)
+        self.space = VectorSpace(
+            area, real=wp.float64, work=model.launch.work, mesh=model.device_mesh
+        )
         self.setups, self.setup_seconds = 0, 0.0
         self._set_up = model.launch.work.section("preconditioner set-up", self._make)
         self._krylov: KrylovSolver = (

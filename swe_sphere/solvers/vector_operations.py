@@ -36,8 +36,6 @@ from swe_sphere.parallel import Alone
 Floats = NDArray[np.floating]
 
 MOST_VIEWS = 512
-MOST_CALLS = 8
-"""Stacks, each with a vector, whose products are taken at once."""
 
 
 class _Summed:
@@ -67,8 +65,8 @@ class HostVectors(_Summed):
         super().__init__(weights, real, "cpu", mesh, SPAN)
         self.dtype = np.dtype(wp.dtype_to_numpy(real))
         self._views: dict[tuple[int, int, int], Floats] = {}
-        self._call = wp.zeros(3 + 3 * MOST_CALLS, dtype=wp.uint64, device="cpu")
-        self._arguments = self._call.numpy()
+        self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
+        self._arguments, self._listed = self._call.numpy(), np.empty(0, np.uint64)
         self._products, self._coefficients = np.empty(0), np.empty(0)
 
     @functools.cached_property
@@ -79,10 +77,12 @@ class HostVectors(_Summed):
         command = self._record(scaled_sum_kernel(self.real), -(-self.n // SPAN), inputs)
         return command, factors.numpy()
 
-    @functools.cached_property
-    def _multiply(self) -> Any:
-        inputs = [self._call, self._weights, self._spans, self._size]
-        return self._record(weighted_products_kernel(self.real), 1, inputs)
+    def _prepare_products(self, calls: int) -> None:
+        """Load the kernel, with room for so many stacks, each with a vector."""
+        call = wp.zeros(3 + 3 * calls, dtype=wp.uint64, device="cpu")
+        self._listed = call.numpy()
+        inputs = [call, self._weights, self._spans, self._size]
+        self._multiply = self._record(weighted_products_kernel(self.real), 1, inputs)
 
     def _prepare_combinations(self, rows: int) -> None:
         """Load the kernel, with room for the coefficients of so many rows."""
@@ -144,7 +144,9 @@ class HostVectors(_Summed):
         arguments = [room.ctypes.data, 0 if self._shared is None else count, len(calls)]
         for stack, rows, v in calls:
             arguments += self._address(stack), self._address(v), rows
-        self._arguments[: len(arguments)] = arguments
+        if len(arguments) > self._listed.size:
+            self._prepare_products(max(len(calls), 8))
+        self._listed[: len(arguments)] = arguments
         self._multiply.launch()
         return self._products[:count] if self._shared is None else self._shared.total(count)
 

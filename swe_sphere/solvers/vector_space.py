@@ -57,16 +57,16 @@ class VectorSpace:
     def __init__(
         self,
         weights: ArrayLike,
-        device: str = "cpu",
-        real: type = wp.float64,
+        device: str | None = None,
+        real: type | None = None,
         kernels: bool | None = None,
         work: Work | None = None,
         mesh: DeviceMesh | None = None,
     ) -> None:
         """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
 
-        mesh: whose nodal fields (k N,) the weights are; several ranks may share them.
-
+        mesh: whose nodal fields (k N,) the weights are; several ranks may share them.  Device and
+        type are its own, unless others are given; without it the CPU and wp.float64.
         kernels: those of GPUs; the default is to use them except on "cpu".
         work: counts the operations.
         Raises ConfigError unless all weights are positive and finite.
@@ -78,6 +78,8 @@ class VectorSpace:
         values = values if mesh is None else mesh.restrict(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
             raise ConfigError("the weights of a vector space must be positive and finite")
+        device = device or ("cpu" if mesh is None else mesh.device)
+        real = real or (wp.float64 if mesh is None else mesh.real)
         self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
         by_kernels = self.device != "cpu" if kernels is None else kernels

@@ -26,8 +26,9 @@ class PIController:
     """Proportional-integral control of the step by an estimate of its error.
 
     dt_new = dt 0.9 (tolerance/error)^(0.7/p) (error_before/tolerance)^(0.4/p), between dt/2 and
-    2 dt (Gustafsson 1991, doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2).  It has no
-    memory: who steps keeps the error before.  `tolerance` in the unit of the errors; `order` p: the
+    2 dt (Gustafsson 1991, doi:10.1145/210232.210242; Hairer & Wanner 1996, IV.2); without the last
+    factor where the error before is 0, which tells no trend.  It has no memory: who steps keeps the
+    error before.  `tolerance` in the unit of the errors; `order` p: the
     power of dt that the error goes with.  Raises ConfigError for values out of range.
     """
 
@@ -53,7 +54,7 @@ class PIController:
         if error == 0.0:
             return MOST
         present: float = (self.tolerance / error) ** (PRESENT / self.order)
-        past: float = (before / self.tolerance) ** (PAST / self.order)
+        past = (before / self.tolerance) ** (PAST / self.order) if before > 0.0 else 1.0
         return min(MOST, max(LEAST, SAFETY * present * past))
 
 
@@ -121,8 +122,11 @@ class AdaptiveStepper(Stepper):
         self.counters["accepted_steps"] = 0
         self.controller = PIController(tolerance, self._measure.order)
         self._loosest = self._scheme.loosest
+        if first is not None and not (math.isfinite(first) and first > 0.0):
+            raise ConfigError(f"adaptive: the first step must be positive and finite, not {first}")
         self._first, self._next, self._before = first, 0.0, tolerance
         self._cuts: deque[Cut] = deque(maxlen=CUTS_KEPT)
+        self._start = self.model.zeros()
 
     @property
     def cuts(self) -> list[Cut]:
@@ -174,6 +178,7 @@ class AdaptiveStepper(Stepper):
 
     def _advance(self) -> None:
         done = 0.0
+        wp.copy(self._start, self.state)
         while done < self.dt:
             dt = self._fitted(self.dt - done)
             if self._try(self.time + done, dt):
@@ -190,12 +195,13 @@ class AdaptiveStepper(Stepper):
         """Attempt a step, keep it if it is good, and set the length of the next one."""
         fault = self._attempt(t, dt)
         if fault is not None:
-            self._cut(t, dt, fault, LEAST)
+            self._cut(t, dt, fault, LEAST, "try a finer mesh or more dissipation")
             return False
         error = self._measure(dt)
         if not self.controller.accepts(error):
             why = f"{self._measure.unit} {error:.3g} above {self.controller.tolerance:.3g}"
-            self._cut(t, dt, why, self.controller.ratio(error, self._before))
+            ratio = self.controller.ratio(error, self._before)
+            self._cut(t, dt, why, ratio, "choose a larger tolerance of adaptive")
             return False
         self._keep(dt, error)
         return True
@@ -210,14 +216,15 @@ class AdaptiveStepper(Stepper):
         else:
             self._next = min(self.dt, max(self._next, proposed))
 
-    def _cut(self, t: float, dt: float, why: str, ratio: float) -> None:
+    def _cut(self, t: float, dt: float, why: str, ratio: float, advice: str) -> None:
         self._cuts.append(Cut(t, dt, why))
         self.counters["rejected_steps"] += 1
         self._next = dt * ratio
         if self._next < SMALLEST_PART * self.dt:
+            wp.copy(self.state, self._start)  # that of `time`
             raise SolverFailed(
                 f"{self.name}: no step from {t:.0f} s is short enough, the last of {dt:.3g} s:"
-                f" {why}; choose a larger tolerance of adaptive"
+                f" {why}; {advice}"
             )
 
     def _attempt(self, t: float, dt: float) -> str | None:

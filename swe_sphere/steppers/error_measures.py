@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 import warp as wp
 
-from swe_sphere.equations.effects import PointwiseEffect
-from swe_sphere.equations.scene import Scene
+from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.steppers.implicit import ImplicitStepper
@@ -73,20 +72,22 @@ class EnergyDrift(Measure):
 
     def __init__(self, scheme: ImplicitStepper) -> None:
         model = scheme.model
-        if model.dissipative or not _has_energy(model.scene):
+        driven = model.scene.forcing is not None
+        if driven or model.dissipative or not PoissonTendency.fits(model):
             raise ConfigError(
                 f"adaptive-by energy: {model.scene.name} as set up here does not conserve energy;"
                 " take adaptive-by embedded"
             )
         super().__init__(scheme, scheme.order)
-        self._area, self._bottom = model.mesh.area, model.bottom
+        # from the lowest point: from anywhere else the total may be 0, or negative
+        self._area, self._bottom = model.mesh.area, model.bottom - model.bottom.min()
         self._gravity = model.scene.planet.gravity
 
     def __call__(self, dt: float) -> float:
-        """The drift over the step, 0 where it is round-off."""
+        """The drift over the step, 0 where it is round-off and NaN where it is none."""
         before, after = self._energy(self._scheme.state), self._energy(self._scheme.new)
         drift = abs(after - before) / before
-        return drift * DAY / dt if drift > ROUNDOFFS * self._scheme.space.epsilon else 0.0
+        return 0.0 if drift <= ROUNDOFFS * self._scheme.space.epsilon else drift * DAY / dt
 
     def per_change(self, dt: float) -> float:
         """The relative change of the energy in a day, were all of the change in its direction."""
@@ -124,13 +125,3 @@ def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
 def _with_estimate() -> str:
     """Names of the steppers that estimate their error."""
     return ", ".join(k for k, cls in STEPPERS.items() if cls.estimate_order)
-
-
-def _has_energy(scene: Scene) -> bool:
-    """Whether the dynamics keep the total energy, and nothing else acts."""
-    names = ("momentum-advection", "pressure-gradient")
-    if scene.forcing is not None or scene.linear:
-        return False
-    if any(isinstance(effect, PointwiseEffect) for effect in scene.effects):
-        return False
-    return all(scene.effect(name) is not None for name in names)

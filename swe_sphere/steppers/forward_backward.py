@@ -26,6 +26,8 @@ class SplitExplicit(FlowLimited):
     (`_altered`) has the combinations of levels made anew.
     """
 
+    holds_damping = True
+
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
         self._passes = Passes(self.model)
@@ -89,11 +91,6 @@ class ForwardBackward(SplitExplicit):
             weights(*mine.extrapolation(b)) for b in (mine.mass, mine.wind)
         )
         self._depth = weights(*mine.depth)
-
-    @classmethod
-    def order_in(cls, model: Model) -> int:
-        """One where diffusion is split off."""
-        return 1 if model.diffusive else cls.order
 
     @classmethod
     def weights_in(cls, share: float) -> LevelWeights:

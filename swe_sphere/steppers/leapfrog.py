@@ -1,6 +1,6 @@
 """Leapfrog with the Robert-Asselin-Williams filter."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -24,6 +24,7 @@ class Leapfrog(Stepper):
 
     name, order = "leapfrog", 2
     diffusion_steps = 2
+    holds_damping = True
     repeats_from = 1
     vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
@@ -76,6 +77,13 @@ class Leapfrog(Stepper):
 
     def _remembered(self) -> dict[str, wp.array]:
         return {"state": self.state, "previous": self._previous}
+
+    @classmethod
+    def order_in(cls, model: Model, **options: Any) -> int:
+        """One with the filter."""
+        strength = options.get("strength")
+        filtered = cls.default_strength if strength is None else strength
+        return 1 if filtered else super().order_in(model, **options)
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:

@@ -10,7 +10,7 @@ from swe_sphere.steppers.successive_stages import SuccessiveStages
 
 Array = NDArray[np.float64]
 FRACTION = 1e-3
-"""Half width of the difference that gives dF/dt, in time steps."""
+"""Spacing of the differences that give dF/dt, in time steps."""
 
 
 class RosenbrockW(SuccessiveStages):
@@ -19,7 +19,7 @@ class RosenbrockW(SuccessiveStages):
     (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
     keeps its order with an inexact J (Rang & Angermann 2005, doi:10.1007/s10543-005-0035-y).  It is
     solved for u = Gamma k/dt: no product with J is on the right then (Hairer & Wanner 1996, IV.7).
-    A solve is as exact as `tolerance` says, relative to the change of the state over the last step.
+    A solve is as exact as `tolerance` says, relative to the change of the state in gamma dt.
     """
 
     name, order = "rosenbrock-w", 3
@@ -101,10 +101,13 @@ class RosenbrockW(SuccessiveStages):
         return result
 
     def _differentiate(self, t: float, dt: float) -> None:
-        """dF/dt at the start, for a wind or forcing that changes, by a central difference."""
+        """dF/dt at the start, for a wind or forcing that changes, by differences.
+
+        Forwards, as there need be nothing before the scene begins.
+        """
         if not self._has_drift:
             return
-        step = FRACTION * dt
-        self.model.tendency(self.state, t + step, self._drift)
-        self.model.tendency(self.state, t - step, self._point)
-        self.space.axpby(-0.5 / step, self._point, 0.5 / step, self._drift)
+        self.space.clear(self._drift)
+        for ahead, weight in enumerate((-1.5, 2.0, -0.5)):
+            self.model.tendency(self.state, t + ahead * FRACTION * dt, self._point)
+            self.space.axpy(weight / (FRACTION * dt), self._point, self._drift)

@@ -1,5 +1,7 @@
 """Semi-implicit leapfrog: gravity waves by the trapezoidal rule over two steps."""
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ class SemiImplicit(ImexStepper):
 
     name, order = "semi-implicit", 2
     diffusion_steps = 2
+    holds_damping = True
     default_tolerance = 1e-2
     vectors = ARK2.vectors + 26  # with the room of the second set-up
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
@@ -90,6 +93,11 @@ class SemiImplicit(ImexStepper):
         self.space.copy(self.state, self._difference)
         self.space.axpby(-2.0, self._previous, 2.0, self._difference)
         wp.copy(self._guess, depth_of(self._difference, self._guess.size))
+
+    @classmethod
+    def order_in(cls, model: Model, **options: Any) -> int:
+        """One with the filter."""
+        return 1 if Leapfrog.default_strength else super().order_in(model, **options)
 
     @classmethod
     def _growth(

@@ -63,13 +63,8 @@ class SolvingStepper(Stepper):
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
         self.loosest = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
-        self.space = VectorSpace(
-            energy_weights(model),
-            model.device,
-            model.device_mesh.real,
-            work=model.launch.work,
-            mesh=model.device_mesh,
-        )
+        weights, mesh = energy_weights(model), model.device_mesh
+        self.space = VectorSpace(weights, work=model.launch.work, mesh=mesh)
         self.motion = Motion(self.space)
 
     def _allocate(self, model: Model) -> None:
@@ -137,7 +132,7 @@ class SteppedInParts(SolvingStepper):
 
     def _advance(self) -> None:
         """One step, or as many equal parts as the solver needs."""
-        done, parts = 0, 1
+        done, parts, start = 0, 1, self.state
         while done < parts:
             dt = self.dt / parts
             fault = self.attempt(self.time + done * dt, dt)
@@ -145,12 +140,14 @@ class SteppedInParts(SolvingStepper):
                 self.accept(dt)
                 done += 1
             else:
+                start = wp.clone(self.state) if parts == 1 else start
                 self.counters["rejected_steps"] += 1
                 done, parts = 2 * done, 2 * parts
-                self._give_up_below(parts, fault)
+                self._give_up_below(parts, fault, start)
 
-    def _give_up_below(self, parts: int, fault: str) -> None:
+    def _give_up_below(self, parts: int, fault: str, start: wp.array) -> None:
         if parts > SMALLEST_PART:
+            self.space.copy(start, self.state)  # that of `time`
             raise SolverFailed(
                 f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
                 f"{parts // 2} parts: {fault}; choose a smaller --dt"

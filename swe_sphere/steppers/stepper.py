@@ -69,6 +69,8 @@ class Stepper(ABC):
     """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
     diffusion_order: ClassVar[int] = 2
     """Of diffusion by itself; more than it has together with the rest costs, and gains nothing."""
+    holds_damping: ClassVar[bool] = False
+    """Whether it holds drag and relaxation over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
     """The step from which on all launch the same kernels, on arrays that `_turn` exchanges, and so
     can be recorded; None: never.  A class that defines `_advance` says so itself."""
@@ -161,10 +163,12 @@ class Stepper(ABC):
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
 
     @classmethod
-    def order_in(cls, model: Model) -> int:
-        """Its order for a model: two at the most where it has diffusion split off."""
-        split = model.diffusive and cls.diffusion_apart
-        return min(cls.order, 2) if split else cls.order
+    def order_in(cls, model: Model, **options: Any) -> int:
+        """Its order for a model, if it is built with those options."""
+        if cls.holds_damping and model.inviscid.dissipative:
+            return 1
+        apart = cls.diffusion_apart or options.get("diffusion") == "apart"
+        return min(cls.order, cls.diffusion_order) if model.diffusive and apart else cls.order
 
     def costs(self) -> dict[str, float]:
         """What the steps so far have taken: counts, and seconds where the name says so."""

@@ -5,6 +5,8 @@
 
 import math
 
+from swe_sphere.errors import Unstable
+
 Stages = tuple[float, ...]
 """f_i in m_i = m_0 + f_i tau A m_(i-1); the last is 1."""
 
@@ -22,9 +24,20 @@ _REACH: dict[float, Stages] = {
 }  # fmt: skip
 """Stages by how far they reach: the largest stable tau times the spectral radius of A."""
 LONGEST = max(_REACH)
+MOST_PARTS = 1000
+"""So many even out that a wind has grown beyond all bounds."""
 
 
 def stages_for(reach: float) -> tuple[int, Stages]:
-    """Into how many equal parts to divide a step of that reach, and the stages of each."""
+    """Into how many equal parts to divide a step of that reach, and the stages of each.
+
+    Raises Unstable for so many that no step would ever end, and for a reach that is NaN.
+    """
+    if not reach <= MOST_PARTS * LONGEST:
+        raise Unstable(
+            f"tracers would take {reach / LONGEST:.4g} parts in a step, more than {MOST_PARTS}: the"
+            " solution blows up; take a smaller dt or smaller tracer-steps"
+        )
     parts = max(1, math.ceil(reach / LONGEST))
-    return parts, next(f for far, f in _REACH.items() if parts * far >= reach)
+    # rounded, the product may fall short of what it was divided from
+    return parts, next((f for far, f in _REACH.items() if parts * far >= reach), _REACH[LONGEST])

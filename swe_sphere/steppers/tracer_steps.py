@@ -233,9 +233,7 @@ class _Residual:
         self._blocks = [slice(first, first + n) for first in starts]
         self._depth = slice(tracers.depth, tracers.first)
         share = model.mesh.area / model.mesh.area.sum()
-        self._space = VectorSpace(
-            share, model.device, model.device_mesh.real, mesh=model.device_mesh
-        )
+        self._space = VectorSpace(share, mesh=model.device_mesh)
         self._ones = model.device_mesh.upload(np.ones(n))
 
     def __call__(self, state: wp.array, flow: wp.array) -> None:

@@ -46,7 +46,7 @@ class BlockElimination(KeptSetup):
         self.inner = self.inner_solver(self.operator)
         self._b, self._h = self.operator.field(), self.operator.field()
         mesh, nearness = model.device_mesh, nearness_kernel(outer)
-        self._space = VectorSpace(mesh.mesh.area, model.device, outer, mesh=mesh)
+        self._space = VectorSpace(mesh.mesh.area, mesh=mesh)
         self._then, self._nearness = self._space.zeros(), self._space.zeros()
         model.launch.load(nearness)
         self._compare = partial(model.launch, nearness, mesh.size, DEPTH_CHANGE)

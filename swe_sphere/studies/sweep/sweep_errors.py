@@ -90,7 +90,8 @@ class Evaluator:
             for day in self._schedule.report_days
             if day in ours and day in right
         }
-        gain = 2.0 ** fine.integrator.kind.order_in(fine.space.model)
+        integrator = fine.integrator
+        gain = 2.0 ** integrator.kind.order_in(fine.space.model, **integrator.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             errors = Errors.of("time", apart, share)
             snapshots = results[spec].snapshots
