@@ -81,6 +81,20 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
+def _old(path: Path) -> Path:
+    """Where a folder is that another one takes the place of."""
+    return path.with_name(path.name + ".old.part")
+
+
+def check_moved(path: Path) -> None:
+    """ConfigError where a program was killed amid `take_place`: both folders are whole."""
+    if _old(path).exists() and not path.exists():
+        raise ConfigError(
+            f"{path} was being replaced when a program was killed: rename {part_of(path)} (the new"
+            f" one) or {_old(path)} to {path}"
+        )
+
+
 def claim(path: Path, folder: bool = False) -> int:
     """The file at `part_of(path)`, new or left behind, locked for as long as it is open.
 
@@ -88,9 +102,11 @@ def claim(path: Path, folder: bool = False) -> int:
     folder, which is emptied.  Returns its descriptor.
 
     Raises:
-        ConfigError: another program writes the file, or what is there is of another kind.
+        ConfigError: another program writes the file, or what is there is of another kind or was
+            left by a program that was killed as it replaced it.
         OSError: it cannot be made.
     """
+    check_moved(path)
     if path.exists():
         if not (path.is_dir() if folder else path.is_file()):
             what = "folder" if folder else "file"
@@ -122,13 +138,19 @@ def _taken(path: Path) -> str:
 
 
 def put_in_place(file: int, path: Path) -> None:
-    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path.
-
-    A folder cannot take the place of another one at once: the old one is `path`.old in between.
-    """
+    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
     os.fsync(file)
-    old = path.with_name(path.name + ".old")
+    take_place(path)
+
+
+def take_place(path: Path) -> None:
+    """What was made at `part_of(path)` is then at the path.
+
+    A folder cannot take the place of another one at once: the old one has another name in between.
+    """
+    old = _old(path)
     if path.is_dir():
+        remove(old)  # a killed program left it, and there is a newer one
         path.replace(old)
     part_of(path).replace(path)
     _sync_folder(path.parent)

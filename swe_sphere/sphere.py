@@ -75,8 +75,8 @@ def global_spline(
     y = np.concatenate([-np.pi - near[RIM - 1 :: -1], lat, np.pi - near[: -RIM - 1 : -1]])
     rows = np.concatenate([opposite[RIM - 1 :: -1], field, opposite[: -RIM - 1 : -1]])
     x = 2.0 * np.pi / lon.size * np.arange(-RIM, lon.size + RIM)
-    grid = np.concatenate([rows[:, -RIM:], rows, rows[:, :RIM]], axis=1)
-    spline = RectBivariateSpline(y, x, grid, kx=degree, ky=degree)
+    grid = np.take(rows, range(-RIM, lon.size + RIM), axis=1, mode="wrap")
+    spline = RectBivariateSpline(y, x, grid, kx=min(degree, y.size - 1), ky=degree)
 
     def evaluate(at_lon: Array, at_lat: Array) -> Array:
         found: Array = spline.ev(at_lat, (at_lon - lon[0]) % (2.0 * np.pi))

@@ -97,18 +97,17 @@ def read_analysis(path: Path) -> Analysis:
     """The winds and heights in the file.
 
     Raises:
-        ConfigError: the file is not there, is no netCDF, or is not as described above; one line
-            that says what to change.
+        ConfigError: the file is not there, is no netCDF, is damaged, or is not as described above;
+            one line that says what to change.
     """
     import netCDF4
 
     try:
-        dataset = netCDF4.Dataset(path)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror or 'not a netCDF file'}") from None
-    try:
-        with dataset:
+        with netCDF4.Dataset(path) as dataset:
             return _read(dataset)
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or "damaged, or not a netCDF file"
+        raise ConfigError(f"cannot read {path}: {why}") from None
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
 

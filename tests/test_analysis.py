@@ -2,6 +2,7 @@
 
 import re
 import tracemalloc
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -204,6 +205,44 @@ def test_errors_against_a_run_on_another_mesh(data, mesh):
         data.swe.error_norms("run.nc")
 
 
+ODD = {"planet": {"gravity": 10.0}, "done": True, "limit": None, "cuts": ["a"], "ends": (1.0, 2)}
+
+
+def test_everything_can_be_saved(mesh, run, tmp_path):
+    state = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, {})
+    for data in (state, open_run(run)):
+        for each in (data, data.isel(time=0), data.swe.to_latlon(19, 36), data.swe.spectrum(4)):
+            each.to_netcdf(tmp_path / "saved.nc")
+            with xr.open_dataset(tmp_path / "saved.nc", decode_times=False) as saved:
+                xr.testing.assert_equal(saved, each)
+                assert saved.attrs.keys() == each.attrs.keys()
+    open_run(run).to_netcdf(tmp_path / "saved.nc")
+    again = open_run(tmp_path / "saved.nc")
+    assert again.swe.mesh.size == mesh.size and again.attrs["completed"]
+
+
+def test_a_state_in_memory_is_described_as_one_in_a_file(mesh, run):
+    state, file = frame_dataset(mesh, rotation(mesh), 3600.0, ODD, {}), open_run(run)
+    for name in state.variables:
+        about = state[name].attrs
+        assert about.items() <= file[name].attrs.items() and about["units"], name
+        assert not about.keys() & {"mesh", "grid_mapping"}
+    for name in ("lat", "lon", "time"):
+        assert "standard_name" in state[name].attrs
+    assert bool(state.attrs["done"]) and state.attrs["planet"] == '{"gravity": 10.0}'
+
+
+def test_names_of_the_summary_hide_none_of_the_file(mesh, tmp_path):
+    """Those of the user's own numbers, which stand in the summary, may be any."""
+    with FrameWriter(tmp_path / "run.nc", mesh, {"scene": "x", "days": 3.0}) as writer:
+        writer.write(0.0, rotation(mesh))
+        writer.finish({"radius": 1.0, "spin": 90.0, "scene": "y", "days": 2.0, "jet": 5.0})
+    data = open_run(writer.path)
+    np.testing.assert_array_equal(data.swe.mesh.xyz, mesh.xyz)
+    assert data.swe.mesh.radius == mesh.radius
+    assert [data.attrs[name] for name in ("scene", "days", "jet")] == ["x", 2.0, 5.0]
+
+
 def test_frames_are_computed_when_they_are_asked_for(run):
     pytest.importorskip("dask")
     lazy, eager = open_run(run, chunks={"time": 1}).swe, open_run(run).swe
@@ -217,6 +256,54 @@ def test_frames_are_computed_when_they_are_asked_for(run):
         xr.testing.assert_equal(later.compute(), make(eager))
 
 
+def test_any_order_of_dimensions_and_any_kind_of_whole_numbers_will_do(run):
+    data = open_run(run)
+    found = data.transpose().swe.to_latlon(19.0, np.int64(36))
+    xr.testing.assert_allclose(found, data.swe.to_latlon(19, 36))
+    assert found.attrs["grid"] == "latlon:19x36" and {"h", "u", "v"} <= set(found)
+    xr.testing.assert_equal(data.swe.spectrum(degree=8.0), data.swe.spectrum(8))
+    xr.testing.assert_allclose(data.transpose().swe.integrals(), data.swe.integrals())
+    for make in (lambda ds: ds.to_latlon(19.5), lambda ds: ds.to_gaussian("x"),
+                 lambda ds: ds.spectrum(2.5)):  # fmt: skip
+        with pytest.raises(ConfigError, match="must be a whole number, not"):
+            make(data.swe)
+
+
+def test_names_of_fields_are_one_or_any_collection_of_them(run):
+    data = open_run(run)
+    assert sorted(data.swe.error_norms(data, "vorticity")) == [
+        "l1_vorticity", "l2_vorticity", "linf_vorticity"
+    ]  # fmt: skip
+    found = data.swe.error_norms(data, (name for name in ["h", "wind"]))
+    assert found.sizes["time"] == 3 and found.linf_wind.shape == (3,)
+
+
+def test_no_frame_and_several_members_are_refused_in_one_line(run):
+    data = open_run(run)
+    none, two = data.isel(time=[]), xr.concat([data, data], "member", data_vars="all")
+    for each, reason in ((none, "holds no frame"), (two, "choose one of member")):
+        for make in (lambda ds: ds.integrals(), lambda ds: ds.plot("h"),
+                     lambda ds: ds.error_norms(data)):  # fmt: skip
+            with pytest.raises(ConfigError, match=reason):
+                make(each.swe)
+    assert two.isel(member=0).swe.integrals().mass.shape == (3,)
+
+
+def test_a_store_may_have_any_name(run, tmp_path):
+    pytest.importorskip("zarr")
+    open_run(run).to_zarr(tmp_path / "store", zarr_format=2)
+    xr.testing.assert_equal(open_run(tmp_path / "store"), open_run(run))
+    assert regrid_file(tmp_path / "store", "latlon:4x4", tmp_path / "grid.nc").exists()
+
+
+@pytest.mark.parametrize("grid", ["latlon:4x4", "latlon:2x4", "latlon:3x4", "gaussian:1"])
+def test_the_smallest_grids_are_drawn(run, tmp_path, grid):
+    path = regrid_file(run, grid, tmp_path / "grid.nc", fields=["h"])
+    assert plot_file(path, "h", out=tmp_path / "h.png").stat().st_size > 10_000
+    here = Reference(path)
+    np.testing.assert_allclose(here.at("h", *here.points), here.values("h"), rtol=1e-12)
+
+
 def test_what_is_not_of_a_run(data, mesh):
     with pytest.raises(ConfigError, match="not of a run"):
         Analysis(data.swe.to_latlon(19, 36)).spectrum()
@@ -224,8 +311,9 @@ def test_what_is_not_of_a_run(data, mesh):
         _ = data.isel(node=slice(10)).swe.mesh
     with pytest.raises(ConfigError, match="does not hold f"):
         data.drop_vars("f").swe.potential_vorticity()
-    with pytest.raises(ConfigError, match="does not hold vorticity"):
-        data.drop_vars("vorticity").swe.integrals()
+    for name in ("vorticity", "b", "f"):
+        with pytest.raises(ConfigError, match=f"does not hold {name}"):
+            data.drop_vars(name).swe.integrals()
     with pytest.raises(ConfigError, match="wavenumber 1"):
         data.swe.spectrum(0)
 
@@ -294,9 +382,34 @@ def test_files_that_are_not_regridded(run, tmp_path):
         with pytest.raises(ConfigError, match=reason) as error:
             regrid_file(path, "latlon:4x4", tmp_path / out, fields=fields)
         assert "\n" not in str(error.value)
-    with pytest.raises(ConfigError, match="is the file that is brought to the grid"):
-        regrid_file(run, "latlon:4x4", run, overwrite=True)
-    assert grid.read_bytes() == before
+    link = tmp_path / "link.nc"
+    link.symlink_to(run)
+    for write in (partial(regrid_file, run, "latlon:4x4"), partial(write_scrip, run)):
+        for out in (run, link):
+            with pytest.raises(ConfigError, match="is the file that is read"):
+                write(out, overwrite=True)
+    assert grid.read_bytes() == before and RunFile(run).times.size == 3
+
+
+@pytest.mark.parametrize("ending", ["nc", "zarr"])
+def test_a_grid_that_is_there_stays_until_there_is_another(run, tmp_path, monkeypatch, ending):
+    out = tmp_path / f"grid.{ending}"
+    regrid_file(run, "latlon:4x4", out)
+    rename = Path.replace
+
+    def killed(path, target):
+        if target == out:
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "replace", killed)
+    with pytest.raises(KeyboardInterrupt):
+        regrid_file(run, "latlon:6x8", out, overwrite=True)
+    (kept,) = tmp_path.iterdir()
+    assert Reference(kept).lat.size == 4
+    monkeypatch.undo()
+    regrid_file(run, "latlon:6x8", out, overwrite=True)
+    assert Reference(out).lat.size == 6 and [*tmp_path.iterdir()] == [out]
 
 
 def test_a_regridded_run_is_read_at_each_of_its_times(run, tmp_path):

@@ -99,6 +99,33 @@ def test_only_the_fields_asked_for_are_written(tmp_path, mesh):
     assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
 
 
+@pytest.mark.parametrize("ending", ["nc", "zarr"])
+def test_a_frame_of_another_length_is_not_written(tmp_path, mesh, ending):
+    with FrameWriter(tmp_path / f"run.{ending}", mesh, {"scene": "x"}) as writer:
+        writer.write(0.0, frame(mesh, 0))
+        for wrong in (np.zeros(mesh.size - 1), np.zeros(mesh.size + 1)):
+            with pytest.raises(ValueError):
+                writer.write(60.0, frame(mesh, 1) | {"v": wrong})
+        writer.write(120.0, frame(mesh, 2))
+    run = RunFile(writer.path)
+    assert run.times.tolist() == [0.0, 120.0]
+    for k in (0, 2):
+        for name, values in frame(mesh, k).items():
+            np.testing.assert_array_equal(run.frame(60.0 * k)[name], values)
+
+
+def test_a_run_goes_on_under_its_own_run_id_and_on_its_own_mesh_alone(written, mesh):
+    before, run_id = written.read_bytes(), RunFile(written).attributes["run_id"]
+    with FrameWriter(written, mesh, {}, append_from=7200.0) as writer:
+        assert writer.run_id == run_id
+    with FrameWriter(written.with_name("other.nc"), mesh, {}) as writer:
+        assert writer.run_id != run_id
+    other = Mesh.build(2, 4)
+    with pytest.raises(ConfigError, match=rf"its mesh has {mesh.size} nodes, not {other.size}"):
+        FrameWriter(written, other, {}, append_from=7200.0)
+    assert written.read_bytes() == before
+
+
 def test_history_and_coriolis(tmp_path, mesh):
     with FrameWriter(tmp_path / "run.nc", mesh, {"scene": "x"}, coriolis=mesh.lat) as writer:
         writer.write(0.0, frame(mesh, 0))

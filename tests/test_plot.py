@@ -11,9 +11,13 @@ from matplotlib.image import imread
 from matplotlib.quiver import Quiver
 from PIL import Image
 
+from swe_sphere import open_run
+from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import RECORDS_AT
+from swe_sphere.io.compare import compare
 from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import Frame, RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
@@ -46,7 +50,7 @@ def run(tmp_path_factory):
     with FrameWriter(path, mesh, {"scene": "hilly", "dt": 60.0}, hill) as writer:
         for day in (0.0, 1.0, 2.0):
             fields = {"h": 1000.0 + 100.0 * day * wave, "u": 10.0 + wave, "v": wave}
-            series = {"mass": 1.0 + 1e-15 * day, "energy": 2.0 - 1e-6 * day, "l2_h": 1e-5 * day}
+            series = {"mass_drift": 1e-15 * day, "energy_drift": -5e-7 * day, "l2_h": 1e-5 * day}
             writer.write(
                 day * DAY, fields | {"vorticity": 1e-5 * wave, "divergence": 0.0 * wave}, series
             )
@@ -91,6 +95,18 @@ def test_panels_hold_errors_and_drifts(run):
     np.testing.assert_allclose(errors.curves["$l_2$ height"], [np.nan, 1e-5, 2e-5])
     np.testing.assert_allclose(drifts.curves["energy"], [np.nan, 5e-7, 1e-6], rtol=1e-6)
     assert list(drifts.curves) == ["mass", "energy"]
+
+
+def test_drifts_are_those_since_the_start_of_the_scene(tmp_path):
+    """Also in a file that begins later, with a restart."""
+    mesh = Mesh.build(1, 4)
+    fields = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
+    with FrameWriter(tmp_path / "run.nc", mesh, {}) as writer:
+        for day in (1.0, 2.0):
+            series = {"mass": 3.0 + 3e-6 * day, "mass_drift": 1e-6 * day}
+            writer.write(day * DAY, fields, series)
+    (drifts,) = panels(RunFile(writer.path))
+    np.testing.assert_allclose(drifts.curves["mass"], [1e-6, 2e-6])
 
 
 def test_no_series_no_panels(tmp_path):
@@ -334,6 +350,33 @@ def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
     else:
         with Image.open(film) as found:
             assert found.n_frames == 3
+
+
+@pytest.mark.parametrize("ending", ["nc", "zarr"])
+def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, monkeypatch, ending):
+    monkeypatch.setattr(animate, "ROWS", 31)
+    mesh = Mesh.build(2, 4)
+    fields = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
+    about = {"pv": {"long_name": "potential vorticity", "units": "m-1 s-1"}}
+    path = tmp_path / f"own.{ending}"
+    with FrameWriter(path, mesh, {}, own=about, own_fields=["pv"]) as writer:
+        for k in range(2):
+            writer.write(60.0 * k, fields | {"pv": k + np.sin(mesh.lat)})
+    assert plot_file(path, "pv", out=tmp_path / "pv.png").stat().st_size > 10_000
+    assert animate.animate_file(path, "pv", tmp_path / "pv.gif").stat().st_size > 10_000
+    grid = regrid_file(path, "latlon:31x60", tmp_path / "grid.nc")
+    assert plot_file(grid, "pv", out=tmp_path / "grid.png").stat().st_size > 10_000
+    assert compare(grid, path, "pv")["linf"] < 1e-2 and compare(path, path, "pv")["linf"] == 0.0
+    for source in (RunFile(path), Reference(grid)):
+        kind = Drawing(source, "pv", Look(), None, 31).kind
+        assert (kind.title, kind.units) == ("potential vorticity", "m$^{-1}$ s$^{-1}$")
+        assert kind.plain_units == "m⁻¹ s⁻¹"
+    axes = open_run(path).swe.plot("pv")
+    (label,) = (each.get_xlabel() for each in axes.figure.axes if each.get_xlabel())
+    assert label == "potential vorticity [m$^{-1}$ s$^{-1}$]"
+    for draw in (lambda: plot_file(path, "pw"), lambda: compare(path, path, "pw")):
+        with pytest.raises(ConfigError, match=r"there is no field 'pw': .*pv"):
+            draw()
 
 
 def test_films_that_cannot_be_made(run, tmp_path):

@@ -132,26 +132,26 @@ EXPLICIT = [
     ["williamson5", "rk4", 900.0, 3, 4, 4, {}],
     ["williamson5", "leapfrog", 400.0, 4, 3, 4, {"effects": {"viscosity.nu": 1e5}}],
     ["galewsky", "forward-backward", 400.0, 4, 3, 4, {}],
-    ["galewsky", "forward-backward", 100.0, 2, 18, 3, {}],
+    ["galewsky", "forward-backward", 100.0, 2, 18, 4, {}],
     [
         "galewsky",
         "fb-rk3",
         100.0,
         2,
         18,
-        3,
+        4,
         {"effects": {"viscosity.nu": 1e5, "drag.linear": 1e-5}},
     ],
     ["williamson4", "rk4", 100.0, 2, 16, 4, {"effects": {"drag.quadratic": 1e-8}}],
-    ["williamson5", "rk4", 200.0, 2, 18, 3, {"effects": {"viscosity.nu": 1e5}}],
+    ["williamson5", "rk4", 200.0, 2, 18, 4, {"effects": {"viscosity.nu": 1e5}}],
 ]
 SUMMING = [
     ["deformational", "ssprk3", 1800.0, 3, 3, 4, {"effects": {"tracers.limiter": True}}],
     ["williamson5", "semi-implicit", 1200.0, 3, 3, 4, {}],
     ["williamson5", "bdf2", 3600.0, 3, 3, 4, {}],
     ["williamson5", "bdf2", 3600.0, 3, 3, 4, {"settings": ["stepper.krylov_block=3"]}],
-    ["deformational", "ssprk3", 600.0, 2, 18, 3, {"effects": {"tracers.limiter": True}}],
-    ["williamson5", "semi-implicit", 300.0, 2, 24, 3, {}],
+    ["deformational", "ssprk3", 600.0, 2, 18, 4, {"effects": {"tracers.limiter": True}}],
+    ["williamson5", "semi-implicit", 300.0, 2, 24, 4, {}],
 ]
 """On the finest meshes, messages go on their way before all elements are computed."""
 

@@ -221,6 +221,15 @@ def test_a_grid_that_is_not_global(tmp_path):
         Reference(path)
 
 
+def test_a_grid_that_goes_westward(tmp_path):
+    """Its field would be drawn and compared as in a mirror."""
+    path = write_grid(tmp_path / "grid.nc")
+    with netCDF4.Dataset(path, "a") as data:
+        data["lon"][:] = data["lon"][::-1].copy()
+    with pytest.raises(ConfigError, match="evenly eastward"):
+        Reference(path)
+
+
 def test_williamson5_references_differ_in_time():
     """The reduced files give the norms of the full ones (l2 1.46991e-2, linf 6.7463e-2)."""
     early, late = (Reference(shipped_reference("williamson5", day)) for day in (5, 15))
@@ -232,3 +241,11 @@ def test_williamson5_references_differ_in_time():
 def test_only_what_is_shipped_is_found():
     assert shipped_reference("williamson5", 15.0) == SHIPPED / "williamson5_day15.nc"
     assert shipped_reference("williamson5", 3.0) is None
+
+
+def test_a_reference_of_another_time_is_not_compared(tmp_path) -> None:
+    """It is of one time, which its title tells."""
+    reference = Reference(shipped_reference("williamson5", 15.0))
+    assert reference.nearest(None) == reference.nearest(15 * DAY) == 15 * DAY
+    with pytest.raises(ConfigError, match="no frame at day 5: the last ones are at day 15"):
+        reference.nearest(5 * DAY)

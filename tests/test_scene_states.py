@@ -10,6 +10,7 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.special import lpmv
 
 from swe_sphere.cli.main import main
@@ -373,3 +374,14 @@ def test_analysis_with_levels_or_without_a_file(tmp_path: Path) -> None:
     (tmp_path / "text.nc").write_text("no netCDF")
     with pytest.raises(ConfigError, match=r"cannot read .*text\.nc: "):
         get_scene("williamson7", file=tmp_path / "text.nc")
+
+
+def test_a_damaged_analysis(tmp_path: Path) -> None:
+    path, plain = tmp_path / "bad.nc", xr.open_dataset(analysis(tmp_path / "a.nc"))
+    plain.to_netcdf(path, encoding={name: {"zlib": True} for name in "uvz"})
+    with path.open("r+b") as file:
+        for tenth in range(2, 9):
+            file.seek(path.stat().st_size * tenth // 10)
+            file.write(bytes(1000))
+    with pytest.raises(ConfigError, match=r"cannot read .*bad\.nc: damaged"):
+        get_scene("williamson7", file=path)

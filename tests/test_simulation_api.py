@@ -12,6 +12,7 @@ from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import RunFile
+from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.callbacks import every
@@ -154,7 +155,7 @@ def test_it_shows_itself():
     assert repr(sim) == (
         "Simulation('williamson6', ne=2, np=4, stepper='rk4': not begun of 14 days)"
     )
-    assert "not begun at day 0 after 0 steps" in sim._repr_html_()
+    assert "<td>not begun</td>" in sim._repr_html_() and "not begun" in repr(sim)
     sim.run(days=0.125)
     html = sim._repr_html_()
     assert html.startswith("<table>") and "completed at day 0.125 after 6 steps" in html
@@ -306,7 +307,7 @@ WAYS = [
 def test_no_diagnostic_takes_a_name_that_files_and_summaries_have(scene, values, tmp_path):
     found = small(scene, **values).run(days=0.25, every=6.0, out=tmp_path / "a.nc")
     data = open_run(tmp_path / "a.nc")
-    for name in {*found, *data.variables, *data.dims}:
+    for name in {*found, *data.variables, *data.dims, *data.attrs, *FIELDS, "wind"}:
         with pytest.raises(ConfigError, match="needs another name"):
             diagnostic(name=name)(lambda sim: 0.0)
 

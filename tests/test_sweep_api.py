@@ -11,6 +11,7 @@ from swe_sphere.simulation.diagnostics import diagnostic, forget
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies.sweep import SweepWatcher, sweep
+from swe_sphere.studies.sweep.dataset import INNER, UNITS, WORDS
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
 
@@ -137,3 +138,21 @@ def test_steps_that_come_to_the_same_are_one_run():
     found = sweep("lauter", "rk4", watcher=watcher, **TINY | {"dt": [3700, 3600, 1800]})
     grid = found.isel(run=found.role.values == "grid")
     assert grid.dt.values.tolist() == [3600.0, 1800.0] and sum(expected) == 2
+
+
+def test_runs_that_are_left_out_are_left_out_of_all_rounds():
+    """Shorter steps than the first that are accurate enough."""
+    found = sweep(
+        "williamson2", ["rk4"], ne=2, np=4, days=0.05, dt=[2160.0, 1080.0, 540.0], enough=1e-2,
+        repeats=2,
+    )  # fmt: skip
+    grid = found.isel(run=found["role"].values == "grid")
+    assert grid["dt"].values.tolist() == [2160.0] and found.sizes["repeat"] == 2
+    assert np.isfinite(grid["wall_seconds"].values).all()
+
+
+def test_no_diagnostic_takes_a_name_that_sweeps_have():
+    found = sweep("williamson2", ["rk4"], ne=2, np=4, days=0.05, dt=2160.0, repeats=1)
+    for name in {*found.variables, *found.dims, *WORDS, *UNITS, *INNER}:
+        with pytest.raises(ConfigError, match="needs another name"):
+            diagnostic(name=name)(lambda sim: 0.0)

@@ -2,6 +2,7 @@
 
 import shutil
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,6 +132,52 @@ def test_a_store_is_whole_while_it_is_written(mesh, tmp_path):
         shutil.rmtree(store)
         with pytest.raises(RunFailed, match="deleted while the run"):
             writer.write(120.0, frame(mesh, 2))
+
+
+def write(store, mesh, k):
+    with FrameWriter(store, mesh, {"scene": "none"}) as writer:
+        writer.write(60.0 * k, frame(mesh, k))
+
+
+def test_only_what_is_its_own_is_removed_when_a_store_is_replaced(mesh, tmp_path):
+    """Neither what a user has called so nor what a kill has left is in the way."""
+    store, users, left = (tmp_path / f"run.zarr{end}" for end in ("", ".old", ".old.part"))
+    write(store, mesh, 1)
+    for folder in (users, left):
+        folder.mkdir()
+        (folder / "kept").write_text("by hand")
+    write(store, mesh, 2)
+    assert RunFile(store).times.tolist() == [120.0]
+    assert (users / "kept").read_text() == "by hand" and not left.exists()
+
+
+def test_a_kill_amid_the_replacement_loses_neither(mesh, tmp_path, monkeypatch):
+    """Until the user has said which of the two it shall be."""
+    store, rename, renames = tmp_path / "run.zarr", Path.replace, []
+    write(store, mesh, 1)
+
+    def killed(path, target):
+        if path.parent == tmp_path:
+            renames.append(target)
+            if len(renames) == 2:
+                raise KeyboardInterrupt
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "replace", killed)
+    with FrameWriter(store, mesh, {}) as writer:
+        with pytest.raises(KeyboardInterrupt):
+            writer.write(120.0, frame(mesh, 2))
+        assert {path.name for path in tmp_path.iterdir()} == {"run.zarr.part", "run.zarr.old.part"}
+        shutil.copytree(tmp_path, tmp_path.with_name("killed"))
+    store = tmp_path.with_name("killed") / "run.zarr"
+    for again in (lambda: FrameWriter(store, mesh, {}), lambda: RunFile(store)):
+        with pytest.raises(ConfigError, match=r"rename .*run\.zarr\.part \(the new one\) or .*old"):
+            again()
+    assert RunFile(store.with_name("run.zarr.part")).times.tolist() == [120.0]
+    store.with_name("run.zarr.old.part").rename(store)
+    assert RunFile(store).times.tolist() == [60.0]
+    write(store, mesh, 3)
+    assert [path.name for path in store.parent.iterdir()] == ["run.zarr"]
 
 
 def test_what_is_no_store_is_left_alone(whole, tmp_path, capsys):

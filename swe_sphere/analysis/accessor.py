@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,12 +22,13 @@ from swe_sphere.analysis.winds import Poisson, grid_for, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
-from swe_sphere.io.layout import DIAGNOSTICS
+from swe_sphere.io.layout import DIAGNOSTICS, plain
 from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import TOLERANCE, RunFile
 from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.zarr_store import engine
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.settings import validated
+from swe_sphere.settings import convert, validated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +57,7 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
         >>> summary = sim.run(days=1, every=6, out="quick.nc")
         >>> run = open_run("quick.nc")
         >>> run.h.dims, run.sizes["time"], run.attrs["completed"]
-        (('time', 'node'), 5, True)
+        (('time', 'node'), 5, 1)
         >>> run.swe.to_latlon(19, 36).h.shape
         (5, 19, 36)
 
@@ -64,13 +66,14 @@ def open_run(path: str | os.PathLike[str], chunks: Mapping[str, int] | None = No
     """
     found = RunFile(path).attributes
     raw: dict[str, Any] = {"decode_times": False, "mask_and_scale": False}  # whole numbers stay so
-    data = xr.open_dataset(path, **raw, chunks=None if chunks is None else dict(chunks))
+    raw |= {"chunks": None if chunks is None else dict(chunks), "engine": engine(Path(path))}
+    data = xr.open_dataset(path, **raw)
     for variable in data.variables.values():
         variable.attrs.pop("_FillValue", None)  # says how it is stored, and not what it is
     if chunks is None:
         with data:
             data.load()
-    return data.assign_attrs(found)
+    return data.assign_attrs(plain(found))
 
 
 @xr.register_dataset_accessor("swe")  # type: ignore[no-untyped-call]
@@ -137,7 +140,7 @@ class Analysis:
         are means over the sphere.  degree: the highest wavenumber, by default 2 ne (np - 1), whose
         wave has two nodes.
         """
-        degree = truncation(self.mesh) if degree is None else degree
+        degree = truncation(self.mesh) if degree is None else convert("degree", int, degree)
         if degree < 1:
             raise ConfigError(f"degree={degree}: a spectrum goes to wavenumber 1 at least")
         at = Points(self.mesh, grid_for(degree))
@@ -175,7 +178,7 @@ class Analysis:
         """
         planet, mesh = planet_of(self._data), self.mesh
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
-        holding(self._data, "u", "v", "h", "vorticity", "divergence")
+        holding(self._data, *names)
         rows = []
         for k in range(self._times.size):
             rows.append(integrals(mesh, planet, **self._frame(k, names)))
@@ -204,9 +207,10 @@ class Analysis:
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}
+        names = [fields] if isinstance(fields, str) else [*fields]
         for k, j in pairs:
             ours, right = self._frame(k), theirs._frame(j)
-            for field in fields:
+            for field in names:
                 here = derive(ours, field) if points is None else evaluate(points, ours, field)
                 errors = norms(theirs.mesh.area, here, derive(right, field))
                 for norm, value in errors.items():
@@ -233,10 +237,12 @@ class Analysis:
         k = self._times.size - 1 if time is None else int(np.abs(self._times - time).argmin())
         if time is not None and not abs(self._times[k] - time) <= TOLERANCE:
             raise ConfigError(f"there is no frame at {time:g} s")
-        about = {str(name): value for name, value in self._data.attrs.items()}
+        run = {str(name): value for name, value in self._data.attrs.items()}
+        about = {str(name): field.attrs for name, field in self._data.data_vars.items()}
         frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
         now = float(self._times[k])
-        return draw_state(self.mesh, frame, now, about, field, ax, validated(Look, look))
+        asked = validated(Look, look)
+        return draw_state(self.mesh, frame, now, run, field, ax, asked, about=about)
 
     @cached_property
     def _times(self) -> Array:
@@ -251,6 +257,8 @@ class Analysis:
     def _frame(self, k: int, names: Iterable[str] | None = None) -> dict[str, Array]:
         """Fields (N,) of one frame, those of the names that are there."""
         data = self._data.isel(time=k) if "time" in self._data.dims else self._data
+        if others := set(data["h"].dims if "h" in data else ()) - {"node"}:
+            raise ConfigError(f"choose one of {', '.join(map(str, others))} (isel) first")
         wanted = data.data_vars if names is None else names
         return {
             str(name): data[name].values for name in wanted

@@ -15,6 +15,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.settings import convert
 
 MOST_POINTS = 2**28
 """No grid has more points than this: a field of them takes 2 GiB."""
@@ -73,6 +74,7 @@ def parse_grid(text: str) -> Grid:
 
 def lat_lon(rows: int, columns: int) -> Grid:
     """Even latitudes and longitudes; ConfigError for less than 2 rows or 4 columns."""
+    rows, columns = convert("rows", int, rows), convert("columns", int, columns)
     _check(f"latlon:{rows}x{columns}", rows, columns)
     if rows % 2:
         lat = np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
@@ -88,6 +90,7 @@ def gaussian(n: int) -> Grid:
 
     The cells are as high as the Gauss weights say, so that sums over them are Gauss quadrature.
     """
+    n = convert("n", int, n)
     _check(f"gaussian:{n}", 2 * n, 4 * n)
     sines, weights = np.polynomial.legendre.leggauss(2 * n)
     edges = np.arcsin(np.clip(np.concatenate([[-1.0], np.cumsum(weights) - 1.0]), -1.0, 1.0))

@@ -14,6 +14,7 @@ from scipy import sparse
 from swe_sphere.analysis.grids import Grid
 from swe_sphere.analysis.runs import holding
 from swe_sphere.arrays import Array
+from swe_sphere.io.layout import TOPOLOGY
 from swe_sphere.mesh import Interpolator, Mesh, interpolators
 from swe_sphere.sphere import frame
 
@@ -158,7 +159,8 @@ def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
 
 def fields_of(data: xr.Dataset) -> list[str]:
     """Names of the variables that have a value at each node."""
-    return [str(name) for name in data.data_vars if data[name].dims[-1:] == ("node",)]
+    names = [str(name) for name in data.data_vars if "node" in data[name].dims]
+    return [name for name in names if name not in TOPOLOGY]
 
 
 def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray) -> xr.DataArray:

@@ -15,11 +15,11 @@ import xarray as xr
 
 from swe_sphere.analysis.grids import parse_grid
 from swe_sphere.analysis.regrid import Regridder, fields_of, on_grid, regridder
-from swe_sphere.durable import clear_errors, part_of, refuse_to_replace, remove
+from swe_sphere.durable import clear_errors, part_of, refuse_to_replace, remove, take_place
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.io.zarr_store import check_zarr
+from swe_sphere.io.zarr_store import check_zarr, engine
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import CORNERS, cell_corners
 
@@ -51,12 +51,10 @@ def regrid_file(
     if found.times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
     bring = regridder(found.mesh, parse_grid(grid), conservative)
-    _check_place(out, overwrite)
-    if out.exists() and out.samefile(path):
-        raise ConfigError(f"{out} is the file that is brought to the grid: choose another name")
+    _check_place(path, out, overwrite)
     part = part_of(out)
     with (
-        xr.open_dataset(path, decode_times=False) as data,
+        xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
         clear_errors(f"cannot write {out}"),
     ):
         chosen = _chosen(data, fields)
@@ -65,21 +63,26 @@ def regrid_file(
         try:
             write = _write_zarr if out.suffix == ".zarr" else _write_netcdf
             write(part, _frames(chosen, bring))
-            remove(out)
-            part.replace(out)
+            take_place(out)
         finally:
             remove(part)
     return out
 
 
-def _check_place(out: Path, overwrite: bool) -> None:
+def _check_place(path: Path, out: Path, overwrite: bool) -> None:
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
-    refuse_to_replace(out, overwrite)
+    _check_other(path, out, overwrite)
     if out.suffix == ".zarr":
         check_zarr(out)
+
+
+def _check_other(path: Path, out: Path, overwrite: bool) -> None:
+    refuse_to_replace(out, overwrite)
+    if out.exists() and out.samefile(path):
+        raise ConfigError(f"{out} is the file that is read: choose another name")
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
@@ -130,7 +133,7 @@ def write_scrip(path: Path, out: Path, overwrite: bool = False) -> Path:
     if the file is not of a run, or if `out` is there already or cannot be written.
     """
     mesh = RunFile(path).mesh
-    refuse_to_replace(out, overwrite)
+    _check_other(path, out, overwrite)
     part = part_of(out)
     with clear_errors(f"cannot write {out}"):
         try:

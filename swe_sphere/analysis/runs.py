@@ -40,10 +40,15 @@ def planet_of(data: xr.Dataset) -> Planet:
 
 
 def seconds(data: xr.Dataset) -> Array:
-    """Times (T,) since the start [s] of the frames; one where there is no such dimension."""
+    """Times (T,) since the start [s] of the frames; one where there is no such dimension.
+
+    Raises ConfigError if there is no frame.
+    """
     if "time" not in data.coords:
         return np.zeros(1)
     times = np.atleast_1d(data["time"].values)
+    if times.size == 0:
+        raise ConfigError("this dataset holds no frame")
     if np.issubdtype(times.dtype, np.datetime64):
         times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
     return times.astype(np.float64)

@@ -36,7 +36,9 @@ def ensemble(
     from swe_sphere.io.scalar_fields import check_field
     from swe_sphere.studies.ensemble import run_members, spread, write_spread
 
-    config, field = make_config(given(values, RunConfig)), check_field(field)
+    config = make_config(given(values, RunConfig))
+    if not config.diagnostics:  # whose names are known when they are loaded
+        check_field(field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
     try:
         members = run_members(config, _seeds(seeds), place, typer.echo)

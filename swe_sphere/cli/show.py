@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import typer
@@ -31,7 +33,8 @@ def terminal(config: RunConfig) -> Watcher:
 
 
 def _warn(text: str) -> None:
-    sys.stderr.write(f"swe-sphere: warning: {text}\n")
+    with suppress(OSError):  # nobody reads it any more
+        sys.stderr.write(f"swe-sphere: warning: {text}\n")
 
 
 def show_line(text: str) -> None:
@@ -49,7 +52,8 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
         sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
     told = config.out is not None and not (config.quiet or config.as_json)
     if told and summary.status in GOES_ON:
-        rest = f"--restart {config.out} --out {config.out} --days {summary['days_planned']:g}"
+        out = shlex.quote(str(config.out))
+        rest = f"--restart {out} --out {out} --days {summary['days_planned']:g}"
         sys.stderr.write(f"swe-sphere: it goes on with: swe-sphere run {config.scene} {rest}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")

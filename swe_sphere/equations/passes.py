@@ -57,8 +57,8 @@ class Passes:
         kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
         runs = in_runs(kernels_of, lanes, mesh.inner if direct else 0, mesh.size)
         self._runs = [(made, self._of_point(made, point), *span) for made, *span in runs]
-        """Kernels that step what elements have not, with their geometry, threads and first nodes."""
-        parameters |= {"point": getattr(self._runs[0][1], "point")}
+        """Kernels that step what elements have not, their geometry, threads and first nodes."""
+        parameters |= {"point": self._runs[0][1].point}
         of_fields = field_kernels(np_, self._real, mesh.shape)
         self._local_depth, self._flat_depth = mesh.local(self._masses, of_fields.value)
         self._local_wind, self._flat_wind = mesh.local(2, of_fields.value)

@@ -64,6 +64,14 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
         raise
 
 
+def is_checkpoint(path: Path) -> bool:
+    """Whether a file is one that `write_checkpoint` has made."""
+    if not (path.is_file() and zipfile.is_zipfile(path)):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return f"{HEADER}.npy" in archive.namelist()
+
+
 def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """The checkpoint of a file of frames, or the one in a file of its own.
 

@@ -32,8 +32,8 @@ class Header:
     """Where the value of each global attribute stands, and its bytes."""
     begins: dict[str, int]
     """Where each variable begins; one with records, in the first of them."""
-    recorded: frozenset[str]
-    """Which variables have records."""
+    recorded: dict[str, int]
+    """Which variables have records, and the bytes of one."""
     end: int
     """Where the last variable ends."""
 
@@ -87,19 +87,19 @@ def read_header(file: BinaryIO) -> Header:
         lengths[name] = scanner.position
         sizes.append(scanner.number())
     texts = scanner.attributes()
-    begins, bytes_of, counted = {}, {}, set()
+    begins, bytes_of, counted = {}, {}, {}
     for _ in scanner.items():
         name, shape = scanner.text(), [scanner.number() for _ in range(scanner.number())]
         scanner.attributes()
         scanner.number()  # its type
         bytes_of[name], begins[name] = scanner.number(), scanner.number(8)
         if shape and sizes[shape[0]] == 0:
-            counted.add(name)
-    record_bytes = sum(bytes_of[name] for name in counted)
+            counted[name] = bytes_of[name]
+    record_bytes = sum(counted.values())
     before = {name: (records - 1) * record_bytes if name in counted else 0 for name in begins}
     ends = [begins[name] + before[name] + bytes_of[name] for name in begins]
     end = max(ends, default=0)
-    return Header(records, record_bytes, lengths, texts, begins, frozenset(counted), end)
+    return Header(records, record_bytes, lengths, texts, begins, counted, end)
 
 
 def check_length(path: Path) -> None:

@@ -36,9 +36,9 @@ def compare(
     """Norms of A - B over those of B, at the points and with the area weights of B.
 
     a, b: files of runs (any two meshes) or latitude-longitude references.  field: a name in
-    `fields.FIELDS`, or "wind" for the vector; None: "h", or "surface" where one of the two holds
-    no depth.  time [s]: the frame; None: the time of a reference, else the last one that both runs
-    have.  across_scenes: also where the two are runs of different scenes.
+    `scalar_fields.FIELDS` or the files, or "wind" for the vector; None: "h", or "surface" where one
+    of the two holds no depth.  time [s]: the frame; None: the time of a reference, else the last
+    one that both runs have.  across_scenes: also where the two are runs of different scenes.
     Returns field, time, l1, l2, linf.  Raises ConfigError if a file cannot be read, if one of them
     lacks the field or a frame at that time, or if the runs are of different scenes.
     """
@@ -90,7 +90,7 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
     references = [s for s in (ours, theirs) if isinstance(s, Reference)]
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"
-    field = check_field(field, vector=True)
+    field = check_field(field, [*ours.about, *theirs.about], vector=True)
     bottoms = [s.bottom for s in (ours, theirs) if isinstance(s, RunFile)]
     for reference in references:
         field = reference_field(reference, field, bottoms[0] if bottoms else None)

@@ -56,7 +56,8 @@ class Growing(ABC):
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
         """Add a record, given every variable that has records, and put it on the disk.
 
-        sync: wait until it is there, which a file that nobody looks at yet need not.
+        sync: wait until it is there, which a file that nobody looks at yet need not.  Raises
+        ValueError for values of other lengths than those of the records.
         """
 
     @abstractmethod
@@ -111,7 +112,7 @@ class GrowingFile(Growing):
     @property
     def recorded(self) -> frozenset[str]:
         """As `Growing`."""
-        return self._header.recorded
+        return frozenset(self._header.recorded)
 
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
         """As `Growing`, by the netCDF library, in the file claimed."""
@@ -124,6 +125,8 @@ class GrowingFile(Growing):
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
         """As `Growing`."""
+        if {name: 8 * np.size(value) for name, value in values.items()} != self._header.recorded:
+            raise ValueError(f"the values do not fit the records of {self._place}")
         done = self.records * self._header.record_bytes
         try:
             for name, value in values.items():

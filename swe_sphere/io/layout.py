@@ -64,9 +64,11 @@ BOUNDS = "_bnds"
 """What the names of the bounds of a coordinate end with."""
 TOPOLOGY = ("mesh", "face_nodes", "sphere", *(name + BOUNDS for name in COORDINATES))
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
+MEASURES = {"cell_measures": "area: area"}
 START = "2000-01-01"
 """The date that files give the start of a run."""
 TIME = {
+    "standard_name": "time",
     "units": f"seconds since {START} 00:00:00",
     "calendar": "proleptic_gregorian",
     "units_metadata": "leap_seconds: none",
@@ -170,12 +172,12 @@ def _add_frames(dataset: netCDF4.Dataset, fields: Mapping[str, Mapping[str, str]
     _add_time(dataset, "time", "time").axis = "T"
     for name, attributes in fields.items():
         variable = dataset.createVariable(name, "f8", ("time", "node"), fill_value=np.nan)
-        variable.setncatts({**attributes, **ON_NODES, "cell_measures": "area: area"})
+        variable.setncatts({**attributes, **ON_NODES, **MEASURES})
 
 
 def _add_time(dataset: netCDF4.Dataset, name: str, text: str) -> netCDF4.Variable[np.float64]:
     variable = dataset.createVariable(name, "f8", (name,))
-    variable.setncatts({"standard_name": "time", "long_name": text, **TIME})
+    variable.setncatts({"long_name": text, **TIME})
     return variable
 
 
@@ -211,10 +213,10 @@ def _fill(
 
 
 def attribute(value: object) -> Any:
-    """A value as the file can hold it: numbers, texts and rows of numbers; the rest as JSON."""
+    """A value as files can hold it: numbers, texts and rows of numbers; the rest as JSON."""
     if isinstance(value, (str, float, np.floating)):
         return value
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+    if isinstance(value, (int, np.integer, np.bool_)):
         number = int(value)
         return np.int32(number) if abs(number) < 2**31 else float(number)
     if isinstance(value, Sequence) and value and all(type(x) in (int, float) for x in value):
@@ -222,6 +224,12 @@ def attribute(value: object) -> Any:
     if isinstance(value, Mapping):
         value = dict(value)
     return json.dumps(value, default=str)
+
+
+def plain(values: Mapping[str, object]) -> dict[str, Any]:
+    """Values as files can hold them, in types of Python: what xarray can write again."""
+    found = {name: attribute(value) for name, value in values.items()}
+    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in found.items()}
 
 
 def history(action: str, before: str = "") -> str:

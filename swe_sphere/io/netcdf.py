@@ -77,7 +77,7 @@ class FrameWriter:
         self._mesh, self._samples = mesh, samples
         constants = {"b": bottom, "f": coriolis}
         self._constants = {k: values for k, values in constants.items() if values is not None}
-        self._earlier = None if append_from is None else EarlierFrames(self.path, append_from)
+        self._earlier = None if append_from is None else EarlierFrames(self.path, append_from, mesh)
         self._own = dict(own or {})
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         self._fields = {name: every[name] for name in _chosen(only, every)}
@@ -87,6 +87,8 @@ class FrameWriter:
             values |= self._earlier.attributes
         values["history"] = history(f"run {attributes.get('scene', '')}", done)
         self._attributes = {name: attribute(value) for name, value in values.items()}
+        self.run_id = str(values["run_id"])
+        """That of the earlier run where that is gone on with."""
         self._series: tuple[str, ...] = ()
         size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         size += 0 if self._earlier is None else self._earlier.all_bytes
@@ -221,11 +223,15 @@ class EarlierFrames:
     """The frames and samples in a file of a run that are of times before a given one [s].
 
     Later ones, by a run that was killed before its next checkpoint, are left out: the run that goes
-    on writes them again.  Raises ConfigError if the file is damaged.
+    on writes them again.  Raises ConfigError if the file is damaged, or is not of that mesh.
     """
 
-    def __init__(self, path: Path, time: float) -> None:
+    def __init__(self, path: Path, time: float, mesh: Mesh) -> None:
         run = RunFile(path)
+        if run.bottom.size != mesh.size:
+            raise ConfigError(
+                f"cannot go on in {path}: its mesh has {run.bottom.size} nodes, not {mesh.size}"
+            )
         times, self._series = run.series()
         self._path, self._sample_times = path, times[times < time]
         self._frames = int(np.count_nonzero(run.times < time))

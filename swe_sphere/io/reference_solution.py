@@ -9,7 +9,6 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.layout import TRACER
 from swe_sphere.io.norms import Norms, norms
 from swe_sphere.io.runfile import Dataset, attributes, nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
@@ -20,6 +19,7 @@ from swe_sphere.sphere import frame, global_spline
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
          "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip
 """Our name of each field and that of the variable (lat, lon)."""
+ON_GRID = ("lat", "lon"), ("time", "lat", "lon")
 
 SHIPPED = Path(__file__).parents[1] / "data"
 """Where the references lie that come with the package; each says in its attributes what it is."""
@@ -70,6 +70,9 @@ class Reference:
             """Of a regridded run [s]."""
             self.fields = _fields(self.path, dataset, -1)
             """Those of the reference, or of the last time."""
+            there = self.fields.keys() & dataset.variables.keys()
+            self.about = {name: attributes(dataset[name]) for name in there}
+            """Attributes of their variables, by our names where those are the same."""
             bounds = dataset.variables.get("lat_bnds")
             zones = latitude_weights(self.lat, None if bounds is None else np.radians(bounds[:]))
         self._check_grid()
@@ -78,9 +81,9 @@ class Reference:
     def _check_grid(self) -> None:
         count = self.lon.size
         around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
-        if count % 2 or not np.allclose(np.abs(around), 2.0 * np.pi / count, atol=1e-6):
+        if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
             raise ConfigError(
-                f"{self.path}: longitudes must go round the globe evenly, an even number of them"
+                f"{self.path}: longitudes must go round the globe evenly eastward, an even number"
             )
 
     @property
@@ -97,8 +100,11 @@ class Reference:
         return float(day[1]) * DAY if day else None
 
     def nearest(self, time: float | None) -> float | None:
-        """The one time of a reference, whatever is asked for; of a regridded run as `RunFile`."""
-        return self.time if self.times is None else nearest_time(self.path, self.times, time)
+        """As `RunFile`; None for a reference that does not tell its time."""
+        if self.times is None and self.time is None:
+            return None
+        times = np.array([self.time]) if self.times is None else self.times
+        return nearest_time(self.path, times, time)
 
     @property
     def points(self) -> tuple[Array, Array]:
@@ -135,14 +141,18 @@ class Reference:
 def _fields(path: Path, dataset: Dataset, index: int) -> dict[str, Array]:
     """Those of the time of that index, where there are times."""
     found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
-    found |= {name: dataset[name] for name in dataset.variables if name.startswith(TRACER)}
+    found |= {
+        name: variable for name, variable in dataset.variables.items()
+        if variable.dimensions in ON_GRID and np.issubdtype(variable.dtype, np.number)
+        and name not in NAMES.values()
+    }  # fmt: skip
     if not found:
         raise ConfigError(
             f"cannot read {path}: it is no file of a run, and as a reference on a grid"
             f" it lacks all of {', '.join(NAMES.values())}"
         )
     for variable in found.values():
-        if variable.dimensions not in (("lat", "lon"), ("time", "lat", "lon")):
+        if variable.dimensions not in ON_GRID:
             raise ValueError(f"{variable.name} is not on (lat, lon)")
     return {
         name: variable[index if variable.ndim == 3 else slice(None)].astype(float)

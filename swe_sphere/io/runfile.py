@@ -16,19 +16,23 @@ import netCDF4
 import numpy as np
 
 from swe_sphere.arrays import Array
+from swe_sphere.durable import check_moved
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import (
+    COORDINATES,
+    MEASURES,
     MESH_ATTRIBUTES,
-    ON_NODES,
     SERIES,
     STATIC_FIELDS,
     SUMMARY,
+    TIME,
     TRACER,
     frame_fields,
+    plain,
 )
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.io.zarr_store import StoredDataset, is_store
+from swe_sphere.io.zarr_store import StoredDataset, StoredVariable, is_store
 from swe_sphere.mesh import Mesh, interpolators
 from swe_sphere.planet import DAY
 
@@ -47,6 +51,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[Dataset]:
     """An open netCDF file or Zarr store; ConfigError, in one line, for what is wrong with it in
     the block."""
     store = is_store(Path(path))
+    check_moved(Path(path))
     if not (store or Path(path).is_file()):
         raise ConfigError(f"there is no file {path}")
     try:
@@ -67,9 +72,9 @@ def _cause(path: str | os.PathLike[str], error: Exception) -> str:
     return f"it is damaged, cut short, or not a file of this kind ({why})"
 
 
-def attributes(dataset: Dataset) -> dict[str, Any]:
-    """The global attributes as plain numbers, texts and lists of numbers."""
-    values: dict[str, Any] = {name: dataset.getncattr(name) for name in dataset.ncattrs()}
+def attributes(of: Dataset | netCDF4.Variable[Any] | StoredVariable) -> dict[str, Any]:
+    """The (global) attributes as plain numbers, texts and lists of numbers."""
+    values: dict[str, Any] = {name: of.getncattr(name) for name in of.ncattrs()}
     return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 
@@ -92,6 +97,8 @@ class Nodal(ABC):
 
     attributes: dict[str, Any]
     """What is known of the run."""
+    about: Mapping[str, Mapping[str, Any]]
+    """Attributes of the variables that a frame holds, as far as they are known."""
     bottom: Array
     """Height of the bottom (N,) [m]."""
     mesh: Mesh
@@ -161,9 +168,12 @@ class RunFile(Nodal):
                 raise ConfigError(
                     f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
                 )
-            self.attributes = found | table_in(found[SUMMARY])
-            """The global attributes, and by its names what the summary says."""
+            told = table_in(found[SUMMARY])
+            new = {k: value for k, value in told.items() if k == "days" or k not in found}
+            self.attributes = found | new
+            """The global attributes, and by its names what the summary says more: how many days."""
             self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
+            self.about = {name: attributes(dataset[name]) for name in _frame_fields(dataset)}
             self.times: Array = dataset["time"][:]
             self.bottom: Array = dataset["b"][:]
 
@@ -206,12 +216,21 @@ class RunFile(Nodal):
 
 
 class Frame(Nodal):
-    """One state at the nodes of a mesh; fields: (N,) each, b among them, at time [s]."""
+    """One state at the nodes of a mesh; fields: (N,) each, b among them, at time [s].
+
+    attributes: of the run; about: of fields.
+    """
 
     def __init__(
-        self, mesh: Mesh, fields: Mapping[str, Array], time: float, attributes: Mapping[str, Any]
+        self,
+        mesh: Mesh,
+        fields: Mapping[str, Array],
+        time: float,
+        attributes: Mapping[str, Any],
+        about: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.mesh, self.bottom, self.attributes = mesh, fields["b"], dict(attributes)
+        self.about = about or {}
         self._fields, self._time = dict(fields), time
 
     def nearest(self, time: float | None) -> float:
@@ -236,15 +255,14 @@ def frame_dataset(
     tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
     known = frame_fields(tracers) | {name: dict(own[name]) for name in own if name in fields}
     data: dict[str, Any] = {
-        name: (("time", "node"), fields[name][None], {**about, **ON_NODES})
+        name: (("time", "node"), fields[name][None], {**about, **MEASURES})
         for name, about in known.items()
     }
     for name, values in {"b": fields["b"], "f": fields["f"], "area": mesh.area}.items():
         data[name] = ("node", values, STATIC_FIELDS[name])
     degrees = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon)}
-    units = {"lat": "degrees_north", "lon": "degrees_east"}
-    points = {name: ("node", values, {"units": units[name]}) for name, values in degrees.items()}
-    about_time = {"units": "s", "long_name": "time since the start"}
-    coordinates = {"time": ("time", [time], about_time), **points}
+    points = {name: ("node", degrees[name], about) for name, about in COORDINATES.items()}
+    about_time = {"long_name": "time", "axis": "T", **TIME}
     parameters = {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
-    return xr.Dataset(data, coordinates, {**attributes, **parameters})
+    about = {"Conventions": "CF-1.11", **attributes, **parameters}
+    return xr.Dataset(data, {"time": ("time", [time], about_time), **points}, plain(about))

@@ -1,8 +1,10 @@
 """The fields a file can be asked for: names, units, colours, and how to derive them."""
 
 import difflib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +29,11 @@ class Field:
     @property
     def plain_units(self) -> str:
         """Units for a terminal and for captions; none of pure numbers."""
-        return "" if self.units == "1" else self.units.replace("$^{-1}$", "⁻¹")
+        plain = POWER.sub(lambda found: found[1].translate(RAISED), self.units)
+        return "" if self.units == "1" else plain
+
+
+POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 FIELDS = {
@@ -44,21 +50,25 @@ FIELDS = {
 with tracers has the mixing ratio "q_NAME" of each."""
 
 
-def describe(name: str) -> Field:
-    """How to call and draw the field of that name."""
+def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
+    """How to call and draw the field of that name; about: attributes of the variable that it is."""
     if name.startswith(TRACER):
         return Field(f"mixing ratio of {name.removeprefix(TRACER)}", "1", "matter", contours=False)
-    return FIELDS.get(name) or Field(name.replace("_", " "), "", "thermal", contours=False)
+    told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
+    units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(told["units"]))
+    return FIELDS.get(name) or Field(str(told["long_name"]), units, "thermal", contours=False)
 
 
-def check_field(name: str, *, vector: bool = False) -> str:
+def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:
     """The name, if there is such a field; "wind" is one only where vector is true.
 
-    Of what begins as the name of a tracer does, only the file can tell.
+    own: names of what a file holds.  Of what begins as the name of a tracer does, only the file can
+    tell.
 
     Raises ConfigError with the nearest name otherwise.
     """
     names = [*FIELDS, "wind"] if vector else [*FIELDS]
+    names += [each for each in own if each not in names]
     if name in names or name.startswith(TRACER):
         return name
     near = difflib.get_close_matches(name, names, n=1)

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import netCDF4
 import numpy as np
@@ -32,6 +32,11 @@ CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
 def is_store(path: Path) -> bool:
     """Whether there is a folder that holds a Zarr store."""
     return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
+
+
+def engine(path: Path) -> Literal["zarr"] | None:
+    """What xarray shall open a file with, which it can tell of all but stores of other names."""
+    return "zarr" if is_store(path) else None
 
 
 def check_zarr(path: Path) -> None:
@@ -71,7 +76,7 @@ class GrowingStore(Growing):
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
         """As `Growing`, but that the numbers may still be with the system."""
         for name, value in values.items():
-            self._put(name, self.records, np.asarray(value)[None])
+            self._put(name, self.records, 1, value)
         self.records += 1
         if sync:
             self._commit()
@@ -87,13 +92,13 @@ class GrowingStore(Growing):
         write_whole(self._root / ATTRIBUTES, json.dumps(attributes))
         self._commit()
 
-    def _put(self, name: str, begin: int, values: ArrayLike) -> None:
-        """Numbers in the place of those from that index on."""
+    def _put(self, name: str, begin: int, count: int, values: ArrayLike) -> None:
+        """Numbers in the place of so many from that index on; ValueError if they do not fit."""
         import zarr
 
-        numbers = np.asarray(values)
         array = zarr.open_array(self._root / name, mode="r+", zarr_format=2)
-        array.resize((begin + len(numbers), *array.shape[1:]))
+        numbers = np.reshape(values, (count, *array.shape[1:]))
+        array.resize((begin + count, *array.shape[1:]))
         array[begin:] = numbers
 
     def _commit(self) -> None:
@@ -101,7 +106,7 @@ class GrowingStore(Growing):
         names = [name for name, axes in self._axes.items() if axes == (self._series,)]
         if new := self._samples[self.samples :]:
             for name in names:
-                self._put(name, self.samples, [sample[name] for sample in new])
+                self._put(name, self.samples, len(new), [sample[name] for sample in new])
             self.samples += len(new)
         lengths = dict.fromkeys(self.recorded, self.records) | dict.fromkeys(names, self.samples)
         for name, length in lengths.items():
@@ -135,12 +140,26 @@ def _copy(variable: netCDF4.Variable[Any], group: Any, series: str) -> None:
         array[...] = variable[...]
 
 
-class StoredVariable:
+class _Stored:
+    """What has attributes, with the names that the netCDF library has."""
+
+    _attributes: dict[str, Any]
+
+    def ncattrs(self) -> list[str]:
+        """Names of the attributes."""
+        return [*self._attributes]
+
+    def getncattr(self, name: str) -> Any:
+        """One of them."""
+        return self._attributes[name]
+
+
+class StoredVariable(_Stored):
     """An array of a store with the names that variables of the netCDF library have."""
 
     def __init__(self, array: Any) -> None:
-        self._array = array
-        self.name, self.ndim = array.basename, array.ndim
+        self._array, self._attributes = array, dict(array.attrs)
+        self.name, self.ndim, self.dtype = array.basename, array.ndim, array.dtype
         told = getattr(array.metadata, "dimension_names", None)  # those of Zarr 3
         self.dimensions = tuple(array.attrs.get(DIMENSIONS, told) or ())
 
@@ -148,7 +167,7 @@ class StoredVariable:
         return np.asarray(self._array[key])
 
 
-class StoredDataset:
+class StoredDataset(_Stored):
     """A store, open for reading, with the names that datasets of the netCDF library have."""
 
     def __init__(self, path: Path) -> None:
@@ -160,14 +179,6 @@ class StoredDataset:
         self.variables = {name: StoredVariable(array) for name, array in group.arrays()}
         axes = [v.dimensions for v in self.variables.values()]
         self.dimensions = dict.fromkeys(name for names in axes for name in names)
-
-    def ncattrs(self) -> list[str]:
-        """Names of the global attributes."""
-        return [*self._attributes]
-
-    def getncattr(self, name: str) -> Any:
-        """A global attribute."""
-        return self._attributes[name]
 
     def __getitem__(self, name: str) -> StoredVariable:
         return self.variables[name]

@@ -21,6 +21,8 @@ REMEMBERED = 512
 
 TEMPLATES = "-fpch-instantiate-templates"
 """Flag of Clang for compiled headers."""
+OBJECT = "_get_compile_output_name"
+"""Method of Warp's modules: the file of what is compiled for a device."""
 
 
 class Launcher:
@@ -67,7 +69,7 @@ class Launcher:
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
         with suppress(AttributeError, TypeError):  # of another Warp
             device = wp.get_device(self.device)
-            place /= module._get_compile_output_name(device, block_dim=self._block_dim)
+            place /= getattr(module, OBJECT)(device, block_dim=self._block_dim)
         return place.exists()
 
     def _compile(self, first: Any, *others: Any) -> None:

@@ -43,7 +43,7 @@ def animate_file(
     read or has less than two frames, or if the film cannot be written.
     """
     source, look = RunFile(path), look or Look()
-    field = check_field(field or default_field(source))
+    field = check_field(field or default_field(source), source.about)
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
     _check(source, out, rate)
     drawing = Drawing(source, field, look, None, ROWS, keep=True)

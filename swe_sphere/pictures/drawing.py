@@ -90,7 +90,7 @@ class Drawing:
         on: Map | None = None,
     ) -> None:
         self.source, self.field, self.look, self.against = source, field, look, against
-        self.on, kind = on or look.map(), describe(field)
+        self.on, kind = on or look.map(), describe(field, source.about.get(field))
         if against is not None:
             what = "error" if isinstance(against, Exact) else "difference"
             kind = replace(kind, title=f"{what} of {kind.title}", colours="balance", diverging=True)
@@ -197,7 +197,7 @@ def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
         bar.locator = MaxNLocator(4)
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)
-    bar.set_label(f"{kind.title} [{kind.units}]", fontsize=10)
+    bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
 
 
 def _write_titles(

@@ -24,9 +24,9 @@ ERRORS = {
     "linf_v": r"$l_\infty$ wind",
 }
 CONSERVED = {
-    "mass": "mass",
-    "energy": "energy",
-    "potential_enstrophy": "potential enstrophy",
+    "mass_drift": "mass",
+    "energy_drift": "energy",
+    "enstrophy_drift": "potential enstrophy",
 }
 ROUND_OFF = 2.0**-53
 """Relative drifts below this, zero among them, are drawn here."""
@@ -46,7 +46,7 @@ def panels(run: RunFile) -> list[Panel]:
     times, series = run.series()
     found = (
         Panel("relative error", times, _errors(series)),
-        Panel("relative drift since the start", times, _drifts(series)),
+        Panel("relative drift since the start", times, _drifts(times, series)),
     )
     return [panel for panel in found if panel.curves]
 
@@ -55,14 +55,13 @@ def _errors(series: dict[str, Array]) -> dict[str, Array]:
     return _several({label: series[name] for name, label in ERRORS.items() if name in series})
 
 
-def _drifts(series: dict[str, Array]) -> dict[str, Array]:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        curves = {
-            label: np.maximum(np.abs(values[1:] / values[0] - 1.0), ROUND_OFF)
-            for name, label in CONSERVED.items()
-            if name in series and (values := series[name]).size
-        }
-    return _several({label: np.append(np.nan, values) for label, values in curves.items()})
+def _drifts(times: Array, series: dict[str, Array]) -> dict[str, Array]:
+    curves = {
+        label: np.where(times > 0.0, np.maximum(np.abs(series[name]), ROUND_OFF), np.nan)
+        for name, label in CONSERVED.items()
+        if name in series
+    }
+    return _several(curves)
 
 
 def _several(curves: dict[str, Array]) -> dict[str, Array]:

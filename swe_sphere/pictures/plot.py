@@ -42,8 +42,9 @@ def plot_file(
 ) -> Path:
     """Draw a field of a file on the globe, with its series of errors and drifts underneath.
 
-    field: a name in `fields.FIELDS`; None: what the file's attribute `plot_field` names, else the
-    free surface over orography (and of a reference), and the depth elsewhere.
+    field: a name in `scalar_fields.FIELDS` or the file; None: what the file's attribute
+    `plot_field` names, else the free surface over orography (and of a reference), and the depth
+    elsewhere.
     time [s]: the frame, None for the last.
     out: the picture (its ending says the format); None: beside the file, named after it and the
     field, and the day if one is asked for, as in jet_vorticity_day4.png.
@@ -52,7 +53,7 @@ def plot_file(
     field or frame, or if the picture cannot be written.
     """
     look, source = look or Look(), open_source(path)
-    field = check_field(field or default_field(source))
+    field = check_field(field or default_field(source), source.about)
     day = "" if time is None else f"_day{time / DAY:g}"
     beside = source.path.with_name(f"{source.path.stem}_{field}{day}.png")
     out = beside if out is None else Path(out)
@@ -107,17 +108,17 @@ def draw_state(
     ax: Axes | None = None,
     look: Look | None = None,
     against: Source | Exact | None = None,
+    about: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Axes:
     """Draw a state in memory: fields (N,) at the nodes at time [s]; into ax, or a new figure.
 
-    ax may be axes of cartopy, whose projection then takes the place of that of the look.
+    ax may be axes of cartopy, whose projection then takes the place of that of the look.  about:
+    long_name and units of fields that are the user's own.
 
     Raises ConfigError for a field that is not there.
     """
-    source = Frame(mesh, fields, time, attributes)
-    field = field or default_field(source)
-    if field not in fields:
-        field = check_field(field)
+    source = Frame(mesh, fields, time, attributes, about)
+    field = check_field(field or default_field(source), fields)
     drawing = Drawing(source, field, look or Look(), against, ROWS, on=map_of(ax))
     if ax is None:
         from matplotlib import pyplot

@@ -108,6 +108,11 @@ class Scheduled:
             self._every = plan.cycle * max(1, plan.steps // (plan.cycle * callback.times))
         else:
             self._every = callback.steps or round((callback.seconds or plan.dt) / plan.dt)
+        if self._every > 1 and self._every % plan.cycle:
+            raise ConfigError(
+                f"every: {self._every} steps are no multiple of the {plan.cycle} that are taken at"
+                " once (tracer-steps)"
+            )
 
     def due(self, step: int) -> bool:
         """At the multiples."""

@@ -50,7 +50,10 @@ def execute(sim: Running, callbacks: Sequence[Callback], watcher: Watcher) -> Ou
     if sim.config.out is None:
         return _recorded(sim, callbacks, watcher, None)
     with ExitStack() as stack:
-        writer = _writer(sim, stack)
+        try:
+            writer = _writer(sim, stack)
+        except RunFailed as error:
+            return _ended_by(error, sim)
         return _noted(sim, writer, _recorded(sim, callbacks, watcher, Recorder(sim, writer)))
 
 
@@ -86,7 +89,14 @@ def _writer(sim: Running, stack: ExitStack) -> FrameWriter:
         sim.model.coriolis, sim.config.fields,
     )  # fmt: skip
     made: list[FrameWriter] = []
-    sim.comm.on_root(lambda: made.append(stack.enter_context(FrameWriter(*given))))
+
+    def make() -> str:
+        made.append(stack.enter_context(FrameWriter(*given)))
+        if from_time is not None and made[0].run_id != sim.run_id:
+            raise ConfigError(f"out: {sim.config.out} is of another run now: choose another name")
+        return made[0].run_id
+
+    sim.run_id = sim.comm.on_root(make)
     return made[0] if made else cast(FrameWriter, None)
 
 

@@ -15,6 +15,7 @@ from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.running import Running
 from swe_sphere.terminal import screen
 
@@ -39,7 +40,7 @@ class LivePicture:
     def __init__(self, field: str, comm: Alone) -> None:
         from rich.console import Console
 
-        self._field = field if field == "auto" else check_field(field)
+        self._field = field if field == "auto" else check_field(field, DIAGNOSTICS)
         self._console = Console(file=screen("stderr"), highlight=False)
         comm.on_root(self._check)
         self._drawing: Drawing | None = None
@@ -53,7 +54,8 @@ class LivePicture:
 
     def __call__(self, sim: Running) -> None:
         """Draw the state."""
-        frame = Frame(sim.mesh, sim.snapshot.with_constants | sim.own_fields, sim.time, {})
+        fields = sim.snapshot.with_constants | sim.own_fields
+        frame = Frame(sim.mesh, fields, sim.time, {}, sim.own_attributes())
         sim.comm.on_root(lambda: self._draw(sim, frame))
 
     def _draw(self, sim: Running, frame: Frame) -> None:

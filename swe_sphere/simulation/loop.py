@@ -111,9 +111,9 @@ class Loop:
             Interrupted: the user asked to stop; the state is that after a whole step.
         """
         while self._stepper.steps < self._plan.steps:
-            self._advance(self._next_stop(), interruption)
+            late = self._advance(self._next_stop(), interruption)
             self._observe()
-            self._stop(interruption)
+            self._stop(interruption, late)
 
     def _next_stop(self) -> int:
         """The next step after which anyone is due."""
@@ -123,19 +123,26 @@ class Loop:
         due = (step for step in following if any(who.due(step) for who in everyone))
         return next(due, self._plan.steps)
 
-    def _advance(self, stop: int, interruption: Interruption) -> None:
-        """Take steps up to that number, with the clock running."""
+    def _advance(self, stop: int, interruption: Interruption) -> bool:
+        """Take steps up to that number, with the clock running; whether it has run out then.
+
+        Whoever is due after the last one has yet to see the state.
+        """
         self._sim.forget()
         compiled, start = self._model.compile_seconds, time.perf_counter()
         worked = time.process_time()
         deadline = start - compiled + self._limit - self._sim.wall_seconds
         try:
-            while self._stepper.steps < stop:
+            while True:
                 self._stepper.step()
                 now = time.perf_counter()
                 self._report(now)
-                self._stop(interruption, now > deadline + self._model.compile_seconds)
+                late = now > deadline + self._model.compile_seconds
+                if self._stepper.steps >= stop:
+                    break
+                self._stop(interruption, late)
             self._finish_device()
+            return late
         finally:
             elapsed = time.perf_counter() - start
             self._sim.wall_seconds += elapsed - (self._model.compile_seconds - compiled)

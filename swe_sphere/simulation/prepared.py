@@ -63,15 +63,21 @@ class Prepared:
             checkpoint = read_restart(config)
         config = config if checkpoint is None else adopt(config, checkpoint)
         self.config, self._supplied, self._checkpoint = config, supplied, checkpoint
+        self.configured = config
+        """What it was made from; `config` has also what the present run is asked for."""
         self.scene: Scene = supplied.scene_of(config)
         self._kind = supplied.kind or get_stepper(config.stepper)
-        self.mesh: Mesh = supplied.mesh or make_mesh(config, self.scene)
+        self.mesh: Mesh = make_mesh(config, self.scene, supplied.mesh)
+        self.identity = identity(config, self.scene, self.mesh)
+        """All that a run must share with this one to go on where it stopped."""
         self.comm = world()
         """The ranks of the run."""
         self.comm.on_root(lambda: check_paths(config))
         if checkpoint is not None:
             check_identity(config, checkpoint, self.identity)
         self._reference = self._read_reference()
+        if config.days is not None:
+            self._check_reference()
         for path in config.diagnostics:
             load_diagnostics(path)
         self.options: dict[str, Any] = {}
@@ -84,15 +90,15 @@ class Prepared:
         self.warnings = code_warnings(config, checkpoint)
         """What the user should know before the run."""
 
-    @cached_property
-    def identity(self) -> dict[str, object]:
-        """All that a run must share with this one to go on where it stopped."""
-        return identity(self.config, self.scene, self.mesh)
-
     def _read_reference(self) -> ReferenceErrors | None:
         if self.config.reference is None:
             return None
-        return ReferenceErrors(self.config.reference, self.scene.error_field, self.days)
+        return ReferenceErrors(self.config.reference, self.scene.error_field)
+
+    def _check_reference(self) -> None:
+        """ConfigError if the reference is of another time than the end of the run."""
+        if self._reference is not None:
+            self._reference.check(self.days)
 
     @property
     def days(self) -> float:

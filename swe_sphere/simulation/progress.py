@@ -87,11 +87,12 @@ class LogLines(Watcher):
         end = sim.plan.time(sim.plan.steps)
         speed = (sim.time - self._from) / gone
         left = (end - sim.time) / speed if speed > 0.0 else float("inf")
-        sys.stderr.write(
-            f"swe-sphere: day {sim.time / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
-            f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go\n"
-        )
-        sys.stderr.flush()
+        with suppress(OSError):  # nobody reads it any more, or the disk is full
+            sys.stderr.write(
+                f"swe-sphere: day {sim.time / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
+                f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go\n"
+            )
+            sys.stderr.flush()
 
 
 def notebook(progress: bool | None) -> Watcher:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.durable import clear_errors
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import RunFailed
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.fingerprints import code_fingerprint
 from swe_sphere.simulation.restart import COUNTER
 from swe_sphere.simulation.running import Running
@@ -82,15 +82,20 @@ def attributes_of(sim: Running) -> dict[str, object]:
         "stepper_options": sim.options,
         "days": sim.days,
         "start_step": sim.steps,
-        **_plot_field(sim.scene),
+        **_plot_field(sim.scene, sim.config.fields),
     }
 
 
-def _plot_field(scene: Scene) -> dict[str, str]:
-    """What a picture shows unless it is told: the first tracer where the air only carries it."""
-    if scene.wind is None or not scene.tracers:
-        return {}
-    return {"plot_field": f"q_{next(iter(scene.tracers))}"}
+def _plot_field(scene: Scene, fields: Sequence[str]) -> dict[str, str]:
+    """What a picture shows unless it is told: the first tracer where the air only carries it.
+
+    Of a file that lacks this, and else depth, the first of the fields that it has.
+    """
+    carried = scene.tracers if scene.wind is not None else None
+    usual = f"q_{next(iter(carried))}" if carried else "h"
+    if fields and usual not in fields:
+        return {"plot_field": fields[0]}
+    return {"plot_field": usual} if carried else {}
 
 
 def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
@@ -100,8 +105,13 @@ def restart_arrays(sim: Running) -> Mapping[str, NDArray[np.generic]]:
 
 
 def save(sim: Running, path: Path) -> Path:
-    """Write a checkpoint of the simulation as it stands, in a file of its own."""
-    from swe_sphere.io.checkpoint import Checkpoint, write_checkpoint
+    """Write a checkpoint of the simulation as it stands, in a file of its own.
+
+    Raises:
+        ConfigError: there is something else already.
+        RunFailed: the disk refuses.
+    """
+    from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
     from swe_sphere.io.layout import attribute
 
     attributes = {name: attribute(value) for name, value in attributes_of(sim).items()}
@@ -110,6 +120,8 @@ def save(sim: Running, path: Path) -> Path:
     checkpoint = Checkpoint(arrays, time, sim.steps, name, attributes)
 
     def write() -> None:
+        if path.exists() and not is_checkpoint(path):
+            raise ConfigError(f"{path} is there already, and no checkpoint: choose another name")
         with clear_errors(f"cannot write {path}", RunFailed):
             write_checkpoint(path, checkpoint)
 

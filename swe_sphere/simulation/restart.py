@@ -138,7 +138,8 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
         ConfigError: the file does not hold the configuration of its run.
     """
     before = configured(config.restart, checkpoint)
-    kept = {name: value for name, value in before.items() if name in INHERITED}
+    names = INHERITED if checkpoint.steps else INHERITED | {"dt"}
+    kept = {name: value for name, value in before.items() if name in names}
     return make_config(kept | config.given())
 
 
@@ -177,7 +178,8 @@ def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str
 
 
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
-    """The step [s] of the run in the file; ConfigError if another one is asked for."""
+    """The step [s] of the run in the file, which has taken some; ConfigError if another one is
+    asked for."""
     dt = float(checkpoint.attributes.get("dt", 0.0))
     before = configured(config.restart, checkpoint).get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
@@ -194,10 +196,10 @@ def steps_at_once(checkpoint: Checkpoint) -> int:
 
 
 def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
-    """Take the counters of the run so far out of the checkpoint's arrays."""
+    """The counters of the run so far, which are among the checkpoint's arrays."""
     arrays = checkpoint.state_dict
     names = [name for name in arrays if name.startswith(COUNTER)]
-    return {name.removeprefix(COUNTER): np.asarray(arrays.pop(name)).item() for name in names}
+    return {name.removeprefix(COUNTER): np.asarray(arrays[name]).item() for name in names}
 
 
 def _stored(path: str | Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS, OwnDiagnostics
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Diagnostic, OwnDiagnostics
 from swe_sphere.simulation.prepared import Prepared
 from swe_sphere.simulation.restart import carried_counts, check_step, steps_at_once
 from swe_sphere.simulation.snapshot import Evaluator, Fields, Snapshot
@@ -47,6 +47,11 @@ class Running(Prepared):
         self._snapshot: Snapshot | None = None
         self._numbers: dict[str, float] | None = None
         self._own_found: tuple[dict[str, float], Fields] | None = None
+        self._own_registered: dict[str, Diagnostic] = {}
+        """Those that have been found."""
+        before = self._checkpoint
+        self.run_id = "" if before is None else str(before.attributes.get("run_id"))
+        """That of the file of frames that was written last, or that a restart goes on from."""
 
     def begin(self, plan: TimePlan | None = None, also: Sequence[Fraction] = ()) -> None:
         """Plan the steps up to the end; what has been stepped already keeps its length of steps.
@@ -67,7 +72,7 @@ class Running(Prepared):
         if stepper is not None and (stepper.steps or self._supplied.instance):
             cycle = self._plan.cycle if self._plan else 1
             return continued_plan(days, every, stepper.dt, stepper.steps, also, cycle)
-        if self._checkpoint is not None:
+        if self._checkpoint is not None and self._checkpoint.steps:
             dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
             self.dt_rule = "that of the restart file"
             return continued_plan(days, every, dt, done, also, steps_at_once(self._checkpoint))
@@ -108,7 +113,7 @@ class Running(Prepared):
     @property
     def stepper(self) -> Stepper:
         """The stepper, which stands at the start of the scene or of the restart at first."""
-        if self._stepper is None and self._checkpoint is not None:
+        if self._stepper is None and self._checkpoint is not None and self._checkpoint.steps:
             dt, done = check_step(self.config, self._checkpoint), self._checkpoint.steps
             self.begin(TimePlan(dt, done, done, dt, steps_at_once(self._checkpoint)))
         elif self._stepper is None:
@@ -161,8 +166,8 @@ class Running(Prepared):
         """
         snapshot = self.snapshot
         if self._numbers is None:
-            self._numbers = self._evaluator(snapshot) | self._own_now()[0]
-        return self._numbers
+            self._numbers = self._evaluator(snapshot)
+        return self._numbers | self._own_now()[0]
 
     @property
     def own_fields(self) -> Fields:
@@ -171,9 +176,13 @@ class Running(Prepared):
 
     def _own_now(self) -> tuple[dict[str, float], Fields]:
         _ = self.snapshot  # a new one forgets what the last one came to
-        if self._own_found is None:
-            self._own_found = {}, {}  # for those that ask for the whole state
-            self._own_found = self._own(self)
+        if self._own_found is None or self._own_registered != DIAGNOSTICS:
+            self._own_found, self._own_registered = ({}, {}), dict(DIAGNOSTICS)
+            try:  # those that ask for the whole state find none of these in it
+                self._own_found = self._own(self)
+            except BaseException:
+                self._own_found = None
+                raise
         return self._own_found
 
     def reference_errors(self) -> dict[str, float]:

@@ -43,15 +43,23 @@ def make_scene(config: RunConfig) -> Scene:
     return apply_settings(scene, config.settings)
 
 
-def make_mesh(config: RunConfig, scene: Scene) -> Mesh:
-    """The mesh; ConfigError for a number out of range, or a mesh that memory cannot hold.
+def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh:
+    """The mesh, which may be made already.
 
-    Or one that has too few elements for the ranks.
+    Raises ConfigError for a number out of range, for a mesh that memory cannot hold, that has too
+    few elements for the ranks, or that is of another planet.
     """
     ne = scene.ne if config.ne is None else config.ne
     np = scene.np if config.np is None else config.np
     check_ranks(ne, world().size)
     check_memory(config, scene, ne, np)
+    if made is not None:
+        if made.radius != scene.planet.radius:
+            raise ConfigError(
+                f"the mesh has a radius of {made.radius:.8g} m, and the planet of {scene.name} one"
+                f" of {scene.planet.radius:.8g} m: make it with radius={scene.planet.radius!r}"
+            )
+        return made
     return Mesh.build(
         ne,
         np,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.settings import validated
 from swe_sphere.simulation.callbacks import intervals, scheduled
@@ -26,8 +26,11 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.effects import Effect
 
-PER_RUN = ("out", "plot", "live", "overwrite")
-"""Fields of a configuration that are those of one run of a simulation."""
+PER_RUN = {
+    "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
+    "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
+}  # fmt: skip
+"""Fields of a configuration that are those of one run of a simulation, and what takes them."""
 
 
 class Simulation(Running):
@@ -60,7 +63,7 @@ class Simulation(Running):
     """
 
     _out: Path | None = None
-    """The file that the last run wrote."""
+    """The file that was written last."""
 
     def __init__(
         self,
@@ -74,9 +77,7 @@ class Simulation(Running):
         options: Mapping[str, object] | None = None,
         **settings: Any,
     ) -> None:
-        for name in (*PER_RUN, "restart", "as_json", "quiet"):
-            if name in settings:
-                raise ConfigError(f"{name} is no setting of a simulation: see run()")
+        _check_settings(settings)
         super().__init__(*supply(
             scene, stepper=stepper, mesh=mesh, preconditioner=preconditioner, effects=effects,
             parameters=parameters, options=options, **settings,
@@ -104,6 +105,7 @@ class Simulation(Running):
         """
         from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
+        _check_settings(settings)
         checkpoint = read_checkpoint(path)
         scene = scene or str(configured(path, checkpoint)["scene"])
         config, supplied = supply(scene, **settings, restart=Path(path))
@@ -136,7 +138,7 @@ class Simulation(Running):
         Args:
             days: length of the run from its very start [days].
             out: a file to write frames, series of diagnostics and checkpoints to; the one that this
-                simulation wrote before is gone on with.
+                simulation wrote last is gone on with.
             every: time between frames [h].
             callbacks: functions of the simulation: called after every step, or when
                 `callbacks.every` says.
@@ -150,17 +152,19 @@ class Simulation(Running):
         Raises:
             ConfigError: it cannot be run as asked for; nothing was stepped.
         """
-        asked = {"days": days, "every": every, "time_limit": time_limit}
+        asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
         asked["overwrite"] = overwrite or None
-        kept = {k: v for k, v in self.config.given().items() if k not in PER_RUN}
-        kept |= {name: value for name, value in asked.items() if value is not None}
-        if out is not None:
-            kept |= {"out": Path(out)} | ({"restart": Path(out)} if Path(out) == self._out else {})
-        self.config = make_config(kept)
-        self.comm.on_root(lambda: check_paths(self.config))
+        place = None if out is None else Path(out).resolve()
+        if place is not None and place == self._out:
+            asked["restart"] = out
+        kept = {k: v for k, v in self.configured.given().items() if k not in ("out", "overwrite")}
+        config = make_config(kept | {k: value for k, value in asked.items() if value is not None})
         calls = scheduled(callbacks)
+        self.comm.on_root(lambda: check_paths(config))
+        self.config = config
+        self._check_reference()
         self.begin(also=intervals(calls))
-        self._out = self.config.out
+        self._out = place or self._out
         watcher = watcher or (Watcher() if self.comm.rank else notebook(progress))
         self._own.warn = watcher.warn
         self.outcome = execute(self, calls, watcher)
@@ -197,15 +201,33 @@ class Simulation(Running):
         from swe_sphere.pictures.plot import draw_state
 
         fields = self.snapshot.with_constants | self.own_fields
-        about = attributes_of(self)
-        return draw_state(self.mesh, fields, self.time, about, field, ax, validated(Look, look))
+        return draw_state(
+            self.mesh, fields, self.time, attributes_of(self), field, ax, validated(Look, look),
+            about=self.own_attributes(),
+        )  # fmt: skip
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that is needed to go on from here bit for bit, with `from_checkpoint`.
 
-        Raises RunFailed where the disk refuses.
+        A checkpoint that is there already is replaced, and nothing else.
+        Raises RunFailed where the disk refuses, ConfigError for a file of another kind.
         """
         return save(self, Path(path))
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), list(self.summary.rows()))
+        return html_table(repr(self), self._rows())
+
+    def _rows(self) -> list[tuple[str, str]]:
+        """What a notebook shows; to look at a simulation does not begin it."""
+        if self._stepper is None:
+            return [("scene", self.scene.title), ("result", "not begun")]
+        try:
+            return list(self.summary.rows())
+        except RunFailed as error:
+            return [("scene", self.scene.title), ("why", str(error))]
+
+
+def _check_settings(settings: Iterable[str]) -> None:
+    for name in settings:
+        if name in PER_RUN:
+            raise ConfigError(f"{name} is no setting of a simulation: see {PER_RUN[name]}")

@@ -150,17 +150,20 @@ class Evaluator:
 class ReferenceErrors:
     """Errors of the last state against a reference on a latitude-longitude grid.
 
-    Raises ConfigError if the reference cannot be read or is of another time than the end [days].
+    Raises ConfigError if the reference cannot be read.
     """
 
-    def __init__(self, path: Path, field: str, days: float) -> None:
+    def __init__(self, path: Path, field: str) -> None:
         from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
 
         self._reference, self._height = Reference(path), field
+
+    def check(self, days: float) -> None:
+        """ConfigError if the reference is known to be of another time than the end [days]."""
         time = self._reference.time
         if time is not None and abs(time - days * DAY) > 1.0:
             raise ConfigError(
-                f"{path} is of day {time / DAY:g}, the run ends at day {days:g}:"
+                f"{self._reference.path} is of day {time / DAY:g}, the run ends at day {days:g}:"
                 f" take days={time / DAY:g} or another reference"
             )
 

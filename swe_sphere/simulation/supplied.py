@@ -11,7 +11,7 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.mesh import Mesh
-from swe_sphere.settings import SCENE, STEPPER
+from swe_sphere.settings import SCENE, STEPPER, by_owner
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 
@@ -67,8 +67,6 @@ def supply(
     Raises:
         ConfigError: an object of another kind than is asked for, or what does not go together.
     """
-    if isinstance(scene, Scene) and parameters:
-        raise ConfigError("parameters are for a scene by name: this one is made already")
     if not isinstance(scene, Scene | Name):
         raise _unfit("scene", "a name, a file or a Scene", scene)
     if not isinstance(mesh, Mesh | None):
@@ -76,6 +74,9 @@ def supply(
     changes, added = _effects(effects)
     kind, instance = _method(stepper)
     own = _preconditioner_class(preconditioner)
+    if instance is not None:
+        brought = mesh or preconditioner or changes or added or parameters or options or settings
+        _check_model(instance, str(_name(scene)), bool(brought))
     objects = Supplied(
         scene if isinstance(scene, Scene) else None,
         instance.model.mesh if instance else mesh,
@@ -90,7 +91,15 @@ def supply(
         "settings": (*said, *settings) or None,
     }
     given = {name: value for name, value in names.items() if value is not None}
-    return make_config(given | _mesh_settings(objects.mesh) | fields), objects
+    of_mesh = _mesh_settings(objects.mesh)
+    for name in of_mesh.keys() & fields.keys():
+        raise ConfigError(f"{name} is given twice: as {name}, and by the mesh")
+    config = make_config(given | of_mesh | fields)
+    if objects.scene is not None and (
+        config.alpha is not None or SCENE in by_owner(config.settings)
+    ):
+        raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
+    return config, objects
 
 
 def _effects(
@@ -119,6 +128,16 @@ def _method(stepper: Any) -> tuple[type[Stepper] | None, Stepper | None]:
     if not _is_kind(stepper, Stepper):
         raise _unfit("stepper", "a name, a file, a class or a Stepper", stepper)
     return stepper, None
+
+
+def _check_model(stepper: Stepper, scene: str, more: bool) -> None:
+    """ConfigError if a stepper on a model of its own comes with another scene, or with more."""
+    own = stepper.model.scene.name
+    if more or (own != scene and not scene.endswith((".py", ".toml"))):
+        raise ConfigError(
+            f"the stepper has a model of its own, of {own}: give this scene, and leave out mesh,"
+            " preconditioner, effects, parameters, options and settings"
+        )
 
 
 def _preconditioner_class(which: Any) -> Any:

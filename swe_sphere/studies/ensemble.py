@@ -112,7 +112,8 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
     Raises ConfigError if the files are not on one mesh, lack the field or have other times, or if
     they do not differ in the field.
     """
-    runs, field = [RunFile(path) for path in files], check_field(field)
+    runs = [RunFile(path) for path in files]
+    field = check_field(field, runs[0].about)
     times, mesh = runs[0].times, runs[0].mesh
     for other in runs[1:]:
         same = all(other.attributes[name] == runs[0].attributes[name] for name in MESH_ATTRIBUTES)

@@ -1,0 +1,250 @@
+"""Several runs of one simulation, one after the other, and the files that they leave."""
+
+import sys
+
+import pytest
+
+from swe_sphere.analysis.accessor import open_run
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.reference_solution import shipped_reference
+from swe_sphere.mesh import Mesh
+from swe_sphere.simulation import progress
+from swe_sphere.simulation.callbacks import every
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
+from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.testcases import get_scene
+
+
+@pytest.fixture(autouse=True)
+def no_diagnostics():
+    """Those of a test are gone after it."""
+    before = dict(DIAGNOSTICS)
+    yield
+    DIAGNOSTICS.clear()
+    DIAGNOSTICS.update(before)
+
+
+def small(scene="williamson6", **values):
+    return Simulation(scene, **{"ne": 2, "np": 4, "dt": 1800.0} | values)
+
+
+# --- files
+
+
+@pytest.mark.parametrize("ne", [2, 3])
+def test_a_file_that_another_run_has_replaced_is_not_gone_on_with(tmp_path, ne):
+    path, one = tmp_path / "run.nc", small()
+    one.run(days=0.25, out=path)
+    small("williamson2", ne=ne).run(days=0.25, out=path, overwrite=True)
+    theirs = path.read_bytes()
+    with pytest.raises(ConfigError, match="another"):
+        one.run(days=0.5, out=path)
+    assert path.read_bytes() == theirs
+
+
+def test_a_restart_whose_file_another_run_has_replaced_is_not_gone_on_with(tmp_path):
+    path = tmp_path / "run.nc"
+    small().run(days=0.25, out=path)
+    again = Simulation.from_checkpoint(path)
+    small("williamson2").run(days=0.25, out=path, overwrite=True)
+    with pytest.raises(ConfigError, match="another"):
+        again.run(days=0.5, out=path)
+
+
+def test_a_file_is_known_by_its_place_and_not_by_its_name(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path)
+    small("williamson2").run(days=0.25, out="there/run.nc")
+    sim = small()
+    sim.run(days=0.25, out="run.nc")
+    monkeypatch.chdir(tmp_path / "there")
+    with pytest.raises(ConfigError, match="holds a finished run of williamson2"):
+        sim.run(days=0.5, out="run.nc")
+    assert sim.run(days=0.5, out="../run.nc", every=6.0).status == "completed"
+    assert open_run("../run.nc").scene == "williamson6"
+    assert open_run("../run.nc").sizes["time"] == 3
+
+
+def test_a_run_without_a_file_between_two_does_not_matter(tmp_path):
+    sim, path = small(), tmp_path / "run.nc"
+    sim.run(days=0.25, out=path)
+    sim.run(days=0.5)
+    sim.run(days=0.75, out=path, every=6.0)
+    assert open_run(path).time.values.tolist() == [0.0, 21600.0, 43200.0, 64800.0]
+
+
+@pytest.mark.parametrize("what", ["a folder", "frames", "notes"])
+def test_a_checkpoint_takes_the_place_of_a_checkpoint_only(tmp_path, what):
+    sim, place = small(), tmp_path / "place"
+    if what == "a folder":
+        place.mkdir()
+    elif what == "frames":
+        sim.run(days=0.25, out=place)
+    else:
+        place.write_text("mine")
+    before = place.read_bytes() if place.is_file() else None
+    with pytest.raises(ConfigError, match="is there already, and no checkpoint"):
+        sim.checkpoint(place)
+    assert place.is_dir() if before is None else place.read_bytes() == before
+    assert sim.checkpoint(sim.checkpoint(tmp_path / "a")).exists()
+
+
+def test_a_start_is_gone_on_with_whatever_the_step(tmp_path):
+    """Nothing has been stepped yet, so that steps are planned anew."""
+    path, asked = tmp_path / "start.nc", {"dt": "auto", "effects": {"viscosity.nu": 1e5}}
+    small("williamson2", **asked).run(days=0, out=path)
+    again = Simulation.from_checkpoint(path)
+    assert again.run(days=1, out=path, overwrite=False).status == "completed"
+    assert again.summary["energy"] == small("williamson2", **asked).run(days=1)["energy"]
+    assert open_run(path).sizes["time"] == 2
+    small("williamson2", dt=1200.0).run(days=0, out=path, overwrite=True)
+    assert Simulation.from_checkpoint(path).run(days=0.25)["dt"] == 1200.0
+
+
+# --- what was asked for
+
+
+def test_what_a_run_was_asked_for_is_not_asked_of_the_next():
+    sim = small()
+    assert sim.run(days=0.25, time_limit=1e-9).status == "timed-out"
+    assert sim.run(days=0.25).status == "completed"
+    with pytest.raises(ConfigError, match="every"):
+        sim.run(days=0.5, every=0.7)
+    assert sim.run(days=0.5).status == "completed"
+
+
+def test_a_reference_is_of_the_end_of_the_run():
+    day15, day5 = (shipped_reference("williamson5", day) for day in (15, 5))
+    with pytest.raises(ConfigError, match=r"is of day 15, the run ends at day 0.25"):
+        small("williamson5", reference=day15).run(days=0.25)
+    early = small("williamson5", reference=day5, dt=3600.0, stepper="semi-implicit")
+    assert early.run(days=5)["l2_h"] < 0.05
+    with pytest.raises(ConfigError, match="is of day 15, the run ends at day 2"):
+        small("williamson5", reference=day15, days=2)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"scene": get_scene("williamson2"), "alpha": 0.7}, "this one is made already"),
+        ({"scene": get_scene("williamson2"), "settings": ["scene.alpha=1"]}, "made already"),
+        ({"mesh": Mesh.build(3, 4)}, "(ne|np) is given twice: as (ne|np), and by the mesh"),
+        ({"restart": "a"}, r"see from_checkpoint\(\)"),
+        ({"plot": "a"}, r"see plot\(\)"),
+        ({"quiet": True}, "see swe-sphere run"),
+    ],
+)
+def test_what_would_not_be_heard_is_refused(values, said):
+    with pytest.raises(ConfigError, match=said):
+        small(**values)
+
+
+def test_a_mesh_of_another_planet_is_refused():
+    with pytest.raises(ConfigError, match="the mesh has a radius of 1000 m"):
+        Simulation("williamson2", mesh=Mesh.build(2, 4, radius=1e3))
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{"effects": {"viscosity.nu": 1e5}}, {"scene": "williamson5"}, {"mesh": Mesh.build(3, 4)}],
+)
+def test_a_stepper_on_a_model_of_its_own_brings_all(more):
+    stepper = small("williamson2").stepper
+    with pytest.raises(ConfigError, match="the stepper has a model of its own, of williamson2"):
+        Simulation(**{"scene": "williamson2", "stepper": stepper} | more)
+
+
+def test_a_checkpoint_is_no_place_for_what_runs_are_asked_for(tmp_path):
+    path = small().checkpoint(tmp_path / "a.npz")
+    with pytest.raises(ConfigError, match=r"out is no setting of a simulation: see run\(\)"):
+        Simulation.from_checkpoint(path, out=tmp_path / "run.nc")
+
+
+def test_a_scene_file_edited_meanwhile_is_not_the_scene(tmp_path):
+    """What is said of the sources is what was loaded."""
+    file, out = tmp_path / "flow.toml", tmp_path / "run.nc"
+    file.write_text('base = "williamson2"\nname = "flow"\n')
+    sim = small(file)
+    file.write_text('base = "williamson2"\nname = "flow"\n[parameters]\nalpha = 1.0\n')
+    sim.run(days=0.25, out=out)
+    with pytest.raises(ConfigError, match="has been edited"):
+        Simulation.from_checkpoint(out)
+    file.write_text("no toml")
+    assert sim.run(days=0.5).status == "completed"
+
+
+# --- diagnostics and callbacks
+
+
+def test_a_diagnostic_may_come_and_go_between_runs(tmp_path):
+    sim = small()
+    sim.run(days=0.25)
+    diagnostic(name="jet", units="m s-1")(lambda sim: float(sim.state.u.max()))
+    diagnostic(name="height")(lambda sim: sim.state.h.values)
+    done = sim.run(days=0.5, out=tmp_path / "run.nc")
+    assert done.status == "completed" and done["jet"] > 10.0
+    assert "height" in sim.state
+    DIAGNOSTICS.clear()
+    assert "height" not in sim.state and sim.summary["jet"] is None
+
+
+@pytest.mark.parametrize("out", [None, "run.nc"])
+def test_a_diagnostic_that_fails_is_told_each_time(tmp_path, out):
+    diagnostic(name="wrong")(lambda sim: 1 / 0)
+    sim = small()
+    ended = sim.run(days=0.25, out=out and tmp_path / out)
+    assert ended.status == "failed" and "the diagnostic wrong fails" in ended.reason
+    assert "the diagnostic wrong fails" in sim._repr_html_() + ended.reason
+    for _ in range(2):
+        with pytest.raises(Exception, match="the diagnostic wrong fails"):
+            _ = sim.state
+
+
+def test_to_look_at_a_simulation_does_not_begin_it():
+    sim = small("williamson2", dt=1e9)
+    assert "not begun" in sim._repr_html_() and "not begun" in repr(sim)
+
+
+def test_a_time_limit_leaves_no_step_uncalled():
+    sim, calls = small(), []
+    for _ in range(3):
+        sim.run(days=0.25, time_limit=1e-9, callbacks=[lambda sim: calls.append(sim.steps)])
+    sim.run(days=0.25, callbacks=[lambda sim: calls.append(sim.steps)])
+    assert calls == [*range(1, 13)]
+
+
+def test_calls_fall_on_steps_that_are_taken_at_once():
+    sim = Simulation("deformational", ne=2, np=4, dt=300.0, stepper="rk4", tracer_steps=4)
+    with pytest.raises(ConfigError, match="3 steps are no multiple of the 4"):
+        sim.run(days=0.5, callbacks=[every(steps=3)(lambda sim: None)])
+    calls = []
+    sim.run(days=0.5, callbacks=[every(steps=8)(lambda sim: calls.append(sim.steps))])
+    assert calls[:3] == [8, 16, 24]
+
+
+class Gone:
+    """A stream that nobody reads any more."""
+
+    def isatty(self):
+        return False
+
+    def write(self, text):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    def flush(self):
+        pass
+
+
+def test_log_lines_that_nobody_reads_do_not_end_the_run(monkeypatch):
+    monkeypatch.setattr(progress.LogLines, "PATIENCE", 0.0)
+    monkeypatch.setattr(sys, "stderr", Gone())
+    config = make_config({"scene": "williamson6", "ne": 2, "np": 4, "dt": 60.0, "days": 0.25})
+    assert run(config, progress.LogLines()).status == "completed"
+
+
+def test_a_run_without_depth_has_a_picture(tmp_path):
+    asked = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.1, "fields": "u,v"}
+    asked |= {"out": tmp_path / "run.nc", "plot": tmp_path / "run.png"}
+    assert run(make_config(asked)).exit_status == 0 and (tmp_path / "run.png").exists()
