@@ -71,7 +71,7 @@ def _native(name: str, body: str, gather: Cost) -> Cost | None:
         points, rows = (int(re.findall(rf"{each} < (\d+)", body)[0]) for each in "mk")
         return Cost(flops=2.0 * points * rows)
     costs = {"entry_of": Cost(loads=1.0), "put_of": Cost(stores=1.0)}
-    costs |= {"gather_sum": gather, "gather_run": gather}
+    costs["gather_run"] = gather
     return next((cost for start, cost in costs.items() if name.startswith(start)), None)
 
 

@@ -13,7 +13,7 @@ from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, gather_run, run_of
+from swe_sphere.kernels.access import gather_run, run_of
 from swe_sphere.kernels.registers import product_of
 from swe_sphere.kernels.stages import node_types
 
@@ -23,24 +23,6 @@ OPTIONS = {"max_unroll": 1}
 left alone: each set of them costs a process 3 s for Warp's own headers."""
 Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
 """Places of a node's first field in the local tendencies, -1 for a contributor it lacks."""
-
-
-def gather_sum(real: type) -> wp.Function:
-    """Warp function (local, places, offset): sum of the contributors of one field."""
-
-    entry = entry_of(real)
-
-    @no_type_check
-    @wp.func
-    def gather(local: wp.array(dtype=real), at: Contributors, offset: int):
-        total = entry(local, at[0] + offset)
-        if at[1] >= 0:
-            total += entry(local, at[1] + offset)
-            if at[2] >= 0:
-                total += entry(local, at[2] + offset) + entry(local, at[3] + offset)
-        return total
-
-    return gather
 
 
 @functools.cache

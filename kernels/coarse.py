@@ -6,8 +6,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.access import entry_of, gather_run
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.registers import (
     columns_products,
     entries_sum,
@@ -56,15 +56,16 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
         for n in range(part * many, part * many + many):
             x[e, n, 0] = x[e, n, 0] + at_point(values, n, mine)
 
-    gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
+    gather, places = gather_run(real, Contributors, real, 1), wp.array(dtype=Contributors)
+    place = entry_of(Contributors)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def assembled(four: places, more: places, local: t.vector, out: t.vector):
         row = wp.tid()
-        total = gather(local, place(four, row), 0)
+        total = gather(local, four, row, 0)
         if place(more, row)[0] >= 0:
-            total += gather(local, place(more, row), 0)
+            total += gather(local, more, row, 0)
         out[row] = total
 
     return SimpleNamespace(

@@ -6,7 +6,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.access import gather_run
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.helmholtz import load_state
 from swe_sphere.kernels.terms import kernel_types
 
@@ -26,7 +27,7 @@ def damping_kernels(np_: int, real: type, given: type, shape: str) -> SimpleName
     if shape == "element":
         share = np_ * np_
     matrix, each, load = wp.array2d(dtype=real), wp.array2d(dtype=value), load_state(t, given)
-    gather = gather_sum(real)
+    gather = gather_run(real, Contributors, real, 1)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -104,7 +105,7 @@ def damping_kernels(np_: int, real: type, given: type, shape: str) -> SimpleName
         out: state,
     ):
         node = wp.tid()
-        out[first + node] = given(inverse_area[node] * gather(local, places_1[node], 0))
+        out[first + node] = given(inverse_area[node] * gather(local, places_1, node, 0))
 
     return SimpleNamespace(
         damp=damp, covariant=covariant, physical=physical, joined=joined, share=share

@@ -6,7 +6,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.access import gather_run
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
 
 
 @functools.cache
@@ -18,7 +19,7 @@ def fast_wave_kernels(real: type, carries: bool) -> SimpleNamespace:
     kick: (places, inverse_area, stride, N, local, gravity, tau, rate, s): both winds by -gravity
     times the gradient that the elements left.
     """
-    vector, gather = wp.array(dtype=real), gather_sum(real)
+    vector, gather = wp.array(dtype=real), gather_run(real, Contributors, real, 1)
 
     @no_type_check
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -35,7 +36,7 @@ def fast_wave_kernels(real: type, carries: bool) -> SimpleNamespace:
     ):
         i = wp.tid()
         k = 2 * size + i
-        s[k] += tau * (inverse_area[i] * gather(local, places[i], 0) + rate[k])
+        s[k] += tau * (inverse_area[i] * gather(local, places, i, 0) + rate[k])
         if wp.static(carries):
             j = size + i
             path[i] = kept * path[i] + tau * s[i]
@@ -56,9 +57,8 @@ def fast_wave_kernels(real: type, carries: bool) -> SimpleNamespace:
     ):
         i = wp.tid()
         j = size + i
-        at = places[i]
         scale = -gravity * inverse_area[i]
-        s[i] += tau * (scale * gather(local, at, 0) + rate[i])
-        s[j] += tau * (scale * gather(local, at, stride) + rate[j])
+        s[i] += tau * (scale * gather(local, places, i, 0) + rate[i])
+        s[j] += tau * (scale * gather(local, places, i, stride) + rate[j])
 
     return SimpleNamespace(drift=drift, kick=kick)

@@ -15,8 +15,8 @@ from typing import no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import address_of, converting_load, entry_of, put_of
-from swe_sphere.kernels.assembly import OPTIONS, Contributors, gather_sum
+from swe_sphere.kernels.access import address_of, converting_load, entry_of, gather_run, put_of
+from swe_sphere.kernels.assembly import OPTIONS, Contributors
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.terms import kernel_types
 
@@ -152,7 +152,7 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
             d[e, n, 0] = step
             x[e, n, 0] = x[e, n, 0] + beta * step
 
-    gather, places, place = gather_sum(real), wp.array(dtype=Contributors), entry_of(Contributors)
+    gather, places = gather_run(real, Contributors, real, 1), wp.array(dtype=Contributors)
     numbers, number = wp.array(dtype=wp.int32), entry_of(wp.int32)
     entry, given_entry, put = entry_of(real), entry_of(given), put_of(given)
 
@@ -173,10 +173,9 @@ def elimination_kernels(np_: int, real: type, given: type, shape: str) -> Simple
         out: state,
     ):
         node = wp.tid()
-        at = place(places_1, node)
         scale = tau_g * entry(inverse_area, node)
-        u = real(given_entry(r, node)) - scale * gather(east, at, 0)
-        v = real(given_entry(r, size + node)) - scale * gather(north, at, 0)
+        u = real(given_entry(r, node)) - scale * gather(east, places_1, node, 0)
+        v = real(given_entry(r, size + node)) - scale * gather(north, places_1, node, 0)
         s = entry(same, node)
         c = entry(cross, node)
         put(out, node, given(s * u + c * v))

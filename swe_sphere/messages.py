@@ -44,22 +44,24 @@ class Messages:
             {rank: array for rank, array in arrays.items() if rank not in rows}
             for arrays, rows in ((outgoing, letters.leaving), (incoming, letters.coming))
         )
-        requests, progress = Requests(comm, *far), Progress(comm)
+        requests = Requests(comm, *far)
         self.start, self.wait = (
-            np.array([0, ahead, *call, *progress.call, *sum(rows.values(), ())], np.uint64)
+            np.array([0, ahead, *call, *requests.progress, *sum(rows.values(), ())], np.uint64)
             for ahead, call, rows in (
                 (0, requests.start, letters.leaving),
                 (1, requests.wait, letters.coming),
             )
         )
-        self._kept = letters, requests, progress
+        self._kept = letters, requests
 
 
 class Requests:
     """Requests of MPI.
 
     `start` and `wait` (4,) have the address of a function in C, how many requests, where they are,
-    and where their statuses go, if there are any.
+    and where their statuses go, if there are any.  `progress` (7,), what to do while shared memory
+    is waited for: the addresses of sched_yield, of usleep and of MPI_Iprobe, and what that takes;
+    without it MPI might bring nothing to ranks that this one waits for.
     """
 
     def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
@@ -79,25 +81,10 @@ class Requests:
         self.wait = (
             _address(library.MPI_Waitall), count, _where(self._handles), _where(self._statuses)
         )  # fmt: skip
-
-
-class Progress:
-    """What to do while shared memory is waited for, so that others go on.
-
-    `call` (7,) has the addresses of sched_yield, of usleep and of MPI_Iprobe, and what that takes:
-    without it MPI might bring nothing to ranks that this one waits for.
-    """
-
-    def __init__(self, comm: Any) -> None:
-        from mpi4py import MPI
-        from mpi4py.MPI import _sizeof as size_of
-
-        self._found = np.zeros(1 + size_of(MPI.Status), np.int32)
-        look = _address(ctypes.CDLL(MPI.__file__).MPI_Iprobe)
+        self._found, system = np.zeros(1 + size_of(MPI.Status), np.int32), ctypes.CDLL(None)
+        calls = system.sched_yield, system.usleep, library.MPI_Iprobe
         anything = (number % 2**64 for number in (MPI.ANY_SOURCE, MPI.ANY_TAG, comm.handle))
-        system = ctypes.CDLL(None)
-        give_way, sleep = _address(system.sched_yield), _address(system.usleep)
-        self.call = give_way, sleep, look, *anything, _where(self._found)
+        self.progress = *map(_address, calls), *anything, _where(self._found)
 
 
 class Letters:

@@ -70,7 +70,7 @@ class Code:
     @property
     def branches(self) -> int:
         """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
-        of_warp = r"(gather_sum|_deliver)\w+\(.*?^\}"
+        of_warp = r"_deliver\w+\(.*?^\}"
         of_ours = r"(gather_run|leave_of)\w+\(.*?^    \}"
         own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
