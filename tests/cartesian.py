@@ -47,6 +47,7 @@ class Cartesian:
         self.mass = np.tile(weights, mesh.elements) * self.jacobian
         self.nodal_mass = self.gather.T @ self.mass
         self.n1, self.n2 = np.cross(self.t2, self.up), np.cross(self.up, self.t1)
+        self._matrices = {}
 
     # --- operators: nodal or local arrays in, local arrays out; dss makes them nodal
 
@@ -83,6 +84,11 @@ class Cartesian:
 
     def _matrix(self, component, kind):
         """Sparse matrices from nodal values to local ones, one a Cartesian component."""
+        if (component, kind) not in self._matrices:
+            self._matrices[component, kind] = self._made(component, kind)
+        return self._matrices[component, kind]
+
+    def _made(self, component, kind):
         left, right = {"vorticity": (self.t2, -self.t1)}.get(kind, (self.n1, self.n2))
         if kind == "gradient":
             parts = (left[:, component] / self.jacobian, right[:, component] / self.jacobian)

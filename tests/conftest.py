@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import tempfile
+from types import SimpleNamespace
 
 import pytest
 import warp as wp
 
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
+from swe_sphere.studies import costs
 
 wp.config.log_level = wp.LOG_WARNING
+gc.set_threshold(20_000)  # as the command line does
 compiling.PATIENCE = 1e6  # what a test finds on stderr must not depend on Warp's cache
 
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
     # or each of the many processes that tests start would compile all it imports: 0.3 to 1.4 s
     BYTE_CODE = tempfile.TemporaryDirectory(prefix="swe-sphere-byte-code.")
     os.environ["PYTHONPYCACHEPREFIX"] = BYTE_CODE.name
+
+
+@pytest.fixture(scope="session", autouse=True)
+def earlier_tests_stay_settled():
+    """Each run of a sweep would look for garbage among all that earlier tests have left."""
+    kept = SimpleNamespace(collect=gc.collect, freeze=gc.freeze, unfreeze=lambda: None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(costs, "gc", kept)
+        yield
 
 
 @pytest.fixture(scope="session")
