@@ -157,7 +157,8 @@ class Simulation(Running):
         place = None if out is None else Path(out).resolve()
         if place is not None and place == self._out:
             asked["restart"] = out
-        kept = {k: v for k, v in self.configured.given().items() if k not in ("out", "overwrite")}
+        of_one = ("out", "overwrite", "plot", "live")
+        kept = {k: v for k, v in self.configured.given().items() if k not in of_one}
         config = make_config(kept | {k: value for k, value in asked.items() if value is not None})
         calls = scheduled(callbacks)
         self.comm.on_root(lambda: check_paths(config))
