@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.settings import place_and_complaint
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
-from swe_sphere.studies.sweep.sweep_plan import Recipe, load_recipe
+from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -152,7 +152,7 @@ def _join(
     from swe_sphere.studies.report import write_markdown, write_report
 
     recipe = recipe or Recipe("What accuracy costs in time", ())
-    order = [plan.folder for plan in recipe.plans({})] if recipe.sweeps else []
+    order = [folder_of(values) for values in recipe.sweeps]
     names = sorted(datasets, key=lambda name: order.index(name) if name in order else len(order))
     ordered = {name: datasets[name] for name in names}
     page = write_report(ordered, out, title=recipe.title, notes=recipe.notes)

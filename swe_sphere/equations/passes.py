@@ -56,7 +56,7 @@ class Passes:
         self._direct, lanes = direct, mesh.lanes if direct else 1
         kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
         runs = in_runs(kernels_of, lanes, mesh.inner if direct else 0, mesh.size)
-        self._runs = [(made, self._of_point(made, point), *span) for made, *span in runs]
+        self._runs = [(made, self._of_point(made, point, parameters), *of) for made, *of in runs]
         """Kernels that step what elements have not, their geometry, threads and first nodes."""
         parameters |= {"point": self._runs[0][1].point}
         of_fields = field_kernels(np_, self._real, mesh.shape)
@@ -141,9 +141,8 @@ class Passes:
                 begin, *count, flat, step,
             )  # fmt: skip
 
-    def _of_point(self, made: Any, point: Pointwise) -> Any:
+    def _of_point(self, made: Any, point: Pointwise, parameters: dict[str, Any]) -> Any:
         """The geometry of kernels that step, with what the terms of a point read."""
-        parameters = {"base": None, **self._model.parameters}
         own = fill(made.geometry.vars["point"].type, parameters, point)
         return self._mesh.geometry(made.geometry, parameters | {"point": own})
 

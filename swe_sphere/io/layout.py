@@ -228,8 +228,12 @@ def attribute(value: object) -> Any:
 
 def plain(values: Mapping[str, object]) -> dict[str, Any]:
     """Values as files can hold them, in types of Python: what xarray can write again."""
-    found = {name: attribute(value) for name, value in values.items()}
-    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in found.items()}
+    return in_python({name: attribute(value) for name, value in values.items()})
+
+
+def in_python(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The same without types of numpy."""
+    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 
 def history(action: str, before: str = "") -> str:

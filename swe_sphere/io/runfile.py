@@ -29,6 +29,7 @@ from swe_sphere.io.layout import (
     TIME,
     TRACER,
     frame_fields,
+    in_python,
     plain,
 )
 from swe_sphere.io.scalar_fields import derive, evaluate
@@ -74,8 +75,7 @@ def _cause(path: str | os.PathLike[str], error: Exception) -> str:
 
 def attributes(of: Dataset | netCDF4.Variable[Any] | StoredVariable) -> dict[str, Any]:
     """The (global) attributes as plain numbers, texts and lists of numbers."""
-    values: dict[str, Any] = {name: of.getncattr(name) for name in of.ncattrs()}
-    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+    return in_python({name: of.getncattr(name) for name in of.ncattrs()})
 
 
 def table_in(text: str) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class Running(Prepared):
         self._own_registered: dict[str, Diagnostic] = {}
         """Those that have been found."""
         before = self._checkpoint
-        self.run_id = "" if before is None else str(before.attributes.get("run_id"))
+        self.run_id = "" if before is None else str(before.attributes.get("run_id", ""))
         """That of the file of frames that was written last, or that a restart goes on from."""
 
     def begin(self, plan: TimePlan | None = None, also: Sequence[Fraction] = ()) -> None:

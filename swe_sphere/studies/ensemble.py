@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,8 +71,9 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     out = folder / f"{Path(config.scene).stem}_seed{seed}.nc"
     settings = (*config.settings, f"scene.seed={seed}")
     asked = config.model_copy(update={"settings": settings, "out": out})
-    if out.exists() and not config.overwrite and _is_of(out, asked):
-        if RunFile(out).attributes.get("completed"):
+    there = RunFile(out).attributes if out.exists() and not config.overwrite else None
+    if there is not None and _is_of(out, there, asked):
+        if there.get("completed"):
             tell(f"seed {seed}: kept, {out}")
             return out
         asked = asked.model_copy(update={"overwrite": True})  # with frames at the same times
@@ -87,12 +88,12 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     return out
 
 
-def _is_of(file: Path, config: RunConfig) -> bool:
-    """Whether a file is of a run of the configuration; ConfigError if it is of none.
+def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
+    """Whether a file with these attributes is of a run of the configuration.
 
-    Or if the code, or the user's files that the run is made of, are not what they were.
+    Raises ConfigError if the code, or the user's files that the run is made of, are not what they
+    were.
     """
-    found = RunFile(file).attributes
     stored, asked = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
     apart = {"overwrite": False, "out": None}
     if stored | apart != asked | apart:

@@ -141,7 +141,7 @@ class SweepPlan(SharedConfig):
     @property
     def folder(self) -> str:
         """Where it is kept in the folder of a recipe."""
-        return self.name or Path(self.scene).stem
+        return folder_of({"scene": self.scene, "name": self.name})
 
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
@@ -263,14 +263,14 @@ def load_recipe(name: str) -> Recipe:
     sweeps = table.pop("sweep", [{}])
     if not isinstance(sweeps, list) or not all(isinstance(each, dict) for each in sweeps):
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
-    notes = {_folder(each): str(each.pop("note")) for each in sweeps if "note" in each}
-    claims = {_folder(each): each.pop("claim") for each in sweeps if "claim" in each}
+    notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
+    claims = {folder_of(table | each): each.pop("claim") for each in sweeps if "claim" in each}
     single = [one for each in sweeps for one in _combinations(path, table | each)]
     return Recipe(title, tuple(map(by_field, single)), introduction, notes, claims, mapped)
 
 
-def _folder(sweep: dict[str, Any]) -> str:
-    """As `SweepPlan.folder`."""
+def folder_of(sweep: Mapping[str, Any]) -> str:
+    """Where the sweep of these values is kept in the folder of a recipe."""
     return str(sweep.get("name") or Path(str(sweep.get("scene"))).stem)
 
 
@@ -287,6 +287,8 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
         words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
         settings = [f"{key}={value}" for key, value in chosen.items() if "." in key]
         plain = {key: value for key, value in chosen.items() if "." not in key}
-        named = {"name": "-".join([Path(str(sweep.get("scene"))).stem, *words])} if each else {}
+        named = (
+            {"name": "-".join([folder_of({"scene": sweep.get("scene")}), *words])} if each else {}
+        )
         of_all = [*sweep.get("set", ()), *settings]
         yield sweep | plain | named | ({"set": of_all} if of_all else {})
