@@ -9,10 +9,13 @@ from types import SimpleNamespace
 
 import pytest
 import warp as wp
+from matplotlib.figure import Figure
 
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
+from swe_sphere.pictures import plot
 from swe_sphere.studies import costs
+from swe_sphere.studies.report import sweep_page
 
 wp.config.log_level = wp.LOG_WARNING
 gc.set_threshold(20_000)  # as the command line does
@@ -31,6 +34,21 @@ def earlier_tests_stay_settled():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(costs, "gc", kept)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def coarse_pictures():
+    """Half of the time of a picture is that of its dots, which no test needs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plot, "ROWS", 61)
+        patch.setattr(plot, "DOTS_PER_INCH", 60)
+        yield
+
+
+@pytest.fixture
+def blank_figures(monkeypatch):
+    """Pages of sweeps have figures in which nothing is drawn: for tests of their words."""
+    monkeypatch.setattr(sweep_page, "render", lambda *_: Figure(figsize=(1.0, 1.0)))
 
 
 @pytest.fixture(scope="session")

@@ -14,9 +14,10 @@ from swe_sphere.mesh import Mesh
 
 MESH = Mesh.build(2, 4, spin=17.0)
 OMEGA = 2.0 * np.pi / 14400.0
-DURATION = 5400.0
+DURATION = 3600.0
 STEPS = {
     "bdf2": 225.0,
+    "epi5": 225.0,
     "mis3c": 112.5,
     "average-vector-field": 900.0,
     "esdirk4": 900.0,

@@ -194,6 +194,7 @@ def test_small_and_odd_datasets_make_a_page(runs, expected, tmp_path):
     assert expected in page
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_several_datasets_make_one_page_with_an_answer_for_each(tmp_path):
     small = SMALL | {"errors": {("total", "h"): 1e-3}}
     other = make_sweep(small | {"scene": "lauter"}, scene="lauter")
@@ -219,6 +220,7 @@ def test_the_headline_is_on_the_slow_flow_where_the_depth_saturates(dataset):
     assert section.headline.startswith("Cheapest to l2(h) ≤ 3e-4 (total error")
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_the_meshes_of_a_dataset_are_told_apart(tmp_path):
     small = SMALL | {"errors": {("total", "h"): 1e-3}}
     runs = (small, small | {"ne": 8}, small | {"stretch": 4.0})
@@ -249,6 +251,7 @@ def test_the_page_of_the_documentation(dataset, tmp_path):
     _check_tables(text)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_claims_are_held_against_the_longest_steps_without_loss(dataset, tmp_path):
     """Those of steppers that took such steps: met, or out of reach of all."""
     name, words = str(dataset.attrs["scene"]), []

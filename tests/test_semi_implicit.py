@@ -159,10 +159,10 @@ def test_explicit_waves_of_a_deviating_depth(name: str, deviations, growth: floa
 
 @pytest.fixture(scope="module")
 def moving():
-    """The unsteady flow of Läuter, its state, and the state after four hours in tiny steps."""
+    """The unsteady flow of Läuter, its state, and the state after two hours in tiny steps."""
     model = Model(Mesh.build(2, 4), get_scene("lauter"))
     state = model.initial_state()
-    return model, state, advance("rk4", model, state, 40.0, 14400.0).state.numpy()
+    return model, state, advance("rk4", model, state, 40.0, 7200.0).state.numpy()
 
 
 def orders(moving, name: str, steps, **options) -> list[float]:
@@ -172,7 +172,7 @@ def orders(moving, name: str, steps, **options) -> list[float]:
     weight = np.tile(model.mesh.area, 3) / scale**2
     errors = []
     for dt in steps:
-        after = advance(name, model, state, dt, 14400.0, tolerance=1e-9, **options).state.numpy()
+        after = advance(name, model, state, dt, 7200.0, tolerance=1e-9, **options).state.numpy()
         errors.append(np.sqrt(np.sum(weight * (after - reference) ** 2)))
     return [float(np.log2(coarse / fine)) for coarse, fine in pairwise(errors)]
 

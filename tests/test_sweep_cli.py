@@ -197,7 +197,7 @@ def test_a_mistake_gets_one_line_and_status_2(swe, tmp_path, line):
 
 def test_ctrl_c_keeps_the_runs_and_leaves_with_130(tmp_path):
     command = (PROGRAM, "sweep", "lauter", "--steppers", "rk4", "--dt", "60,50,40",
-               "--ne", "3", "--days", "3", "--out", tmp_path)  # fmt: skip
+               "--ne", "3", "--days", "1", "--out", tmp_path)  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 60.0
     while time.monotonic() < end and not runs_of(tmp_path).records:

@@ -229,6 +229,7 @@ def test_a_full_disk_ends_a_sweep_with_one_line_and_it_goes_on_later(swe, tmp_pa
     assert_same_rows(xr.load_dataset(tmp_path / "d" / "sweep.nc"), sweep("lauter", "rk4", **TINY))
 
 
+@pytest.mark.usefixtures("blank_figures")
 @pytest.mark.parametrize("file", ["sweep.nc", "index.html"])
 def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
     swe, tmp_path, monkeypatch, file
