@@ -11,6 +11,7 @@ import pytest
 import typer
 
 from swe_sphere.cli.main import main
+from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.run import run
@@ -87,17 +88,39 @@ SHORTER = {
     "verify": "--quick --scenes lake-at-rest",
     "stress": "--quick --groups guards --steppers rk4",
 }
-"""Added to commands.  Runs keep their meshes and steps, which decide whether they are stable."""
+"""Added to commands."""
+NE = 4
+"""At the most, in runs whose step is left open, as it follows from the mesh.
+
+Where a step is given, the mesh decides whether it is stable.
+"""
+READ_BY_NONE = ("list", "sweep", "advise", "verify", "stress")
+"""Commands that leave nothing for the next ones of their page."""
 
 
 def _shortened(line):
     for long, short in INSTEAD.items():
         line = line.replace(long, short)
-    return line if "--restart" in line else f"{line} {SHORTER.get(line.split()[0], '')}"
+    name = line.split()[0]
+    if "--restart" in line:
+        return line
+    if name in ("run", "ensemble") and "--dt" not in line and "--ranks" not in line:
+        line = _coarsened(line)
+    added = SHORTER.get(name, "")
+    return f"{line} {added.removeprefix('--quick ') if '--quick' in line else added}"
 
 
-def _files_of_the_reader(folder):
+def _coarsened(line):
+    """A number is replaced where it stands: one that makes no sense must not be hidden."""
+    if "--ne" not in line:
+        return f"{line} --ne {NE}"
+    return re.sub(r"(?<=--ne )\d+", lambda ne: str(min(int(ne[0]), NE)), line)
+
+
+@pytest.fixture(scope="module")
+def files_of_the_reader(tmp_path_factory):
     """What the pages say that one has: steppers, a recipe, an analysis, and two runs to compare."""
+    folder = tmp_path_factory.mktemp("reader")
     (folder / "docs").mkdir()
     for name, text in EXAMPLES:
         (folder / name).write_text(text)
@@ -106,7 +129,32 @@ def _files_of_the_reader(folder):
     (folder / "mine.toml").write_text('scene = "lauter"\nsteppers = ["rk4"]\n')
     shutil.copy(ROOT / "tests" / "data" / "analysis.nc", folder)
     for name in ("a.nc", "b.nc"):
-        run(make_config({"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01, "out": name}))
+        short = {"scene": "williamson2", "ne": 2, "np": 4, "days": 0.01}
+        run(make_config(short | {"out": str(folder / name)}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done():
+    """Commands of `READ_BY_NONE` that have worked already: several pages have the same."""
+    return set()
+
+
+@pytest.fixture
+def ranks(monkeypatch):
+    """How many processes were asked for; one does their work, as `test_ranks.py` starts several."""
+    asked = []
+
+    def start_ranks(ranks, ne, arguments):
+        asked.append(ranks)
+        check_ranks(ne, ranks)
+        alone = re.sub(r" --ranks \d+", "", " ".join(arguments))
+        with pytest.raises(SystemExit) as end:
+            main(f"{alone} --ne {NE}".split())
+        return end.value.code
+
+    monkeypatch.setattr("swe_sphere.cli.run.start_ranks", start_ranks)
+    return asked
 
 
 BENCHMARKS = ROOT / "benchmarks"
@@ -133,19 +181,25 @@ def test_the_benchmarks_take_these_arguments(script, arguments, monkeypatch):
 
 
 @pytest.mark.parametrize("lines", COMMANDS)
-def test_the_commands_work(lines, tmp_path, monkeypatch, capsys):
+def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, monkeypatch, capsys):
     """Each command of a page in turn, in one folder: shortened, and of sweeps the plan alone.
 
     A warning is a failure: it says that the whole run would blow up.
     """
+    shutil.copytree(files_of_the_reader, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    _files_of_the_reader(tmp_path)
     for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
         monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
     monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
     monkeypatch.setattr("swe_sphere.pictures.plot.ROWS", 61)
     for line in lines:
+        short = _shortened(line)
+        if short in done:
+            continue
         with pytest.raises(SystemExit) as end:
-            main(_shortened(line).split())
+            main(short.split())
         said = capsys.readouterr().err
         assert end.value.code == 0 and "warning" not in said, f"{line}: {said}"
+        if line.startswith(READ_BY_NONE):
+            done.add(short)
+    assert ranks == [int(number) for number in re.findall(r"--ranks (\d+)", "\n".join(lines))]

@@ -26,9 +26,35 @@ from swe_sphere.testcases import SCENES
 
 DOCS = Path(__file__).parents[1] / "docs"
 CASES = all_cases()
+BY_NAME = {case.name: case for case in CASES}
 QUICK = [case for case in CASES if any(level.quick for level in case.levels)]
 
 
+@pytest.fixture(scope="module")
+def scene_of() -> dict[str, str]:
+    """The scene of each case by the name of the case: each time it is asked, a scene is made."""
+    return {case.name: case.scene for case in CASES}
+
+
+@pytest.fixture(scope="module")
+def known() -> dict[str, Measure]:
+    """What has been measured, by its fingerprint."""
+    return {}
+
+
+@pytest.fixture
+def measured_once(known, monkeypatch) -> None:
+    """What several tests make rows of is measured for the first of them."""
+
+    def measured(configuration, finer, start, key):
+        if key not in known:
+            known[key] = measure(configuration, finer, start, key)
+        return known[key]
+
+    monkeypatch.setattr("swe_sphere.studies.verify.verdict.measure", measured)
+
+
+@pytest.mark.usefixtures("measured_once")
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
 def test_quick_verification_passes(case: Case) -> None:
     for row in run_cases([case], quick=True):
@@ -37,15 +63,15 @@ def test_quick_verification_passes(case: Case) -> None:
         assert [str(check) for check in row.checks if not check.holds] == []
 
 
-def test_every_scene_is_verified() -> None:
-    assert set(SCENES) <= {case.scene for case in CASES}
+def test_every_scene_is_verified(scene_of) -> None:
+    assert set(SCENES) <= set(scene_of.values())
 
 
 def test_every_stepper_is_held_in_a_narrow_band() -> None:
     """Of its errors at two steps at least, which differ as its order says."""
     ours = {n: kind for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
     for name, kind in ours.items():
-        (case,) = choose([f"stepper-{name}"])
+        case = BY_NAME[f"stepper-{name}"]
         assert case.at(case.levels[0]).config.stepper == name
         (long, first), (short, second) = (
             (case.at(level).config.dt, level.values["l2_v"]) for level in case.levels
@@ -56,25 +82,24 @@ def test_every_stepper_is_held_in_a_narrow_band() -> None:
             assert bound.quantity == "mass_drift" or width <= 4.1e-3 * bound.high, name
 
 
-def test_every_case_has_a_name_and_every_level_a_bound() -> None:
-    assert len({case.name for case in CASES}) == len(CASES)
+def test_every_case_has_a_name_and_every_level_a_bound(scene_of) -> None:
+    assert len(BY_NAME) == len(CASES)
     for case in CASES:
         for level in case.levels:
             assert any(b.quantity != "mass_drift" for b in case.bounds(level)), case.name
-        if not case.start and case.scene != "lake-at-rest" and case.along != "dt":
+        if not case.start and scene_of[case.name] != "lake-at-rest" and case.along != "dt":
             assert all(level.h for level in case.levels), case.name
 
 
-def test_exact_scenes_have_orders_in_ne_and_np() -> None:
+def test_exact_scenes_have_orders_in_ne_and_np(scene_of) -> None:
     for name in ("williamson1", "williamson2", "williamson3", "williamson4", "lauter"):
         for along in ("ne", "np"):
-            cases = [case for case in CASES if case.scene == name and case.along == along]
+            cases = [case for case in CASES if scene_of[case.name] == name and case.along == along]
             assert any(level.order for case in cases for level in case.levels), name
 
 
 def start(name: str) -> dict[str, float]:
-    (case,) = choose([f"start-{name}"])
-    return dict(case.levels[0].values)
+    return dict(BY_NAME[f"start-{name}"].levels[0].values)
 
 
 def test_constants_are_those_of_closed_formulas() -> None:
@@ -203,6 +228,7 @@ def test_a_run_that_stops_fails_and_says_why(easy) -> None:
     assert "The run was unstable: " in page([replace(row, case=QUICK[0])], "again")
 
 
+@pytest.mark.usefixtures("measured_once")
 def test_page_has_every_row_and_tells_failures() -> None:
     rows = list(run_cases(choose(["lake-at-rest", "stepper-rk4"]), quick=True))
     text = page(rows, "swe-sphere verify --test")
@@ -227,6 +253,7 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
     assert "**stepper-rk4**" in (tmp_path / "verification.md").read_text()
 
 
+@pytest.mark.usefixtures("measured_once")
 def test_kernels_of_gpus_are_held_to_the_same_bounds(tmp_path) -> None:
     asked = ["--quick", "--scenes", "stepper-rk4", "--launch", "node"]
     with pytest.raises(SystemExit) as end:
@@ -297,11 +324,12 @@ def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
     assert f"FAILED: energy is {obtained:.6g}, not 3.02608e+07 ≤ energy" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("measured_once")
 @pytest.mark.parametrize("columns", [20, 60, 80, 200])
 def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     """Neither on a narrow terminal nor in a pipe, which counts as one of 80 columns."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    (row, *_) = rows = list(run_cases(choose(["stepper-rk4"]), quick=True))
+    rows = list(run_cases([BY_NAME["stepper-rk4"]], quick=True))
     with pytest.raises(SystemExit):
         main(["verify", "--quick", "--scenes", "stepper-rk4"])
     lines = capsys.readouterr().out.splitlines()
