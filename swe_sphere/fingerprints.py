@@ -71,8 +71,12 @@ def _short(contents: bytes) -> str:
     return hashlib.sha256(contents).hexdigest()[:16]
 
 
-def processor() -> str:
-    """The name of the processor."""
+def processor(device: str = "cpu") -> str:
+    """The name of the processor, or that of a GPU."""
+    if device != "cpu":
+        import warp as wp
+
+        return str(wp.get_device(device).name)
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

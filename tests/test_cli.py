@@ -159,6 +159,8 @@ def lat_lon_file(tmp_path):
 
 MISTAKES = {
     "run wiliamson2": "unknown scene 'wiliamson2'; did you mean 'williamson2'",
+    "verify --quick --resume": "resume: say what to go on with (--out), or leave it out",
+    "stress --quick --resume": "resume: say what to go on with (--out), or leave it out",
     "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
     "run williamson2 --stepper fuly-implicit": "did you mean 'fully-implicit'",
     "run williamson2 --tolerance 1e-4": "stepper rk4 has no option 'tolerance'",
@@ -249,8 +251,10 @@ def _has_gpu():
     return wp.is_cuda_available()
 
 
-def test_a_mistake_with_json_gets_a_json_line_too(swe):
-    status, out, err = swe("run", "wiliamson2", "--ne", 4, "--json")
+@pytest.mark.parametrize("line", ["wiliamson2 --ne 4 --json", "--ne 4 --config run.toml"])
+def test_a_mistake_with_json_gets_a_json_line_too(swe, tmp_path, line):
+    (tmp_path / "run.toml").write_text('scene = "wiliamson2"\njson = true\n')
+    status, out, err = swe("run", *line.split())
     numbers = json.loads(out)
     assert status == 2 and numbers.keys() >= KEYS
     assert (numbers["completed"], numbers["scene"], numbers["ne"]) == (False, "wiliamson2", 4)

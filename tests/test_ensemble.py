@@ -160,6 +160,7 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
     ("more", "said"),
     [
         (["--field", "b"], "it is the same in all members"),
+        (["--fields", "h,u"], "the field 'vorticity' is not there; there are h, u, b"),
         (["--seeds", "1-2000000000"], "give 2 to 1000 different ones"),
     ],
 )
@@ -169,6 +170,7 @@ def test_an_ensemble_that_comes_to_nothing_is_one_line(tmp_path, capsys, more, s
         main([*line, "--seeds", "1,2", "--folder", str(tmp_path / "a"), *more])
     told = capsys.readouterr().err
     assert ended.value.code == 2 and said in told and told.count("\n") == 1
+    assert (tmp_path / "a").exists() == (more == ["--field", "b"])  # what cannot be is told at once
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path, capsys):

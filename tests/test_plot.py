@@ -22,7 +22,7 @@ from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import Frame, RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
-from swe_sphere.pictures import animate, plot
+from swe_sphere.pictures import animate
 from swe_sphere.pictures.drawing import Drawing, contours, limits
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from swe_sphere.cli.main import main
+from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep.record import runs_of
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
@@ -37,12 +38,13 @@ def swe(capfd, tmp_path, monkeypatch):
 
 def _empty_page(dataset, folder, **_):
     page = Path(folder) / "index.html"
-    page.write_text("")
+    page.write_text(MARK)
     return page
 
 
 def _words(datasets, folder, *, title, introduction, notes, claims):
-    (Path(folder) / "README.md").write_text(f"{title}|{introduction}|{[*datasets]}|{notes}")
+    text = f"{title}|{introduction}|{[*datasets]}|{notes}"
+    (Path(folder) / "README.md").write_text(f"{MARK}{text}")
 
 
 RECIPE = """title = "two flows"
@@ -63,7 +65,7 @@ scene = "lauter"
 
 def test_scenes_of_a_recipe_share_a_page_too(swe, tmp_path):
     Path("mine.toml").write_text(RECIPE)
-    said = "two flows|Both are exact.|['williamson2', 'lauter']|{'williamson2': 'steady'}"
+    said = MARK + "two flows|Both are exact.|['williamson2', 'lauter']|{'williamson2': 'steady'}"
     for again in ((), ("--report-only",)):
         status, out, err = swe("--recipe", "mine.toml", "--out", "d", *again)
         assert (status, err) == (0, "")
@@ -132,13 +134,26 @@ def test_a_report_can_be_made_again(swe, tmp_path):
     assert runs == {path: path.read_bytes() for path in (tmp_path / "d" / "runs").iterdir()}
 
 
-@pytest.mark.parametrize("page", ["index.html", "README.md"])
+@pytest.mark.parametrize("page", ["d/index.html", "d/table.csv", "d/README.md"])
 def test_a_page_that_no_sweep_has_made_is_not_replaced(swe, tmp_path, page):
+    """Wherever sweeps lie; README.md only a recipe would write."""
+    (tmp_path / "one.toml").write_text('scene = "lauter"\nsteppers = "rk4"\ndt = 3600\n')
+    assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY[:-1], "d/below")[0] == 0
     (tmp_path / page).write_text("mine")
-    asked = ("lauter", "--steppers", "rk4", "--dt", 3600, *TINY[:-1])
-    status, _, err = swe(*asked, ".")
+    status, _, err = swe("--recipe", "one.toml", *TINY)
     assert status == 2 and f"{page} is of no sweep" in err
-    assert (tmp_path / page).read_text() == "mine" and not (tmp_path / "runs").exists()
+    assert (tmp_path / page).read_text() == "mine" and not (tmp_path / "d" / "runs").exists()
+    if page == "d/README.md":
+        assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
+
+
+def test_a_recipe_of_one_sweep_keeps_its_title_and_note(swe, tmp_path):
+    (tmp_path / "one.toml").write_text(RECIPE[: RECIPE.rindex("[[sweep]]")])
+    for again in (("--out", "d"), ("--out", "d", "--report-only")):
+        assert swe("--recipe", "one.toml", *again)[0] == 0
+        page = (tmp_path / "d" / "README.md").read_text()
+        assert page.endswith("two flows|Both are exact.|['williamson2']|{'williamson2': 'steady'}")
+        (tmp_path / "d" / "README.md").unlink()
 
 
 def test_a_recipe_of_several_scenes_has_a_folder_for_each(swe, tmp_path):

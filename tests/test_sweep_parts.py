@@ -212,6 +212,8 @@ def test_a_family_stands_for_all_of_its_steppers():
     plan = make_plan({"scene": "williamson2", "steppers": "imex, rk4"})
     families = [STEPPERS[name].family for name in plan.steppers]
     assert families == ["imex"] * (len(families) - 1) + ["explicit"] and len(families) > 3
+    again = make_plan({"scene": "williamson2", "steppers": [plan.steppers[1], "imex", "rk4,rk4"]})
+    assert set(again.steppers) == set(plan.steppers) and len(again.steppers) == len(families)
 
 
 def test_halved_steps_stop_at_the_shortest():
@@ -233,6 +235,9 @@ def test_a_recipe_of_the_user(tmp_path):
     path.write_text('scene = "lauter"\nsteppers = ["rk4"]\nreport-days = [1]\nset = ["a.b=1"]\n')
     (values,) = load_recipe(str(path)).sweeps
     assert values["report_days"] == [1] and values["settings"] == ["a.b=1"]
+    path.write_text('scene = "lauter"\nset = "a.b=1"\n')
+    (values,) = load_recipe(str(path)).sweeps
+    assert values["settings"] == ["a.b=1"]
     with pytest.raises(ConfigError, match="unknown recipe 'quik'; did you mean 'quick'"):
         load_recipe("quik")
     path.write_text("scene = ")

@@ -13,6 +13,7 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
+from swe_sphere.fingerprints import processor
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
@@ -96,10 +97,25 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
         assert second.sizes["run"] == 4 and len(finished(tmp_path)) == 7
         assert fields.isdisjoint({*(tmp_path / "converged").iterdir()} - fields)
         sources = json.loads(second.attrs["sources"])
+        assert sources.pop("the processor") == processor()
         assert sources == {"the code of swe_sphere": "other", "the scene": "the package"}
     third = sweep("lauter", "rk4", **options)  # the code is again what it was first
     assert len(finished(tmp_path)) == 7
     assert_same_rows(third, first)
+
+
+def test_times_of_two_machines_are_never_mixed(tmp_path, monkeypatch):
+    options = TINY | {"out": tmp_path, "levels": 1}
+    here = sweep("lauter", "rk4", **options)
+    with monkeypatch.context() as other:
+        other.setattr("swe_sphere.studies.sweep.references.processor", lambda _: "an abacus")
+        notes = Notes()
+        there = sweep("lauter", "rk4", watcher=notes, **options)
+    assert "3 of 3 runs there are left out" in notes.told[0]
+    assert "the processor changed since" in notes.told[0]
+    assert there.sizes["run"] == here.sizes["run"] and len(finished(tmp_path)) == 6
+    assert_same_rows(sweep("lauter", "rk4", **options), here)
+    assert len(finished(tmp_path)) == 6
 
 
 def test_two_scenes_of_one_name_are_never_mixed(tmp_path):

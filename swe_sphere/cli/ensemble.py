@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from swe_sphere.cli.options import given, with_flags
@@ -33,12 +34,14 @@ def ensemble(
     **values: Any,
 ) -> None:
     """Run a scene from several seeds, and show how their spread grows."""
-    from swe_sphere.io.scalar_fields import check_field
+    from swe_sphere.io.scalar_fields import check_field, derive
     from swe_sphere.studies.ensemble import run_members, spread, write_spread
 
     config = make_config(given(values, RunConfig))
     if not config.diagnostics:  # whose names are known when they are loaded
         check_field(field)
+    if config.fields:
+        derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
     try:
         members = run_members(config, _seeds(seeds), place, typer.echo)

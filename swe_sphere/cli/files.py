@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -84,7 +85,7 @@ def regrid(
     """Bring the frames of a run to a grid of latitudes and longitudes."""
     from swe_sphere.analysis.regrid_file import regrid_file
 
-    place = out or file.with_name(f"{file.stem}_{grid.replace(':', '')}.nc")
+    place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")
     typer.echo(regrid_file(file, grid, place, conservative, names_in(fields), overwrite))
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import typer
 from pydantic import BaseModel
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.settings import flag_of
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -33,6 +34,12 @@ Jobs = Annotated[int, typer.Option(metavar="N", help="Processes at work beside e
 LIST = "A,B,..."
 REPEATED = ("settings", "diagnostics", "reference")
 """Fields of several values whose flag is given again for each; others take a list, A,B,..."""
+
+
+def check_resumed(resume: bool, out: Path | None) -> None:
+    """ConfigError where there is nothing to go on from."""
+    if resume and out is None:
+        raise ConfigError("resume: say what to go on with (--out), or leave it out")
 
 
 def with_flags(

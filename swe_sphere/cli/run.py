@@ -44,9 +44,10 @@ def run(
 ) -> int:
     """Run a scene and report errors, conservation and cost."""
     comm = world()
+    said = given(values | {"ranks": ranks}, Asked)
     try:
-        read = load_config(config) if config is not None else {}
-        told = validated(Asked, read | given(values | {"ranks": ranks}, Asked))
+        said = said if config is None else load_config(config) | said
+        told = validated(Asked, said)
         asked, ranks = told.of_run(), told.ranks
         if ranks is not None and not comm.shared:
             return start_ranks(ranks, _ne(asked), context.obj)
@@ -54,8 +55,8 @@ def run(
             raise ConfigError(f"ranks={ranks}: {comm.size} have been started: leave ranks out")
         summary = _run(asked)
     except Exception as error:
-        if values["as_json"] and comm.rank == 0:
-            typer.echo(failed_summary(values, *explain(error)).as_json())
+        if said.get("as_json") and comm.rank == 0:
+            typer.echo(failed_summary(said, *explain(error)).as_json())
         raise
     if comm.rank == 0:
         show_summary(summary, asked)

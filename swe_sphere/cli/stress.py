@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swe_sphere.cli.options import AsJson, Jobs
+from swe_sphere.cli.options import AsJson, Jobs, check_resumed
 from swe_sphere.cli.show import Stopped, show_line
 from swe_sphere.settings import names_in
 from swe_sphere.simulation.interrupt import Interrupted
@@ -49,6 +49,7 @@ def stress(
     from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
     checked_jobs(jobs)
+    check_resumed(resume, out)
     if out is not None:
         check_page(out, "Stability")
     chosen = choose(names_in(groups), names_in(steppers), quick)

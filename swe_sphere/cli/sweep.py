@@ -13,14 +13,16 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.compiling import COMPILING, on_compile
+from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.settings import place_and_complaint
 from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     import xarray as xr
 
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
 
 RECIPES_ONLY = ("converged_stepper", "converged_part", "slow", "spin", "longest", "enough", "name")
 """Fields of a plan without a flag."""
-PAGES = ("index.html", "README.md")
-"""What the report of a sweep, and that of several, is called."""
+REPORT, PAGE = {"index.html": MARK, "table.csv": "dataset,number,"}, {"README.md": MARK}
+"""What is written of a sweep, and what of a recipe too, and a text in it by which it is known."""
 
 
 @with_flags(SweepPlan, argument="scene", without=RECIPES_ONLY)
@@ -55,29 +57,39 @@ def sweep(
     if report_only:
         return _report_again(out, loaded, quiet)
     datasets, completed = {}, False
-    _check_pages(out)
     plans, mapped = _plans(values, loaded), loaded if loaded and loaded.mapped else None
     _claims(loaded)
+    single = loaded is not None and loaded.single
+    apart = loaded is not None and not single
+    folders = {plan.folder: out / plan.folder if apart else out for plan in plans}
+    _check_pages([out, *folders.values()], REPORT)
+    _check_pages([out] if loaded else [], PAGE)
     for plan in plans:
-        folder = out / plan.folder if mapped or (loaded and len(loaded.sweeps) > 1) else out
+        folder = folders[plan.folder]
         dataset = datasets[plan.folder] = _carried_out(plan, folder, quiet)
         completed |= _any_completed(dataset)
-        if not mapped:
-            _finish(dataset, folder, None if plan.target_error is None else plan, quiet)
+        if not (mapped or quiet):
+            show_sweep(dataset, None if plan.target_error is None else plan)
+        if not (mapped or single):
+            _report(dataset, folder, quiet)
     if mapped:
         _map(out, mapped, quiet)
-    elif len(datasets) > 1:
+    elif single or len(datasets) > 1:
         _join(datasets, out, loaded, quiet)
     return 0 if completed else RunFailed.exit_status
 
 
-def _check_pages(out: Path) -> None:
-    """ConfigError where the page would take the place of one that no sweep has made."""
-    from swe_sphere.studies.sweep.record import HEADER
+def _check_pages(folders: Iterable[Path], marks: Mapping[str, str]) -> None:
+    """ConfigError where a page would take the place of one that no sweep has made.
 
-    there = [out / name for name in PAGES if (out / name).exists()]
-    if there and not any(out.rglob(HEADER)):
-        raise ConfigError(f"out: {there[0]} is of no sweep, and would be replaced: choose another")
+    marks: a text that is in the pages of sweeps, by their names.
+    """
+    for path, mark in ((folder / name, mark) for folder in folders for name, mark in marks.items()):
+        with clear_errors(f"cannot write to {path}"):
+            if path.exists() and mark.encode() not in path.read_bytes():
+                raise ConfigError(
+                    f"out: {path} is of no sweep, and would be replaced: choose another"
+                )
 
 
 def _any_completed(dataset: xr.Dataset) -> bool:
@@ -127,21 +139,25 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
     begun = [folder for folder in folders if runs_of(folder).records] or folders
     datasets = {folder: write_dataset(folder) for folder in begun}
+    names = [folder.name for folder in datasets]
+    single = recipe is not None and recipe.single and begun == [out]
+    if recipe is not None and single:
+        names = [folder_of({"scene": datasets[out].scene, **recipe.sweeps[0]})]
     for folder, dataset in datasets.items():
-        _finish(dataset, folder, None, quiet)
-    if len(datasets) > 1:
-        by_scene = {folder.name: dataset for folder, dataset in datasets.items()}
-        _join(by_scene, out, recipe, quiet)
+        if not quiet:
+            show_sweep(dataset)
+        if not single:
+            _report(dataset, folder, quiet)
+    if single or len(datasets) > 1:
+        _join(dict(zip(names, datasets.values(), strict=True)), out, recipe, quiet)
     return 0
 
 
-def _finish(dataset: xr.Dataset, folder: Path, search: SweepPlan | None, quiet: bool) -> None:
-    """Write the report and show the table; of a search its answer."""
+def _report(dataset: xr.Dataset, folder: Path, quiet: bool) -> None:
     from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
 
     page = write_report(dataset, folder)
     if not quiet:
-        show_sweep(dataset, search)
         typer.echo(page)
 
 

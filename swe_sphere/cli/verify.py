@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swe_sphere.cli.options import AsJson, Jobs
+from swe_sphere.cli.options import AsJson, Jobs, check_resumed
 from swe_sphere.cli.show import Stopped, print_table, show_line
 from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
@@ -53,6 +53,7 @@ def verify(
     from swe_sphere.studies.verify import choose
 
     checked_jobs(jobs)
+    check_resumed(resume, out)
     changes = {"launch": launch} if launch else {}
     chosen = {case.name: case.changed(changes) for case in choose(names_in(scenes))}
     files = _files(out)

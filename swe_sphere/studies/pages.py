@@ -8,6 +8,9 @@ from pathlib import Path
 from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError, in_one_line
 
+MARK = "<!-- made by swe-sphere sweep -->"
+"""In pages of sweeps, which tells them from the user's own of the same name."""
+
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
     """A template of a study filled in.
@@ -21,6 +24,7 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
         loader=ChoiceLoader(places), autoescape=template.endswith(".html.j2"),
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
+    made.globals["mark"] = MARK
     made.filters |= {each.__name__.lstrip("_"): each for each in (anchor, in_table, *filters)}
     return made.get_template(template).render(values)
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint
+from swe_sphere.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint, processor
 from swe_sphere.io.reference_solution import Reference, shipped_reference
+from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.setup import make_scene, scene_sources
+from swe_sphere.simulation.setup import make_scene, scene_sources, start_warp
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.runspec import users_fingerprint
 
@@ -24,7 +25,8 @@ SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """Solutions that come with the package: the scene and the settings of each."""
 
-CODE = "the code of swe_sphere"
+CODE, MACHINE = "the code of swe_sphere", "the processor"
+"""Among what rows are made of: times of one machine say nothing of those of another."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,9 @@ def sweep_sources(spaces: Discretisations, total: TotalReference) -> dict[str, s
     files = scene_sources(spaces.plan.scene, spaces.scene)
     place = "a file" if SCENE_FILE in files else "the package"
     origin = place if spaces.own is None else users_fingerprint(spaces.own.initial)
-    return {CODE: code_fingerprint(), "the scene": origin, **files, **total.sources}
+    start_warp()
+    made = {CODE: code_fingerprint(), MACHINE: processor(find_device(spaces.plan.device))}
+    return {**made, "the scene": origin, **files, **total.sources}
 
 
 def choose_reference(spaces: Discretisations) -> TotalReference:

@@ -58,7 +58,7 @@ def _stepper_names(value: object) -> tuple[str, ...]:
         if not isinstance(item, str | Path) and STEPPERS.get(named) is not item:
             raise ValueError("must be names, files or classes of steppers")
         names.append(named)
-    return tuple(names)
+    return tuple(dict.fromkeys(names))  # a stepper may be of a family that is named too
 
 
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed)]
@@ -224,6 +224,11 @@ class Recipe:
     mapped: bool = False
     """Whether one map of all sweeps is wanted, and no report of each."""
 
+    @property
+    def single(self) -> bool:
+        """Whether there is one sweep, kept where several would have folders."""
+        return len(self.sweeps) == 1 and not self.mapped
+
     def plans(self, flags: Mapping[str, object]) -> list[SweepPlan]:
         """The plans, with the values of flags in the place of the recipe's.
 
@@ -290,5 +295,5 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
         named = (
             {"name": "-".join([folder_of({"scene": sweep.get("scene")}), *words])} if each else {}
         )
-        of_all = [*sweep.get("set", ()), *settings]
+        of_all = [*_listed(sweep.get("set", ())), *settings]
         yield sweep | plain | named | ({"set": of_all} if of_all else {})
