@@ -1,0 +1,156 @@
+"""Right-hand sides and steps beside those of an earlier commit, in turns; writes docs/versions.md.
+
+    python benchmarks/versions.py [COMMIT] [--rounds N]
+
+The sources of each lie in a process of their own, which takes steps when it is asked to, so that
+both meet the same moments of the machine.  Needs the history of the repository.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from implicit_common import Section
+from sections import write_page
+
+ROOT = Path(__file__).parents[1]
+THEN = "8e73fdc"
+"""Of 22 November 2026, before there was a Python API, and that of docs/size.md."""
+LONG = 3600.0
+CASES = (
+    ("right-hand side", 16, 4, 0.0, 200),
+    ("right-hand side", 8, 8, 0.0, 200),
+    ("rk4", 16, 4, 240.0, 60),
+    ("rk4", 30, 4, 120.0, 20),
+    ("leapfrog", 16, 4, 120.0, 150),
+    ("semi-implicit", 16, 4, 1200.0, 6),
+    ("ars343", 16, 4, 1200.0, 4),
+    ("bdf2", 16, 4, LONG, 5),
+    ("tr-bdf2", 16, 4, LONG, 3),
+    ("tr-bdf2", 8, 8, LONG, 3),
+    ("esdirk4", 16, 4, LONG, 2),
+    ("gauss-legendre", 16, 4, LONG, 2),
+)
+"""What is called, ne, np, Δt [s] and how many calls are timed together."""
+WORKER = """
+import json, sys, time
+import warp as wp
+wp.config.log_level = wp.LOG_WARNING
+sys.path.insert(0, sys.argv[1])
+import swe_sphere.mesh as meshes
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+try:
+    from swe_sphere.equations.model import Model
+except ImportError:  # what it was called then
+    from swe_sphere.model import Model
+assert meshes.__file__.startswith(sys.argv[1])
+build = getattr(meshes, "build_mesh", None) or meshes.Mesh.build
+
+def call_of(what, ne, points, dt):
+    model = Model(build(ne, points), get_scene("williamson5"))
+    state = model.initial_state()
+    if what == "right-hand side":
+        out = model.zeros()
+        return lambda: model.tendency(state, 0.0, out)
+    stepper = STEPPERS[what](model, dt)
+    stepper.start(state)
+    return stepper.step
+
+calls = {}
+for line in sys.stdin:
+    *case, count = json.loads(line)
+    if line not in calls:
+        calls[line] = call_of(*case)
+        for _ in range(4):
+            calls[line]()
+    start = time.perf_counter()
+    for _ in range(count):
+        calls[line]()
+    print((time.perf_counter() - start) / count, flush=True)
+"""
+
+HEAD = """# Beside an earlier version
+
+What an earlier version could do already, timed in turns with the present one. 8e73fdc is of 22
+November 2026, before the code was taken apart and put together anew, see [its size](size.md). Made
+by `python benchmarks/versions.py`."""
+
+
+class Version:
+    """A process in which steps of some sources are taken."""
+
+    def __init__(self, folder: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", WORKER, folder], cwd=folder, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+
+    def time(self, case: tuple[object, ...]) -> float:
+        """Mean wall time [s] of a call of one of `CASES`."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write(json.dumps(case) + "\n")
+        self._process.stdin.flush()
+        return float(self._process.stdout.readline())
+
+
+def measured(commit: str, rounds: int) -> list[list[str]]:
+    """A row for each of `CASES`; which version goes first changes from round to round."""
+    times: dict[tuple[object, ...], list[tuple[float, float]]] = {case: [] for case in CASES}
+    with ExitStack() as stack:
+        old, new = (stack.enter_context(tempfile.TemporaryDirectory()) for _ in range(2))
+        for folder, of in ((old, commit), (new, "HEAD")):
+            packed = subprocess.check_output(["git", "archive", of], cwd=ROOT)
+            subprocess.run(["tar", "-x", "-C", folder], input=packed, check=True)
+        both = Version(old), Version(new)
+        for case in CASES:
+            for version in both:
+                version.time(case)
+        for number in range(rounds):
+            for case in CASES:
+                order = (0, 1) if number % 2 else (1, 0)
+                found = {k: both[k].time(case) for k in order}
+                times[case].append((found[0], found[1]))
+    return [_row(case, of) for case, of in times.items()]
+
+
+def _row(case: tuple[object, ...], times: list[tuple[float, float]]) -> list[str]:
+    what, ne, points, dt, _ = case
+    least = [1e3 * min(each) for each in zip(*times, strict=True)]
+    ratios = sorted(now / then for then, now in times)
+    return [
+        f"{what}, Δt {dt:g} s" if dt else str(what), f"ne{ne} np{points}",
+        f"{least[0]:.3g}", f"{least[1]:.3g}", f"{least[1] / least[0]:.2f}",
+        f"{statistics.median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})",
+    ]  # fmt: skip
+
+
+def main(
+    commit: Annotated[str, typer.Argument(help="The earlier one.")] = THEN,
+    rounds: Annotated[int, typer.Option(help="How often the two take turns.")] = 9,
+) -> None:
+    """Measure, print and write the page."""
+
+    def section() -> Section:
+        return Section(
+            f"williamson5, now and at {commit}",
+            f"Wall time [ms] of a right-hand side or a step with default settings on one core: the"
+            f" least of {rounds} rounds of each, the ratio of these, and the median of the ratios"
+            " of a round with the least and the largest of them.",
+            ["", "mesh", "then", "now", "now / then", "median of ratios"],
+            measured(commit, rounds),
+        )
+
+    write_page("versions", HEAD, {commit: section}, [])
+
+
+if __name__ == "__main__":
+    typer.run(main)
