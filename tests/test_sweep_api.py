@@ -103,6 +103,23 @@ class Ralston(RungeKutta):
 """
 
 
+MISTAKE = """
+    def step(self):
+        if self.time > 3600.0:
+            raise KeyError("no such stage")
+        super().step()
+"""
+
+
+def test_a_stepper_with_a_mistake_is_a_row_and_ends_no_sweep(tmp_path):
+    (tmp_path / "ralston.py").write_text(RALSTON + MISTAKE)
+    found = sweep("lauter", [tmp_path / "ralston.py", "rk4"], **TINY | {"dt": 1800})
+    ends = dict(zip(found.stepper.values, found.status.values, strict=True))
+    assert ends == {"ralston-of-test": "failed", "rk4": "completed"}
+    (failed,) = found.reason.values[found.stepper.values == "ralston-of-test"]
+    assert failed == "KeyError: 'no such stage'"
+
+
 def test_an_edited_file_of_a_stepper_has_its_own_runs_made_again_and_no_others(tmp_path):
     file, options = tmp_path / "ralston.py", TINY | {"out": tmp_path / "d"}
     file.write_text(RALSTON)

@@ -63,16 +63,19 @@ def stepped(
     time_limit: float | None = None,
     interruption: Interruption | None = None,
 ) -> Ended:
-    """Step a simulation to its end, as `step_through` does.
+    """Step a simulation to its end, as `step_through` does; an error of a user's step is one too.
 
     Raises:
         Interrupted: the user asked to stop.
     """
-    with np.errstate(all="ignore"):
+
+    def work() -> Ended:
         outcome = step_through(sim, observers, tick, time_limit, interruption)
-    if outcome.status == "interrupted":
-        raise Interrupted(outcome.reason)
-    return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)
+        if outcome.status == "interrupted":
+            raise Interrupted(outcome.reason)
+        return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)
+
+    return attempt(work)
 
 
 Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
