@@ -233,7 +233,7 @@ def world() -> Alone:
     Raises ConfigError where it was started as one of several, and mpi4py is not there, or is that
     of another MPI.
     """
-    started = _started_ranks()
+    started = started_ranks()
     if started is None:
         return Alone()
     try:
@@ -253,7 +253,7 @@ def world() -> Alone:
     return ranks
 
 
-def _started_ranks() -> int | None:
+def started_ranks() -> int | None:
     """Of how many ranks this process is one; 0 if nobody says.  What a rank starts is none."""
     said = [os.environ[name] for name in SIZES if name in os.environ]
     socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # that of another MPI around

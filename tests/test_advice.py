@@ -181,13 +181,14 @@ def advise(*arguments: str) -> int:
 
 
 def test_the_command_that_is_advised_can_be_given(capsys) -> None:
-    assert advise("williamson5", "--error", "3e-3", "--ne", "3", "--days", "0.1",
+    assert advise("williamson5", "--error", "3e-3", "--ne", "3", "--days", "0.1000625",
                   "--set", "scene.speed=10") == 0  # fmt: skip
     out = capsys.readouterr().out
     assert "U/c = 0.04" in out and "bound by" in out
     (command,) = re.findall(r"^  (swe-sphere run .*)$", out, re.MULTILINE)
     words = shlex.split(command)
     assert words[words.index("--set") + 1] == "scene.speed=10"
+    assert words[words.index("--days") + 1] == "0.1000625"
     with pytest.raises(SystemExit) as end:
         main([*words[1:], "--quiet"])
     assert end.value.code in (None, 0)

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -305,12 +306,13 @@ def test_no_days_write_the_start(swe):
 
 
 def test_a_run_out_of_time_says_how_it_goes_on(swe):
-    options = ("--ne", 3, "--dt", 600, "--days", 20, "--every", 240, "--out", "a.nc")
-    status, _, err = swe("run", "williamson2", *options, "--time-limit", 0.002)
+    Path("my flow.toml").write_text('base = "williamson2"\n')
+    options = ("--ne", 3, "--dt", 600, "--days", 20, "--every", 240, "--out", "a b.nc")
+    status, _, err = swe("run", "my flow.toml", *options, "--time-limit", 0.002)
     line = err.splitlines()[-1]
     assert (status, line.partition(": it goes on with: ")[0]) == (1, "swe-sphere")
-    steps = json.loads(RunFile("a.nc").attributes["summary"])["steps"]
-    command = line.partition("swe-sphere run ")[2].split()
+    steps = json.loads(RunFile("a b.nc").attributes["summary"])["steps"]
+    command = shlex.split(line.partition("swe-sphere run ")[2])
     status, out, _ = swe("run", *command, "--json")
     assert (status, json.loads(out)["steps"]) == (0, 2880) and 0 < steps < 2880
 

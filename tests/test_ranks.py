@@ -25,7 +25,7 @@ from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import curve, partition, whole
 from swe_sphere.operators.part_layout import PartLayout
 from swe_sphere.operators.rim import LEAST
-from swe_sphere.parallel import Alone
+from swe_sphere.parallel import OF_RANKS, SIZES, Alone, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
@@ -421,6 +421,21 @@ def test_more_ranks_than_pieces_of_the_mesh_are_not_started(monkeypatch, capsys,
 def test_other_commands_refuse_ranks(mpi):
     ended = program("list", ranks=2)
     assert ended.returncode == 2 and ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("said", "started"), [
+    ({}, None), ({"PMI_SIZE": "3"}, 3), ({"PMI_SIZE": "3", "PMI_FD": "999999"}, None),
+    ({"PMI_SIZE": "1", "PMI_FD": "999999", "OMPI_COMM_WORLD_SIZE": "2"}, 2),
+    ({"PMIX_RANK": "0"}, 0), ({"PMIX_RANK": "0", "SLURM_STEP_NUM_TASKS": "4"}, 4),
+    ({"PMI_SIZE": "many"}, None),
+])  # fmt: skip
+def test_those_who_started_ranks_say_how_many(monkeypatch, said, started):
+    """The inner one first, where one MPI starts another; what a rank starts hears of a socket."""
+    for name in (*SIZES, *OF_RANKS, "PMI_FD", "SLURM_STEP_NUM_TASKS"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in said.items():
+        monkeypatch.setenv(name, value)
+    assert started_ranks() == started
 
 
 def test_more_ranks_than_were_started_are_refused(mpi):

@@ -1,7 +1,9 @@
 """The map of regimes: costs at an error, break-even Froude numbers, and the page of a small map."""
 
+import json
 import math
 import re
+import shutil
 from itertools import pairwise
 
 import pytest
@@ -164,6 +166,15 @@ def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_ma
     point = {p.name: p for p in read_points(small_map / "out")}["williamson5-speed20"]
     best = point.best("explicit", 3e-3)
     assert f"`{best.stepper}` {best.dt:.4g} s, {best.cost:.3g}"[:-1] in page
+
+
+def test_a_map_needs_the_stepper_in_which_costs_are_told(small_map, tmp_path) -> None:
+    folder = shutil.copytree(small_map / "out", tmp_path / "out")
+    for file in folder.glob("*/runs/*.json"):
+        if json.loads(file.read_text())["config"]["stepper"] == "rk4":
+            file.unlink()
+    with pytest.raises(ConfigError, match=r"no run of rk4 in float64 .* add rk4 to the steppers"):
+        read_points(folder)
 
 
 def test_a_folder_without_sweeps_has_no_map(tmp_path) -> None:

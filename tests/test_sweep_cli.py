@@ -234,6 +234,13 @@ def test_a_sweep_of_a_recipe_has_its_folder_also_alone(swe, tmp_path):
     assert (tmp_path / "d" / "README.md").read_text() == page
 
 
+def test_a_search_of_which_nothing_can_run_says_why(swe):
+    asked = ("williamson1", "--steppers", "semi-implicit", "--target-error", 1e-3)
+    status, out, err = swe(*asked, *TINY)
+    assert status == 1 and "semi-implicit, ne2 np4 float64: scene williamson1 has no" in err
+    assert "williamson1: no run has an error that could be compared" in out
+
+
 def test_notes_are_those_of_the_sweeps_that_have_them(swe, tmp_path):
     """By the name of the sweep where it has one, and a scene may be a file."""
     (tmp_path / "flow.toml").write_text('base = "lauter"\nname = "flow"\n')

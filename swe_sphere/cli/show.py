@@ -52,9 +52,9 @@ def show_summary(summary: Summary, config: RunConfig) -> None:
         sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
     told = config.out is not None and not (config.quiet or config.as_json)
     if told and summary.status in GOES_ON:
-        out = shlex.quote(str(config.out))
-        rest = f"--restart {out} --out {out} --days {summary['days_planned']:g}"
-        sys.stderr.write(f"swe-sphere: it goes on with: swe-sphere run {config.scene} {rest}\n")
+        words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
+        words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
+        sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
     if config.as_json:
         sys.stdout.write(summary.as_json() + "\n")
     elif not config.quiet:
