@@ -140,11 +140,15 @@ def test_a_page_that_no_sweep_has_made_is_not_replaced(swe, tmp_path, page):
     (tmp_path / "one.toml").write_text('scene = "lauter"\nsteppers = "rk4"\ndt = 3600\n')
     assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY[:-1], "d/below")[0] == 0
     (tmp_path / page).write_text("mine")
-    status, _, err = swe("--recipe", "one.toml", *TINY)
+    recipe = ("--recipe", "one.toml")
+    status, _, err = swe(*recipe, *TINY)
     assert status == 2 and f"{page} is of no sweep" in err
     assert (tmp_path / page).read_text() == "mine" and not (tmp_path / "d" / "runs").exists()
     if page == "d/README.md":
         assert swe("lauter", "--steppers", "rk4", "--dt", 3600, *TINY)[0] == 0
+        assert swe("--report-only", *recipe, "--out", "d")[0] == 2
+    assert swe("--report-only", "--out", "d")[0] == (2 if page == "d/README.md" else 0)
+    assert (tmp_path / page).read_text() == "mine"
 
 
 def test_a_recipe_of_one_sweep_keeps_its_title_and_note(swe, tmp_path):

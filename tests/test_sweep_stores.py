@@ -14,6 +14,7 @@ from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
 from swe_sphere.fingerprints import processor
+from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
@@ -252,7 +253,8 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
 ):
     sweep("lauter", "rk4", out=tmp_path / "d", **TINY)
     path = tmp_path / "d" / file
-    path.write_bytes(b"the old one")
+    old = f"the old one {MARK}".encode()
+    path.write_bytes(old)
     replace = os.replace
 
     def full(source, target):
@@ -262,7 +264,7 @@ def test_a_full_disk_ends_a_report_with_one_line_and_leaves_the_old_one(
 
     monkeypatch.setattr(os, "replace", full)
     assert_refused(*swe("--report-only", "--out", "d", "--quiet"))
-    assert path.read_bytes() == b"the old one"
+    assert path.read_bytes() == old
     assert not [*path.parent.rglob("*.part")]
 
 

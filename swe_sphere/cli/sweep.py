@@ -128,6 +128,7 @@ def _map(out: Path, recipe: Recipe, quiet: bool) -> None:
 def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     """Datasets and reports of all sweeps in a folder, anew from their records."""
     if recipe is not None and recipe.mapped:
+        _check_pages([out], PAGE)
         _map(out, recipe, quiet)
         return 0
     from swe_sphere.studies.sweep.dataset import write_dataset
@@ -138,9 +139,12 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     if not folders:
         raise ConfigError(f"there is no sweep in {out}: leave report-only out to make one")
     begun = [folder for folder in folders if runs_of(folder).records] or folders
+    single = recipe is not None and recipe.single and begun == [out]
+    joined = single or len(begun) > 1
+    _check_pages([*begun, out] if joined else begun, REPORT)
+    _check_pages([out] if joined else [], PAGE)
     datasets = {folder: write_dataset(folder) for folder in begun}
     names = [folder.name for folder in datasets]
-    single = recipe is not None and recipe.single and begun == [out]
     if recipe is not None and single:
         names = [folder_of({"scene": datasets[out].scene, **recipe.sweeps[0]})]
     for folder, dataset in datasets.items():
@@ -148,7 +152,7 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
             show_sweep(dataset)
         if not single:
             _report(dataset, folder, quiet)
-    if single or len(datasets) > 1:
+    if joined:
         _join(dict(zip(names, datasets.values(), strict=True)), out, recipe, quiet)
     return 0
 
