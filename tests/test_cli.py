@@ -160,6 +160,7 @@ def lat_lon_file(tmp_path):
 
 MISTAKES = {
     "run wiliamson2": "unknown scene 'wiliamson2'; did you mean 'williamson2'",
+    "regrid damaged.nc --grid a/b": "damaged.nc",
     "verify --quick --resume": "resume: say what to go on with (--out), or leave it out",
     "stress --quick --resume": "resume: say what to go on with (--out), or leave it out",
     "run williamson2 --stepper rk5": "unknown stepper 'rk5'; did you mean 'rk4'",
