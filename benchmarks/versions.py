@@ -13,7 +13,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -85,40 +86,39 @@ November 2026, before the code was taken apart and put together anew, see [its s
 by `python benchmarks/versions.py`."""
 
 
-class Version:
-    """A process in which steps of some sources are taken."""
-
-    def __init__(self, folder: str) -> None:
-        self._process = subprocess.Popen(
+@contextmanager
+def version(commit: str) -> Iterator[subprocess.Popen[str]]:
+    """A process in which steps of the sources of a commit are taken, until the block ends."""
+    with tempfile.TemporaryDirectory() as folder:
+        packed = subprocess.check_output(["git", "archive", commit], cwd=ROOT)
+        subprocess.run(["tar", "-x", "-C", folder], input=packed, check=True)
+        with subprocess.Popen(
             [sys.executable, "-c", WORKER, folder], cwd=folder, text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        )  # fmt: skip
+        ) as process:  # fmt: skip
+            yield process
 
-    def time(self, case: tuple[object, ...]) -> float:
-        """Mean wall time [s] of a call of one of `CASES`."""
-        assert self._process.stdin is not None and self._process.stdout is not None
-        self._process.stdin.write(json.dumps(case) + "\n")
-        self._process.stdin.flush()
-        return float(self._process.stdout.readline())
+
+def seconds(process: subprocess.Popen[str], case: tuple[object, ...]) -> float:
+    """Mean wall time [s] of a call of one of `CASES`."""
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(json.dumps(case) + "\n")
+    process.stdin.flush()
+    return float(process.stdout.readline())
 
 
 def measured(commit: str, rounds: int) -> list[list[str]]:
     """A row for each of `CASES`; which version goes first changes from round to round."""
     times: dict[tuple[object, ...], list[tuple[float, float]]] = {case: [] for case in CASES}
-    with ExitStack() as stack:
-        old, new = (stack.enter_context(tempfile.TemporaryDirectory()) for _ in range(2))
-        for folder, of in ((old, commit), (new, "HEAD")):
-            packed = subprocess.check_output(["git", "archive", of], cwd=ROOT)
-            subprocess.run(["tar", "-x", "-C", folder], input=packed, check=True)
-        both = Version(old), Version(new)
+    with version(commit) as old, version("HEAD") as new:
         for case in CASES:
-            for version in both:
-                version.time(case)
+            for process in (old, new):
+                seconds(process, case)
         for number in range(rounds):
             for case in CASES:
-                order = (0, 1) if number % 2 else (1, 0)
-                found = {k: both[k].time(case) for k in order}
-                times[case].append((found[0], found[1]))
+                order = (old, new) if number % 2 else (new, old)
+                found = {process: seconds(process, case) for process in order}
+                times[case].append((found[old], found[new]))
     return [_row(case, of) for case, of in times.items()]
 
 

@@ -116,8 +116,7 @@ def test_energy_falls_by_the_work_of_drag(small_mesh, drag) -> None:
 def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
     """v/v0 = e^(-rt) / (1 + c |v0| (1 - e^(-rt)) / r), and depth goes to equilibrium as e^(-t/T).
 
-    Steps of a hundredth of the time of decay, so that errors of second order are below 6e-5: a
-    coefficient that is wrong by 0.2 % shows.
+    Steps of a hundredth of the time of decay, so that errors of second order are below 1e-4.
     """
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
     drag, time = Drag(linear=1e-4, quadratic=2e-6), 2e4
@@ -125,14 +124,14 @@ def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
     model = Model(MESH, scene)
     state = random_state(model)
     u, v, h = state.reshape(3, -1)
-    dt, duration = 50.0, 2500.0
+    dt, duration = 50.0, 5000.0
     last = advance(name, model, model.device_mesh.upload(state), dt, duration, **tight(name))
     left = np.exp(-drag.linear * duration)
     left = left / (1.0 + drag.quadratic * np.hypot(u, v) * (1.0 - left) / drag.linear)
     goal = scene.equilibrium(MESH.lon, MESH.lat)
     exact = np.concatenate([left * u, left * v, goal + (h - goal) * np.exp(-duration / time)])
     first_order = STEPPERS[name].order == 1 or name in LAGGED
-    assert relative(last.state.numpy(), exact, 3) < (1e-2 if first_order else 6e-5)
+    assert relative(last.state.numpy(), exact, 3) < (2e-2 if first_order else 1e-4)
 
 
 @pytest.mark.parametrize("name", STEPPERS)

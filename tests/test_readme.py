@@ -188,10 +188,9 @@ def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, mo
     """
     shutil.copytree(files_of_the_reader, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    for name in ("_carried_out", "show_sweep", "_report", "_join", "_map", "_any_completed"):
+    for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
         monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
     monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
-    monkeypatch.setattr("swe_sphere.pictures.plot.ROWS", 61)
     for line in lines:
         short = _shortened(line)
         if short in done:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sweeps import make_sweep, plausible_sweep
 
+from swe_sphere.cli.sweep import PAGE, REPORT
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.report import (
     Claim,
@@ -150,6 +151,14 @@ def test_the_page_tells_how_it_was_made_and_what_to_doubt(text):
     for part in ("a machine, 2 cores", "warp 1.19.0", "swe-sphere sweep williamson5",
                  "spread over 6.0", "about 2.4e-7 (Richardson)", "saturates"):  # fmt: skip
         assert part in text, part
+
+
+def test_pages_are_known_as_those_of_sweeps(folder, dataset, tmp_path):
+    """By what `swe-sphere sweep` looks for before it replaces one."""
+    for name, mark in REPORT.items():
+        assert mark in (folder / name).read_text(encoding="utf-8")[:200]
+    write_markdown(dataset.isel(run=[3]), tmp_path, figures=())
+    assert {name for name, mark in PAGE.items() if mark in (tmp_path / name).read_text()} == {*PAGE}
 
 
 def test_the_csv_has_all_rows_and_errors(dataset, folder):

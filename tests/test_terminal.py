@@ -20,7 +20,7 @@ RANKS = ["--ranks", "2"]
 SIZE, UNKNOWN = (LINES, COLUMNS), (0, 0)
 U, DYE = ["--live", "u"], ["--live", "q_dye"]
 PLAIN, DUMB = {"NO_COLOR": "1"}, {"TERM": "dumb"}
-PICTURES = [(U, {}), (U, PLAIN), (U, DUMB), (DYE, {}), (DYE, PLAIN)]
+PICTURES = [(U, {}), (U, PLAIN), (U, DUMB), (DYE, {}), (DYE, PLAIN), (DYE, DUMB)]
 """What is drawn, and the environment it is drawn in; there is no such field as the second."""
 SINGLE = """
 import json, os, sys

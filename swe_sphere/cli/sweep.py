@@ -68,10 +68,9 @@ def sweep(
         folder = folders[plan.folder]
         dataset = datasets[plan.folder] = _carried_out(plan, folder, quiet)
         completed |= _any_completed(dataset)
-        if not (mapped or quiet):
-            show_sweep(dataset, None if plan.target_error is None else plan)
-        if not (mapped or single):
-            _report(dataset, folder, quiet)
+        if not mapped:
+            search = None if plan.target_error is None else plan
+            _finish(dataset, None if single else folder, search, quiet)
     if mapped:
         _map(out, mapped, quiet)
     elif single or len(datasets) > 1:
@@ -148,21 +147,26 @@ def _report_again(out: Path, recipe: Recipe | None, quiet: bool) -> int:
     if recipe is not None and single:
         names = [folder_of({"scene": datasets[out].scene, **recipe.sweeps[0]})]
     for folder, dataset in datasets.items():
-        if not quiet:
-            show_sweep(dataset)
-        if not single:
-            _report(dataset, folder, quiet)
+        _finish(dataset, None if single else folder, None, quiet)
     if joined:
         _join(dict(zip(names, datasets.values(), strict=True)), out, recipe, quiet)
     return 0
 
 
-def _report(dataset: xr.Dataset, folder: Path, quiet: bool) -> None:
+def _finish(
+    dataset: xr.Dataset, folder: Path | None, search: SweepPlan | None, quiet: bool
+) -> None:
+    """Write the report and show the table; of a search its answer.
+
+    folder: of the report; None: it is that of the recipe.
+    """
     from swe_sphere.studies.report import write_report  # matplotlib takes its time to import
 
-    page = write_report(dataset, folder)
+    page = None if folder is None else write_report(dataset, folder)
     if not quiet:
-        typer.echo(page)
+        show_sweep(dataset, search)
+        if page is not None:
+            typer.echo(page)
 
 
 def _join(
