@@ -37,7 +37,7 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import Scene
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import Launcher
 from swe_sphere.testcases import get_scene

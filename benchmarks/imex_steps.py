@@ -21,7 +21,7 @@ from rich.console import Console
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import diagnose
 from swe_sphere.planet import DAY

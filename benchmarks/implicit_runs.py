@@ -12,8 +12,8 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import DAY
-from swe_sphere.sphere import position
 from swe_sphere.steppers import get_stepper
 from swe_sphere.testcases import get_scene
 

@@ -28,7 +28,7 @@ from matplotlib.ticker import FixedLocator, NullFormatter
 from rich.console import Console
 
 from swe_sphere.equations.model import Model
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.replay import Replay
 from swe_sphere.steppers import get_stepper

@@ -25,7 +25,7 @@ import typer
 import xarray
 from kill_runs import frames
 
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 
 STEPPERS = {"rk4": 900, "semi-implicit": 1800}
 """In turns, with their steps [s]."""

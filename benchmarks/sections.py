@@ -13,7 +13,7 @@ from implicit_common import Section
 from rich.console import Console
 from rich.table import Table
 
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -21,7 +21,7 @@ from rich.console import Console
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.scene import Scene
-from swe_sphere.fingerprints import machine
+from swe_sphere.files.fingerprints import machine
 from swe_sphere.testcases import get_scene
 
 SCREEN = Console(width=140, highlight=False)

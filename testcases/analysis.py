@@ -23,8 +23,8 @@ import numpy as np
 
 from swe_sphere.equations.scene import Array, State
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
-from swe_sphere.sphere import global_spline
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 from swe_sphere.testcases.random_flow import BalancedFlow, inverse_laplacian
 

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from swe_sphere.equations.scene import Array
+from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.sphere import angle, position
 
 
 def at_rest(depth: float) -> Callable[[Array, Array], tuple[Array, Array, Array]]:

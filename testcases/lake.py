@@ -4,7 +4,7 @@ import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
-from swe_sphere.sphere import position
+from swe_sphere.mesh.sphere import position
 from swe_sphere.testcases.flows import cone as conical_mountain
 from swe_sphere.testcases.flows import coriolis
 

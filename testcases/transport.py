@@ -7,8 +7,8 @@ import numpy as np
 
 from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
+from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.sphere import frame, position
 from swe_sphere.testcases.flows import distance, solid_body, turned
 
 PERIOD = 12.0 * DAY

@@ -15,7 +15,7 @@ viscosity = { nu = 1e5 }                # on, or its parameters changed
 rotation = false                        # off; then the exact solution no longer holds
 
 The keyword parameters of a factory, which makes scenes, are the parameters of its scene. Their
-annotations say what they may be: what `swe_sphere.settings.convert` takes.
+annotations say what they may be: what `swe_sphere.settings.values.convert` takes.
 """
 
 import inspect
@@ -30,8 +30,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swe_sphere.equations.scene import Parameter, Scene, with_parameters
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.settings import complaint, convert, read_toml
-from swe_sphere.user_file import file_contents, guarded, is_user_file, load_file
+from swe_sphere.files.user_file import file_contents, guarded, is_user_file, load_file
+from swe_sphere.settings.values import complaint, convert, read_toml
 
 DEPTH = 8
 """So many files may build on each other; more are taken for a circle."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Rotation
 from swe_sphere.equations.scene import Array, Scene, Wind
+from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.sphere import angle, position
 from swe_sphere.testcases.flows import cone, coriolis, solid_body, tilted_latitude, turned
 from swe_sphere.testcases.zonal import ZonalJet
 

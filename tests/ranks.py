@@ -13,7 +13,7 @@ import sys
 from contextlib import contextmanager
 
 from swe_sphere import Simulation, messages
-from swe_sphere.parallel import Ranks, world
+from swe_sphere.ranks.parallel import Ranks, world
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import implicit

@@ -22,9 +22,9 @@ from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import RunFile, frame_dataset
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import cell_corners
+from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.plot import plot_file
 from swe_sphere.planet import EARTH
-from swe_sphere.sphere import position
 
 SPEED = 40.0
 DEGREE, ORDER = 5, 3

@@ -8,7 +8,7 @@ import pytest
 
 from swe_sphere.equations import arnoldi
 from swe_sphere.equations.arnoldi import largest_modulus
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 
 def rotations(frequencies: np.ndarray):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.sphere import frame, longitude_latitude, position
+from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 
 PLACEMENTS = [
     {},

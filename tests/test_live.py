@@ -7,7 +7,7 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 from swe_sphere.simulation.live import LivePicture
 
 CELL = re.compile(r"\x1b\[38;2;(\d+);(\d+);(\d+);48;2;(\d+);(\d+);(\d+)m(▀+)")

@@ -13,7 +13,7 @@ from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import _Dealer, pieces
 from swe_sphere.operators.chunks import Chunks
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 NE, PIECES = 74, 2054
 """The coarsest mesh of more than 512 pieces has 514; in blocks as small as may be, so many."""

@@ -11,7 +11,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import lattice_tangents
 from swe_sphere.mesh.gll import derivative_matrix, gll_points, gll_weights
 from swe_sphere.mesh.numbering import FACES
-from swe_sphere.sphere import frame, longitude_latitude, position
+from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 
 TILTED = {"centre": (40.0, 23.0), "spin": 17.0}
 STRETCHED = {"stretch": 2.5, "centre": (-109.0, 46.0), "spin": -11.0}

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from swe_sphere import messages
 from swe_sphere.kernels.messages import message_kernel
-from swe_sphere.messages import Letters
 from swe_sphere.operators.launch import Launcher
+from swe_sphere.ranks import messages
+from swe_sphere.ranks.messages import Letters
 
 PROBE = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_int32, ctypes.c_int32, ctypes.c_uint64, ctypes.c_void_p,

@@ -13,9 +13,9 @@ from matplotlib.quiver import Quiver
 from swe_sphere import open_run
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import draw_state
-from swe_sphere.sphere import position
 
 
 @pytest.fixture(scope="module")

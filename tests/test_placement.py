@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cubed_sphere import Placement
-from swe_sphere.sphere import frame, position
+from swe_sphere.mesh.sphere import frame, position
 
 
 @settings(max_examples=60, deadline=None)

@@ -31,7 +31,7 @@ from swe_sphere.pictures.panels import draw_panel, panels
 from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
 from swe_sphere.pictures.projections import PROJECTIONS, Rounded, make_map, robinson
 from swe_sphere.planet import DAY
-from swe_sphere.settings import validated
+from swe_sphere.settings.values import validated
 from swe_sphere.testcases import get_scene
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from swe_sphere import fingerprints
 from swe_sphere.errors import ConfigError
+from swe_sphere.files import fingerprints
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.progress import Watcher
 from swe_sphere.simulation.run import run

@@ -7,8 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.files.durable import write_whole
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.time_plan import free_steps

@@ -13,7 +13,7 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.cli.main import main
-from swe_sphere.fingerprints import processor
+from swe_sphere.files.fingerprints import processor
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep import SweepWatcher, sweep

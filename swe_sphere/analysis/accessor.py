@@ -28,7 +28,7 @@ from swe_sphere.io.runfile import TOLERANCE, RunFile
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.io.zarr_store import engine
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.settings import convert, validated
+from swe_sphere.settings.values import convert, validated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

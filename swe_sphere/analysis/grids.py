@@ -15,7 +15,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.settings import convert
+from swe_sphere.settings.values import convert
 
 MOST_POINTS = 2**28
 """No grid has more points than this: a field of them takes 2 GiB."""

@@ -16,7 +16,7 @@ from swe_sphere.analysis.runs import holding
 from swe_sphere.arrays import Array
 from swe_sphere.io.layout import TOPOLOGY
 from swe_sphere.mesh import Interpolator, Mesh, interpolators
-from swe_sphere.sphere import frame
+from swe_sphere.mesh.sphere import frame
 
 MOST_ENTRIES = 16_000_000
 """Matrices with no more entries than this are kept (200 MB); others are made anew when needed."""

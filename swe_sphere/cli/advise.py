@@ -10,7 +10,7 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import print_table
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.settings import validated
+from swe_sphere.settings.values import validated
 from swe_sphere.studies.advice.advise import Question
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
-from swe_sphere.settings import names_in
+from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.interrupt import Interrupted
 

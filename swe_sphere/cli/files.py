@@ -11,7 +11,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson
 from swe_sphere.planet import DAY
-from swe_sphere.settings import names_in
+from swe_sphere.settings.values import names_in
 
 Field = Annotated[
     str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")

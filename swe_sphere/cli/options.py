@@ -9,7 +9,7 @@ import typer
 from pydantic import BaseModel
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.settings import flag_of
+from swe_sphere.settings.values import flag_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -13,7 +13,7 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
-from swe_sphere.settings import validated
+from swe_sphere.settings.values import validated
 
 if TYPE_CHECKING:
     from swe_sphere.io.compare import Source

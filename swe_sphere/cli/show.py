@@ -13,10 +13,10 @@ from typing import Any
 import typer
 
 from swe_sphere.errors import SweError, in_one_line
+from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
 from swe_sphere.simulation.summary import Summary
-from swe_sphere.terminal import screen
 
 GOES_ON = ("interrupted", "timed-out")
 """Ends after which a run can be gone on with."""

@@ -15,7 +15,7 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Jobs, check_resumed
 from swe_sphere.cli.show import Stopped, show_line
-from swe_sphere.settings import names_in
+from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:

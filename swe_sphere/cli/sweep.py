@@ -13,9 +13,9 @@ from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
 from swe_sphere.compiling import COMPILING, on_compile
-from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.settings import place_and_complaint
+from swe_sphere.files.durable import clear_errors
+from swe_sphere.settings.values import place_and_complaint
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan

@@ -13,9 +13,9 @@ import typer
 
 from swe_sphere.cli.options import AsJson, Jobs, check_resumed
 from swe_sphere.cli.show import Stopped, print_table, show_line
-from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.settings import names_in
+from swe_sphere.files.durable import clear_errors, write_whole
+from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:

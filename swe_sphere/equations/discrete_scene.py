@@ -15,9 +15,9 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import is_finite
 from swe_sphere.equations.scene_functions import fitted
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
-from swe_sphere.user_file import guarded
 
 
 @dataclass(frozen=True)

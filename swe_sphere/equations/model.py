@@ -18,7 +18,7 @@ from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")

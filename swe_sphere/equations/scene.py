@@ -22,7 +22,7 @@ from swe_sphere.equations.scene_fields import (
 )  # fmt: skip
 from swe_sphere.equations.scene_functions import checked_functions
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import SCENE, STEPPER, by_owner, convert
+from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert
 
 __all__ = [
     "Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "UnsteadyTracers",

@@ -10,7 +10,7 @@ from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.planet import Planet
-from swe_sphere.settings import SCENE, STEPPER
+from swe_sphere.settings.values import SCENE, STEPPER
 
 MOST_ELEMENTS = 10**6
 """More along an edge of the cube are a slip of the pen."""

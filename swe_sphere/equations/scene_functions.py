@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from swe_sphere.arrays import Array
 from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError
-from swe_sphere.user_file import guarded
+from swe_sphere.files.user_file import guarded
 
 STATE, RATES, WIND = ("u", "v", "h"), ("du/dt", "dv/dt", "dh/dt"), ("u", "v")
 

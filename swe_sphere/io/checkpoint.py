@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.durable import part_of, put_in_place
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import part_of, put_in_place
 from swe_sphere.io.runfile import attributes, reading
 
 HEADER = "header"

@@ -6,7 +6,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import SCENE_FILE
+from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import Reference, reference_field

@@ -19,8 +19,8 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.durable import allocate, claim, part_of, put_in_place, remove
 from swe_sphere.errors import RunFailed
+from swe_sphere.files.durable import allocate, claim, part_of, put_in_place, remove
 from swe_sphere.io.classic import FORMAT, RECORDS_AT, read_header
 
 _COUNT = struct.Struct(">I")

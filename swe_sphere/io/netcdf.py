@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError, RunFailed, unknown_name
+from swe_sphere.files.durable import clear_errors
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
 from swe_sphere.io.growing import Growing, GrowingFile
 from swe_sphere.io.layout import (

@@ -13,8 +13,8 @@ from swe_sphere.io.norms import Norms, norms
 from swe_sphere.io.runfile import Dataset, attributes, nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh.sphere import frame, global_spline
 from swe_sphere.planet import DAY
-from swe_sphere.sphere import frame, global_spline
 
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
          "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip

@@ -16,8 +16,8 @@ import netCDF4
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import check_moved
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import check_moved
 from swe_sphere.io.classic import check_length
 from swe_sphere.io.layout import (
     COORDINATES,

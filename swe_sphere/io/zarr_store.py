@@ -18,8 +18,8 @@ import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swe_sphere.durable import part_of, write_whole
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import part_of, write_whole
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.growing import Growing
 

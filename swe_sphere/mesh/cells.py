@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.mesh.gll import lagrange
 from swe_sphere.mesh.mesh import Mesh
-from swe_sphere.sphere import longitude_latitude
+from swe_sphere.mesh.sphere import longitude_latitude
 
 CORNERS = 4
 """Of a cell; at the corners of the cube there are three, of which the last is given twice."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.mesh.numbering import FACES, Integers, line_lattice
-from swe_sphere.sphere import frame, position
+from swe_sphere.mesh.sphere import frame, position
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:

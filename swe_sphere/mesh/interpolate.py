@@ -13,7 +13,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere
 from swe_sphere.mesh.gll import lagrange
 from swe_sphere.mesh.mesh import Mesh
-from swe_sphere.sphere import frame, position
+from swe_sphere.mesh.sphere import frame, position
 
 TILE = 20_000
 """Points whose matrix is made at once, which bounds its memory."""

@@ -13,8 +13,8 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere, gll, numbering
 from swe_sphere.mesh.cubed_sphere import Placement
+from swe_sphere.mesh.sphere import frame, longitude_latitude, snap_poles
 from swe_sphere.planet import EARTH
-from swe_sphere.sphere import frame, longitude_latitude, snap_poles
 
 Int32 = NDArray[np.int32]
 

@@ -19,7 +19,7 @@ from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import Replay
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 
 class Chunks:

@@ -21,7 +21,7 @@ from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.part_layout import PartLayout
 from swe_sphere.operators.rim import Rim
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 ALONE = Alone()
 REALS = {"float64": wp.float64, "float32": wp.float32}

@@ -7,7 +7,7 @@ import warp as wp
 
 from swe_sphere.kernels.messages import message_kernel
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 
 class Exchange:

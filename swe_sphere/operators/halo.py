@@ -11,7 +11,7 @@ from swe_sphere.kernels.vectors import packing_kernels
 from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 
 class Packed:

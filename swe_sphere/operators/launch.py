@@ -15,7 +15,7 @@ from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.shared_lines import block_threads
 from swe_sphere.operators.work import Tally, Work
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 REMEMBERED = 512
 

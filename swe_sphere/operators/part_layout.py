@@ -11,7 +11,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.layout import Layout
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 
 class PartLayout(Layout):

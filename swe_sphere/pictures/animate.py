@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 
-from swe_sphere.durable import clear_errors, part_of
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import clear_errors, part_of
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits

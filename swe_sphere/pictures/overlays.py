@@ -14,8 +14,8 @@ from matplotlib.patches import Polygon
 from swe_sphere.arrays import Array
 from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 from swe_sphere.pictures.projections import Disc, GeoMap, Map, Rounded
-from swe_sphere.sphere import frame, longitude_latitude, position
 
 APART = (60, 30, 20, 10, 5, 2, 1)
 """Degrees between lines: the first that gives four of them."""

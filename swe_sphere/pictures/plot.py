@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import clear_errors
 from swe_sphere.io.compare import Source, open_source
 from swe_sphere.io.runfile import Frame, Nodal, RunFile
 from swe_sphere.io.scalar_fields import check_field

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.sphere import frame, longitude_latitude, position
+from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

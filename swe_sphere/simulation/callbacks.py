@@ -8,10 +8,10 @@ from numbers import Real
 from typing import Any, Protocol
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.files.user_file import guarded
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.time_plan import TimePlan
-from swe_sphere.user_file import guarded
 
 Function = Callable[[Any], Any]
 

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.settings import by_field, names_in, read_toml, validated
+from swe_sphere.settings.values import by_field, names_in, read_toml, validated
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:

@@ -10,9 +10,9 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.snapshot import Fields
-from swe_sphere.user_file import guarded, load_file
 
 Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)

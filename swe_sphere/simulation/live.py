@@ -10,14 +10,14 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.runfile import Frame
 from swe_sphere.io.scalar_fields import check_field
-from swe_sphere.parallel import Alone
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
+from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.running import Running
-from swe_sphere.terminal import screen
 
 if TYPE_CHECKING:
     from rich.console import Console

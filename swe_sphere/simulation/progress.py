@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 from swe_sphere.planet import DAY
+from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.running import Running
-from swe_sphere.terminal import screen
 
 
 class Watcher:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.durable import clear_errors
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.fingerprints import code_fingerprint
+from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.simulation.restart import COUNTER
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.time_plan import TimePlan

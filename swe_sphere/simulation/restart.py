@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import code_fingerprint
+from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
 

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.user_file import users_code
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Diagnostic, OwnDiagnostics
@@ -19,7 +20,6 @@ from swe_sphere.simulation.snapshot import Evaluator, Fields, Snapshot
 from swe_sphere.simulation.summary import Outcome
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.simulation.time_plan import TimePlan, continued_plan, time_plan
-from swe_sphere.user_file import users_code
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint

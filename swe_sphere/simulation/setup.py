@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 
 from swe_sphere.equations.scene import Parameter, Scene, apply_settings
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import SCENE_FILE, file_fingerprint
+from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
+from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.parallel import world
-from swe_sphere.settings import SCENE, by_owner
+from swe_sphere.ranks.parallel import world
+from swe_sphere.settings.values import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.user_scenes import scene_files
-from swe_sphere.user_file import is_user_file
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
-from swe_sphere.settings import validated
+from swe_sphere.settings.values import validated
 from swe_sphere.simulation.callbacks import intervals, scheduled
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.execution import execute, summary_of

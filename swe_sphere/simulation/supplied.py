@@ -11,7 +11,7 @@ from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.mesh import Mesh
-from swe_sphere.settings import SCENE, STEPPER, by_owner
+from swe_sphere.settings.values import SCENE, STEPPER, by_owner
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.settings import STEPPER, by_owner, convert
+from swe_sphere.settings.values import STEPPER, by_owner, convert
 from swe_sphere.simulation.config import RunConfig
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from swe_sphere.kernels.vectors import (
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.parallel import Alone
+from swe_sphere.ranks.parallel import Alone
 
 Floats = NDArray[np.floating]
 

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.blas import one_thread
 from swe_sphere.errors import ConfigError, SolverFailed
+from swe_sphere.ranks.blas import one_thread
 from swe_sphere.steppers.error_measures import make_measure
 from swe_sphere.steppers.stepper import Stepper
 

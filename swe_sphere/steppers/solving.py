@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.blas import one_thread
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
 from swe_sphere.errors import ConfigError, SolverFailed
+from swe_sphere.ranks.blas import one_thread
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.motion import Motion
 from swe_sphere.steppers.stepper import Stepper

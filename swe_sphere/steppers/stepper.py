@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.user_file import users_code
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.stages import mix_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 from swe_sphere.operators.replay import Replay
-from swe_sphere.registry import Registry
+from swe_sphere.settings.registry import Registry
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.user_file import users_code
 
 RECOMMENDED = "tr-bdf2"
 """The fully implicit scheme that the measurements recommend."""

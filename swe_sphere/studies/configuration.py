@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import SCENE, by_field, by_owner, place_and_complaint, read_toml
+from swe_sphere.settings.values import SCENE, by_field, by_owner, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.simulation import Simulation

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.durable import clear_errors, write_whole
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.fingerprints import code_fingerprint
+from swe_sphere.files.durable import clear_errors, write_whole
+from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.runfile import TOLERANCE, RunFile, table_in

@@ -20,7 +20,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
-from swe_sphere.parallel import leave_ranks
+from swe_sphere.ranks.parallel import leave_ranks
 from swe_sphere.simulation.interrupt import Interruption
 
 T = TypeVar("T")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from swe_sphere.durable import clear_errors
 from swe_sphere.errors import ConfigError, in_one_line
+from swe_sphere.files.durable import clear_errors
 
 MARK = "<!-- made by swe-sphere sweep -->"
 """In pages of sweeps, which tells them from the user's own of the same name."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from swe_sphere.durable import take_lock, write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.settings import place_and_complaint
+from swe_sphere.files.durable import take_lock, write_whole
+from swe_sphere.settings.values import place_and_complaint
 
 if TYPE_CHECKING:
     import xarray as xr

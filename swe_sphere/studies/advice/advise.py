@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
-from swe_sphere.settings import flag_of
+from swe_sphere.settings.values import flag_of
 from swe_sphere.simulation.config import Days, Number, RunConfig, SharedConfig, Whole, make_config
 from swe_sphere.simulation.time_plan import stepper_options
 from swe_sphere.studies.advice.method import Method, Setting, setting_of

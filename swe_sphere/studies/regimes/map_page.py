@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from swe_sphere.durable import write_whole
+from swe_sphere.files.durable import write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.regimes.figures import by_error, by_refinement, by_step, slices
 from swe_sphere.studies.regimes.points import (

@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from xarray import Dataset
 
-from swe_sphere.durable import clear_errors, write_whole
+from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.axes import inline, save_svg

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies import record_store
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files

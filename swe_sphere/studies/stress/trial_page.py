@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import versions
+from swe_sphere.files.durable import write_whole
+from swe_sphere.files.fingerprints import versions
 from swe_sphere.studies import record_store
 from swe_sphere.studies.pages import anchor, rendered
 from swe_sphere.studies.record_store import Record, read_record

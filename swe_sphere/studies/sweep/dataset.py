@@ -13,8 +13,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from swe_sphere.durable import write_whole
 from swe_sphere.errors import ConfigError
+from swe_sphere.files.durable import write_whole
 from swe_sphere.studies.costs import Prices, lowest, modelled_seconds
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import (

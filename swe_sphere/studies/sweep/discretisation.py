@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.setup import identity, make_mesh

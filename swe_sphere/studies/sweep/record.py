@@ -13,10 +13,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from swe_sphere.durable import write_whole
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import processor, versions
+from swe_sphere.files.durable import write_whole
+from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.norms import Norms
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.costs import modelled_seconds

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint, processor
+from swe_sphere.files.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint, processor
 from swe_sphere.io.reference_solution import Reference, shipped_reference
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY

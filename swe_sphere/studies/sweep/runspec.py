@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Literal
 
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.fingerprints import file_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import file_fingerprint, fingerprint
+from swe_sphere.files.user_file import is_user_file
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.time_plan import TimePlan, free_steps, stepper_options
@@ -22,7 +23,6 @@ from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, Schedule
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.user_file import is_user_file
 
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""

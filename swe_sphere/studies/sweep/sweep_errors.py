@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from swe_sphere.durable import write_whole
+from swe_sphere.files.durable import write_whole
 from swe_sphere.io.norms import Norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes

@@ -14,7 +14,8 @@ from pydantic import BeforeValidator, Field
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.settings import by_field, names_in, read_toml, validated
+from swe_sphere.files.user_file import is_user_file
+from swe_sphere.settings.values import by_field, names_in, read_toml, validated
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -32,7 +33,6 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.setup import make_mesh
 from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.studies.jobs import MOST_JOBS
-from swe_sphere.user_file import is_user_file
 
 
 def _listed(value: object) -> tuple[object, ...]:

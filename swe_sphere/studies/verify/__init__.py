@@ -1,6 +1,6 @@
 """Verification: errors, orders and invariants of every scene, each held against a bound."""
 
-from swe_sphere.parallel import refuse_ranks
+from swe_sphere.ranks.parallel import refuse_ranks
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.jobs import checked_jobs
 from swe_sphere.studies.verify.case import Case, Level, Published, all_cases, choose, families

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from swe_sphere.errors import unknown_name
-from swe_sphere.fingerprints import code_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.studies.configuration import Configuration, merged, read_tables, study_files
 from swe_sphere.studies.ended import Bound, Limits, read_bounds

@@ -9,8 +9,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from swe_sphere.fingerprints import versions
-from swe_sphere.settings import read_toml
+from swe_sphere.files.fingerprints import versions
+from swe_sphere.settings.values import read_toml
 from swe_sphere.studies.ended import Check
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.verify.case import NORMS, Case, families

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import ParamSpec, TypeVar
 
 from swe_sphere.errors import ConfigError, SweError
-from swe_sphere.fingerprints import fingerprint
+from swe_sphere.files.fingerprints import fingerprint
 
 _LOADED: set[str] = set()
 
@@ -68,7 +68,7 @@ def users_code() -> Iterator[None]:
 P = ParamSpec("P")
 R = TypeVar("R")
 
-OURS = f"{Path(__file__).parent}{os.sep}"
+OURS = f"{Path(__file__).parents[1]}{os.sep}"
 
 
 def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:

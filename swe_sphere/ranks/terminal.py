@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Literal, TextIO
 
-from swe_sphere.parallel import world
+from swe_sphere.ranks.parallel import world
 
 Stream = Literal["stdout", "stderr"]
 

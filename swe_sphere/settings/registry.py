@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
 
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.user_file import file_contents, is_user_file, load_file
+from swe_sphere.files.user_file import file_contents, is_user_file, load_file
 
 
 class Named(Protocol):

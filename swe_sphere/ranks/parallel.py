@@ -21,9 +21,9 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from swe_sphere.blas import keep_to_one_thread
 from swe_sphere.errors import ConfigError
-from swe_sphere.messages import Messages
+from swe_sphere.ranks.blas import keep_to_one_thread
+from swe_sphere.ranks.messages import Messages
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ from swe_sphere import __version__
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
-    "io", "studies", "studies.sweep",
+    "files", "io", "ranks", "settings", "studies", "studies.sweep",
 )  # fmt: skip
 """Packages that make the numbers: all below the reports and the command line, which only show them.
 

@@ -1,0 +1,1 @@
+"""Files: durable writes, Python files of users, fingerprints of code and data."""

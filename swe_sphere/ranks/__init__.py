@@ -1,0 +1,1 @@
+"""Parallel runs: MPI ranks, their terminals and the threads of BLAS."""

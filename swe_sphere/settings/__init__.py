@@ -1,0 +1,1 @@
+"""Settings: conversion and validation of input, classes by name."""
