@@ -1,9 +1,11 @@
 """What numbers are made of: fingerprints of code and files, and restarts that look at them."""
 
+import ast
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pytest
+from imports import sources
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files import fingerprints
@@ -42,6 +44,48 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
             (folder / "a.py").write_text(f"x = {len(found)} + 1\n")
             found.add(compute())
     assert len(found) == 2 + len(fingerprints.NUMBERS)
+
+
+def _without_docstrings(source):
+    """The syntax tree as text, every expression that is a lone string left out."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        for field in ("body", "orelse", "finalbody"):
+            statements = getattr(node, field, None)
+            if isinstance(statements, list):
+                kept = [each for each in statements if not _is_text(each)]
+                setattr(node, field, kept)
+    return ast.dump(tree)
+
+
+def _is_text(node):
+    lone = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    return lone and isinstance(node.value.value, str)
+
+
+def test_comments_and_docstrings_are_no_code():
+    """Of every module of the package the parser finds the same code with and without them."""
+    for path in sources().values():
+        text = path.read_text()
+        code = fingerprints.code_of(text)
+        assert _without_docstrings(code) == _without_docstrings(text), path
+        documented = [
+            node
+            for node in ast.walk(ast.parse(code))
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef))
+            and ast.get_docstring(node)
+        ]
+        assert not documented, path
+
+
+def test_editing_a_comment_does_not_discard_runs():
+    source = 'def f(x):\n    """Double it."""\n    return 2.0 * x  # exact\n'
+    same = '# new\n\ndef f(x):\n    """Return 2x.\n\n    Exact.\n    """\n\n    return 2.0 * x\n'
+    other = source.replace("2.0", "3.0")
+    marks = 'name = "a # b"\ntext = """\n# define\n"""\n'
+    assert fingerprints.code_of(source) == fingerprints.code_of(same)
+    assert fingerprints.code_of(source) != fingerprints.code_of(other)
+    assert "a # b" in fingerprints.code_of(marks) and "# define" in fingerprints.code_of(marks)
 
 
 def test_the_code_of_the_package_is_found():
