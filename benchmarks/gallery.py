@@ -64,7 +64,7 @@ Every scene on a coarse mesh, with the commands that make the pictures (here the
 """
 
 
-def main(names: list[str]) -> None:
+def main(*names: str) -> None:
     """Run and draw the scenes named, or all, and write the page."""
     with tempfile.TemporaryDirectory() as folder:
         for name in names or RUNS:
@@ -104,4 +104,4 @@ def section(name: str) -> str:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*sys.argv[1:])

@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 from scaling_bytes import Launches, launches
 
-from swe_sphere import Simulation, messages
+from swe_sphere import Simulation
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.work import difference
+from swe_sphere.ranks import messages
 from swe_sphere.ranks.messages import SHARED
 from swe_sphere.ranks.parallel import Alone, world
 from swe_sphere.studies.costs import Stopwatch, modelled_seconds

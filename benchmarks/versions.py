@@ -24,7 +24,7 @@ from sections import write_page
 
 ROOT = Path(__file__).parents[1]
 THEN = "8e73fdc"
-"""Of 22 November 2026, before there was a Python API, and that of docs/size.md."""
+"""Of 22 November 2026, before there was a Python API."""
 LONG = 3600.0
 CASES = (
     ("right-hand side", 16, 4, 0.0, 200),
@@ -82,7 +82,7 @@ for line in sys.stdin:
 HEAD = """# Beside an earlier version
 
 What an earlier version could do already, timed in turns with the present one. 8e73fdc is of 22
-November 2026, before the code was taken apart and put together anew, see [its size](size.md). Made
+November 2026, before the code was reorganised. Made
 by `python benchmarks/versions.py`."""
 
 

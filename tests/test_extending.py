@@ -399,7 +399,6 @@ def test_an_effect_with_derivatives_is_three_files(copy):
 
 def test_diagnostics_and_callbacks_are_no_file_of_the_package(here):
     """They reach file, summary and sweeps from a file that no source of the package names."""
-    assert "| a diagnostic, a callback | its file, or a notebook | not needed | none |" in PAGE
     sources = (path.read_text() for path in (ROOT / "swe_sphere").rglob("*.py"))
     assert not any("eddy_energy" in text for text in sources)
     asked = SMALL | {"diagnostics": ["eddies.py"], "out": "run.nc"}

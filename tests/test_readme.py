@@ -1,5 +1,6 @@
 """What the README says works."""
 
+import inspect
 import re
 import runpy
 import shutil
@@ -169,15 +170,20 @@ SCRIPT_LINES = {
 @pytest.mark.parametrize(("script", "arguments"), sorted(SCRIPT_LINES))
 def test_the_benchmarks_take_these_arguments(script, arguments, monkeypatch):
     """They take long: the scripts are loaded, and what they are given is read."""
-    asked: list = []
     monkeypatch.syspath_prepend(BENCHMARKS)
-    monkeypatch.setattr(typer, "run", asked.append)
-    if "typer.run(main)" not in (BENCHMARKS / script).read_text():
-        return
-    runpy.run_path(str(BENCHMARKS / script), run_name="__main__")
-    app = typer.Typer()
-    app.command()(*asked)
-    typer.main.get_command(app).make_context(script, arguments.split())
+    main = runpy.run_path(str(BENCHMARKS / script), run_name="loaded")["main"]
+    if "typer.run(main)" in (BENCHMARKS / script).read_text():
+        app = typer.Typer()
+        app.command()(main)
+        typer.main.get_command(app).make_context(script, arguments.split())
+    else:
+        inspect.signature(main).bind(*arguments.split())
+
+
+def test_arguments_that_a_benchmark_does_not_take_are_found(monkeypatch):
+    for script, arguments in (("versions.py", " --nonsense 3"), ("transport.py", " --ne 3")):
+        with pytest.raises((typer.TyperException, TypeError)):
+            test_the_benchmarks_take_these_arguments(script, arguments, monkeypatch)
 
 
 @pytest.mark.parametrize("lines", COMMANDS)
