@@ -1,7 +1,7 @@
-"""Runs of a study in processes beside each other, where their results are wanted, not their times.
+"""Runs of a study in several processes, for results that do not include times.
 
-What the processes find is kept by the one that started them, record by record; it then goes through
-the study as ever, and finds there what it would have made.
+The process that starts the others stores the records they return. It then carries out the study
+as usual and finds these records instead of making the runs.
 """
 
 from __future__ import annotations
@@ -10,162 +10,152 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import cache, partial
+from multiprocessing import active_children, get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from multiprocessing.queues import SimpleQueue
 from threading import Thread
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.ranks.parallel import leave_ranks
 from swe_sphere.simulation.interrupt import Interruption
 
-T = TypeVar("T")
 Tell = Callable[[Any], None]
-"""Passes on what was found."""
+"""Sends one result to the process that stores results."""
 Begin = Callable[..., Callable[[Any], None]]
-"""Gets ready in a process of its own, told how to pass on results: what does a task there."""
+"""Prepares a process, called as begin(tell, *arguments); returns the function that does a task."""
 
 MOST_JOBS = 1024
+IGNORED = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
+"""Signals to which only the process that started the others reacts: it then ends them."""
 LOOK = 0.2
-"""Seconds between two looks whether the user wants to stop."""
+"""Seconds between two checks for results and for an interruption."""
 
 
 def checked_jobs(jobs: int) -> int:
-    """The number of processes; ConfigError for one that makes no sense."""
+    """Return the number of processes; ConfigError unless it is between 1 and `MOST_JOBS`."""
     if not 1 <= jobs <= MOST_JOBS:
         raise ConfigError(f"jobs={jobs}: give a number of processes, 1 to {MOST_JOBS}")
     return jobs
 
 
-@dataclass
-class _Helper:
-    """A process that does one task after the other."""
-
-    process: SpawnProcess
-    pipe: Connection
-    busy: bool = False
-
-    def ask(self, task: object) -> None:
-        with suppress(OSError):  # it has died, which shows when it is listened to
-            self.pipe.send(task)
-        self.busy = True
-
-
 def in_processes(
     jobs: int, begin: Begin, arguments: Sequence[object], tasks: Sequence[object]
 ) -> Iterator[Any]:
-    """What is found in up to that many processes, as it comes; they end when this is left.
+    """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
 
-    begin: a function of a module, called as begin(tell, *arguments) in each process; what it
-    returns does a task and tells what it finds.
+    The processes end when the iterator is exhausted or closed.
+
+    Args:
+        jobs: Number of processes.
+        begin: A function of a module, called as begin(tell, *arguments) in each process. The
+            function that it returns does one task and passes each result to `tell`.
+        arguments: Further arguments of `begin`.
+        tasks: What to do; each task is done once.
 
     Raises:
         Interrupted: the user asked to stop.
-        RunFailed: a process has died.
-        SweError: what a task raised.
+        RunFailed: a process has died, or a task raised an unexpected exception.
+        SweError: a task raised it.
     """
-    left = list(reversed(tasks))
-    helpers: list[_Helper] = []
-    try:
-        with Interruption() as interruption:
-            for _ in range(min(jobs, len(left))):
-                helpers.append(_started(begin, arguments))
-                helpers[-1].ask(left.pop())
-            while busy := [helper for helper in helpers if helper.busy]:
-                ready = wait([helper.pipe for helper in busy], LOOK)
-                interruption.check()
-                for helper in (each for each in busy if each.pipe in ready):
-                    found = _heard(helper)
-                    if found is not None:
-                        yield found
-                    elif left:
-                        helper.ask(left.pop())
-                    else:
-                        helper.busy = False
-    finally:
-        for helper in helpers:
-            helper.process.kill()
-            helper.process.join()
-
-
-def _heard(helper: _Helper) -> Any:
-    """What it has found; None: its task is done."""
-    try:
-        found = helper.pipe.recv()
-    except (EOFError, OSError):
-        helper.process.join()
-        code = helper.process.exitcode or 0
-        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
-        raise RunFailed(
-            f"jobs: one of the processes {how}: take fewer if memory ran out; finished runs stay"
-            " where `out` keeps them"
-        ) from None
-    if isinstance(found, Exception):
-        raise found
-    return found
-
-
-def _started(begin: Begin, arguments: Sequence[object]) -> _Helper:
-    ours, theirs = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_serve, args=(theirs, begin, arguments))
-    with _deaf_to_the_terminal(), _no_script():
-        process.start()
-    theirs.close()
-    return _Helper(process, ours)
-
-
-@contextmanager
-def _deaf_to_the_terminal() -> Iterator[None]:
-    """Processes started in the block do not hear Ctrl-C: the one that started them ends them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
+    if not tasks:
         return
-    resource_tracker.ensure_running()  # starting it would let them hear again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGHUP])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with (
+        Interruption() as interruption,
+        _started(min(jobs, len(tasks)), begin, arguments, tasks) as (pending, results),
+    ):
+        while pending:
+            done, pending = wait(pending, LOOK, FIRST_COMPLETED)
+            while not results.empty():
+                interruption.check()
+                yield results.get()
+            interruption.check()
+            for future in done:
+                future.result()
 
 
 @contextmanager
-def _no_script() -> Iterator[None]:
-    """Processes started in the block do not run the user's script, of which they need nothing."""
+def _started(
+    jobs: int, begin: Begin, arguments: Sequence[object], tasks: Sequence[object]
+) -> Iterator[tuple[set[Future[None]], SimpleQueue[Any]]]:
+    """Submit all tasks; at the end of the block the processes are ended, whatever they do."""
+    spawn = get_context("spawn")
+    results = spawn.SimpleQueue()
+    alive, ours = spawn.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(
+        jobs, spawn, _initialise, (alive, partial(begin, results.put, *arguments))
+    )
+    processes: list[BaseProcess] = []
+    died = False
+    try:
+        with _private_start():
+            futures = {pool.submit(_do, task) for task in tasks}
+        processes += active_children()
+        yield futures, results
+    except BrokenProcessPool:
+        died = True
+    finally:
+        ours.close()
+        pool.shutdown(cancel_futures=True)
+    if died:
+        raise RunFailed(
+            f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
+            " finished runs stay where `out` keeps them"
+        )
+
+
+def _end_of(processes: Sequence[BaseProcess]) -> str:
+    """Return how the process that died came to its end; the pool ends the others by SIGTERM."""
+    codes = [each.exitcode for each in processes if each.exitcode not in (None, 0, -signal.SIGTERM)]
+    if codes and codes[0] is not None and codes[0] < 0:
+        return f"was killed by {signal.Signals(-codes[0]).name}"
+    return f"ended with {codes[0]}" if codes else "has died"
+
+
+@contextmanager
+def _private_start() -> Iterator[None]:
+    """Start processes in the block that ignore Ctrl-C and do not run the user's script again."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
+    blocks = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED) if blocks else set()
     try:
         yield
     finally:
         sys.modules["__main__"] = main
+        if blocks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(pipe: Connection, begin: Begin, arguments: Sequence[object]) -> None:
-    """Do tasks as long as there are any and somebody who asks."""
+_work: Callable[[], Callable[[Any], None]]
+"""Returns the function that does a task in this process of the pool."""
+
+
+def _initialise(alive: Connection, begin: Callable[[], Callable[[Any], None]]) -> None:
+    """Prepare a process of the pool; `begin` waits for the first task, which reports its errors."""
     leave_ranks()
-    Thread(target=_end_with_parent, daemon=True).start()
-    failure: SweError
+    Thread(target=_end_with_parent, args=(alive,), daemon=True).start()
+    global _work
+    _work = cache(begin)
+
+
+def _do(task: object) -> None:
+    """Do one task in a process of the pool."""
     try:
-        work = begin(pipe.send, *arguments)
-        while True:
-            work(pipe.recv())
-            pipe.send(None)
-    except (EOFError, ConnectionError):  # nobody asks or listens any more
-        return
-    except SweError as error:
-        failure = error
+        _work()(task)
+    except SweError:
+        raise
     except Exception as error:
-        failure = RunFailed(f"unexpected {type(error).__name__}: {error}")
-    with suppress(OSError):
-        pipe.send(failure)
+        raise RunFailed(f"unexpected {type(error).__name__}: {error}") from None
 
 
-def _end_with_parent() -> None:
-    """However the parent ends: it may be killed in the middle of a run."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+def _end_with_parent(alive: Connection) -> None:
+    """End this process when the other end of the pipe is closed or its process has died."""
+    alive.poll(None)
+    os._exit(0)
