@@ -98,6 +98,13 @@ def test_exact_scenes_have_orders_in_ne_and_np(scene_of) -> None:
             assert any(level.order for case in cases for level in case.levels), name
 
 
+def test_errors_fall_with_refinement_wherever_an_order_is_asked_for() -> None:
+    for case in CASES:
+        for bound in (bound for level in case.levels for bound in case.bounds(level)):
+            if bound.quantity.startswith("order"):
+                assert bound.low > 0.0, (case.name, bound)
+
+
 def start(name: str) -> dict[str, float]:
     return dict(BY_NAME[f"start-{name}"].levels[0].values)
 

@@ -119,18 +119,28 @@ class Check:
 
     @property
     def used(self) -> float:
-        """How much of the bound is used: 1 is just within; infinite for NaN and infinities."""
+        """Fraction of the bound that is used: at most 1 within it, infinite for NaN."""
         x, low, high = self.obtained, self.bound.low, self.bound.high
         if not math.isfinite(x):
             return math.inf
         if math.isinf(low):
-            return x / high if high else (math.inf if x > high else 0.0)
+            return _used(x, high)
         if math.isinf(high):
-            return low / x if x > 0.0 else math.inf
-        return abs(2.0 * x - low - high) / (high - low)
+            return _used(-x, -low)
+        half = 0.5 * (high - low)
+        return _used(abs(x - (low + half)), half)
 
     def __str__(self) -> str:
         return f"{self.quantity} is {self.obtained:.6g}, not {self.bound}"
+
+
+def _used(x: float, high: float) -> float:
+    """Fraction of an upper bound of either sign that x uses."""
+    if high > 0.0:
+        return max(x, 0.0) / high
+    if high < 0.0 and x < 0.0:
+        return high / x
+    return 0.0 if x <= high else math.inf
 
 
 def read_bounds(table: Limits, always: bool = False) -> Iterator[Bound]:
