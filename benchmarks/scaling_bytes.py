@@ -6,8 +6,10 @@ Nothing here is asked of the exchanges themselves; scaling.py holds it to what t
 from __future__ import annotations
 
 import re
+import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -18,8 +20,8 @@ import warp as wp
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import partition
+from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import slopes
-from swe_sphere.operators.work import difference
 from swe_sphere.solvers.preconditioners.coarse import SWEEPS
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces
 
@@ -37,17 +39,35 @@ Launches = Mapping[str, float]
 
 def launches(sim: Simulation, steps: int) -> Launches:
     """Those of kernels whose results are exchanged, in a step of a process or a single rank."""
-    launch, found = sim.model.launch, Counter[str]()
-    before = launch.work.counts()
-    with launch.one_by_one():  # what is recorded is counted as a whole
+    found = Counter[str]()
+    with each_launch(sim.model.launch) as made:
         for _ in range(steps):
             sim.step()
-    for tally, (calls, _) in difference(launch.work.counts(), before).items():
-        module, _, _ = tally.partition(" ")
-        name = re.search(r"__locals__(\w+)_[0-9a-f]+$", module)
+    for kernel, _, _ in made:
+        name = re.search(r"__locals__(\w+)_[0-9a-f]+$", kernel.module.name)
         if name and name[1] in (*FIELDS, RESTRICT):
-            found[f"{name[1]} {_bytes(launch.kernels[module])}"] += calls
+            found[f"{name[1]} {_bytes(kernel)}"] += 1
     return {kernel: calls / steps for kernel, calls in found.items()}
+
+
+@contextmanager
+def each_launch(launch: Launcher) -> Iterator[list[tuple[Any, object, float]]]:
+    """Kernel, number of threads and time [s] of every launch in the block, none of it recorded."""
+    made: list[tuple[Any, object, float]] = []
+    plain = Launcher.__call__
+
+    def timed(launcher: Launcher, kernel: Any, dim: Any, *arguments: Any) -> None:
+        start = time.perf_counter()
+        plain(launcher, kernel, dim, *arguments)
+        if launcher is launch:
+            made.append((kernel, dim, time.perf_counter() - start))
+
+    Launcher.__call__ = timed  # type: ignore[method-assign]
+    try:
+        with launch.one_by_one():
+            yield made
+    finally:
+        Launcher.__call__ = plain  # type: ignore[method-assign]
 
 
 def _bytes(kernel: Any) -> int:

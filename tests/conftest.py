@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import plot
-from swe_sphere.studies import costs
 from swe_sphere.studies.report import sweep_page
+from swe_sphere.studies.sweep import engine
 
 wp.config.log_level = wp.LOG_WARNING
 gc.set_threshold(20_000)  # as the command line does
@@ -32,7 +32,7 @@ def earlier_tests_stay_settled():
     """Each run of a sweep would look for garbage among all that earlier tests have left."""
     kept = SimpleNamespace(collect=gc.collect, freeze=gc.freeze, unfreeze=lambda: None)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(costs, "gc", kept)
+        patch.setattr(engine, "gc", kept)
         yield
 
 

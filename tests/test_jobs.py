@@ -110,7 +110,7 @@ def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
     beside = sweep("lauter", ["rk4", "leapfrog"], repeats=2, jobs=2, out=tmp_path, **TINY)
     grid = beside.isel(run=beside["role"].values == "grid")
     assert np.isnan(grid["wall"].isel(repeat=0)).all() and (grid["wall"].isel(repeat=1) > 0).all()
-    assert (grid["modelled_seconds"] > 0).all() and (grid["jobs"] == 2).all()
+    assert (grid["jobs"] == 2).all()
     once = [name for name in beside.data_vars if "repeat" not in beside[name].dims]
     assert_same_rows(
         in_order(beside[once]).drop_vars("jobs"), in_order(alone[once]).drop_vars("jobs")

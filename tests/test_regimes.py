@@ -141,18 +141,14 @@ def test_steps_are_halved_until_the_error_is_small_enough(small_map) -> None:
                 assert shorter.config.dt == pytest.approx(0.5 * longer.config.dt, rel=0.2)
 
 
-def test_places_of_a_map_are_priced_alike(small_map) -> None:
+def test_costs_of_all_places_are_in_one_unit(small_map) -> None:
     points = {point.name: point for point in read_points(small_map / "out")}
     fast, slow = points["williamson5-speed20"], points["williamson5-speed5"]
     assert fast.froude == pytest.approx(4.0 * slow.froude, rel=0.05)
     assert fast.froude == pytest.approx(20.0 / 241.8, rel=0.02)
     assert points["williamson5-speed5-nudefault"].diffusive and not slow.diffusive
-    for point in (fast, slow):
-        (explicit,) = point.by_stepper["rk4"][:1]
-        assert explicit.cost == pytest.approx(4.0 * explicit.steps, rel=0.4)
-    per_step = [point.by_stepper["rk4"][0].cost / point.by_stepper["rk4"][0].steps
-                for point in (fast, slow)]  # fmt: skip
-    assert per_step[0] == pytest.approx(per_step[1], rel=1e-6)
+    a_step = [run.cost / run.steps for p in points.values() for run in p.by_stepper["rk4"]]
+    assert min(a_step) > 3.999  # four right-hand sides of the quickest run of any place
 
 
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:

@@ -13,7 +13,7 @@ from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.report.answer import rankings
 from swe_sphere.studies.report.palette import STATUS, curves, look
-from swe_sphere.studies.report.rows import MODELLED, WALL, Metric, metrics, read_rows
+from swe_sphere.studies.report.rows import Metric, metrics, read_rows
 from swe_sphere.studies.report.statistics import (
     candidates,
     cheapest,
@@ -132,7 +132,7 @@ def test_metrics_are_of_the_last_moment_that_has_an_error():
 )
 def test_how_far_a_wall_time_is_known(walls, noise, low, high):
     (row,) = rows_of(run("rk4", 1.0, 2.0, walls=walls), noise=noise)
-    assert (row.cost_kind, row.cost) == (WALL, 2.0)
+    assert row.cost == 2.0
     assert row.interval == pytest.approx((low, high))
 
 
@@ -140,21 +140,6 @@ def test_how_far_a_wall_time_is_known(walls, noise, low, high):
 def test_rows_are_told_apart_if_their_times_do_not_overlap(noise, apart):
     a, b = rows_of(run("rk4", 1.0, 2.0), run("bdf2", 1.0, 2.2), noise=noise)
     assert told_apart(a, b) == told_apart(b, a) == apart
-
-
-def test_modelled_times_rank_where_all_that_are_compared_have_one():
-    fast = run("rk4", 1.0, 9.0, 1e-4, modelled_seconds=1.0, walls=(5.0, 9.0, 20.0))
-    slow = run("bdf2", 1.0, 8.0, 1e-4, modelled_seconds=1.1, walls=(5.0, 8.0, 20.0))
-    failed = run("ark2", 1.0, 1.0, status="unstable")
-    rows = rows_of(fast, slow, failed, noise=0.5)
-    assert [row.cost for row in rows[:2]] == [1.0, 1.1]
-    assert rows[0].cost_kind == MODELLED
-    assert told_apart(*rows[:2])
-    assert cheapest(rows, TOTAL, 1e-3).number == 1
-    assert not told_apart(*rows_of(fast | {"modelled_spread": 0.2}, slow))
-    rows = rows_of(fast, slow, run("kg5", 1.0, 2.0, 1e-4), noise=0.5)
-    assert [row.cost for row in rows] == [9.0, 8.0, 2.0]
-    assert not told_apart(*rows[:2])
 
 
 # targets and the table

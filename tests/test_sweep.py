@@ -92,21 +92,6 @@ def test_the_median_and_the_spread_are_those_of_the_repeats(lauter):
     assert np.allclose(grid["wall_spread"], np.ptp(wall, axis=1) / np.median(wall, axis=1))
 
 
-def test_the_modelled_time_is_that_of_the_counted_work(lauter):
-    dataset, folder = lauter
-    records = runs_of(folder).records
-    work = {record.key: record.work for record in records}
-    for record in records:
-        assert record.work == work[record.key]  # the same in every repeat
-        assert set(record.prices) >= set(record.work)
-    explicit = rows(dataset, stepper="rk4", status="completed")
-    assert np.all(explicit["modelled_spread"] >= 0.0)
-    steps, seconds = (explicit[name].values for name in ("steps", "modelled_seconds"))
-    cost = np.diff(seconds) / np.diff(steps)
-    assert np.all(cost > 0.0) and np.all(seconds > cost[0] * steps)  # recording comes first
-    np.testing.assert_allclose(cost, cost[0])  # all steps of rk4 do the same
-
-
 def test_limits_are_marked(lauter):
     grid = rows(lauter[0], role="grid")
     gravity, advective = grid["gravity_limit"].values, grid["advective_limit"].values

@@ -136,17 +136,6 @@ def test_an_edited_file_of_a_stepper_has_its_own_runs_made_again_and_no_others(t
     assert len(runs_of(tmp_path / "d").records) == first.sizes["run"] + 1
 
 
-def test_modelled_times_are_counted_work_at_its_price():
-    options = TINY | {"repeats": 3, "days": 1.0, "dt": [1800, 900]}
-    found = sweep("lauter", ["rk4", "tr-bdf2"], **options)
-    grid = found.isel(run=found.role.values == "grid")
-    for stepper in ("rk4", "tr-bdf2"):
-        long, short = grid.isel(run=grid.stepper.values == stepper).modelled_seconds.values
-        assert 0.0 < long < short
-    refused = sweep("lauter", "rk4", **TINY | {"dt": [1e6]})
-    assert np.isnan(refused.modelled_seconds.values[refused.status.values == "refused"]).all()
-
-
 def test_steps_that_come_to_the_same_are_one_run():
     """As they are shortened to meet the end."""
     expected = []

@@ -14,7 +14,6 @@ import warp as wp
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.shared_lines import block_threads
-from swe_sphere.operators.work import Tally, Work
 from swe_sphere.ranks.parallel import Alone
 
 REMEMBERED = 512
@@ -40,15 +39,13 @@ class Launcher:
             keep_headers()
         self.compile_seconds = 0.0
         """Wall time spent compiling or loading kernels [s]."""
-        self.work = Work()
-        """Counts of the launches, by kernel and size, and of what else goes on around them."""
         self.records = True
         """Whether launches that repeat are recorded, to be made as a whole, see `Replay`."""
         self.kernels: dict[str, Any] = {}
         """Those it has loaded or launched, by the name of their module."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no other array or structure takes a remembered place in memory
-        self._commands: dict[tuple[object, ...], tuple[Any, Tally, tuple[Any, ...]]] = {}
+        self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
 
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
@@ -85,12 +82,8 @@ class Launcher:
         """Run the kernel over `dim` threads."""
         key = (id(kernel), dim, *map(_identity, arguments))
         known = self._commands.get(key)
-        command, tally, _ = known or self._record(kernel, dim, arguments, key)
-        tally.calls += 1
-        if self.work.timer is None:
-            command.launch()
-        else:
-            self.work.timer(tally, 0, command.launch, ())
+        command, _ = known or self._record(kernel, dim, arguments, key)
+        command.launch()
 
     @contextmanager
     def one_by_one(self) -> Iterator[None]:
@@ -107,7 +100,7 @@ class Launcher:
 
     def _record(
         self, kernel: Any, dim: int | tuple[int, ...], arguments: Any, key: tuple[object, ...]
-    ) -> tuple[Any, Tally, tuple[Any, ...]]:
+    ) -> tuple[Any, tuple[Any, ...]]:
         if len(self._commands) >= REMEMBERED:
             self.forget()
         self.kernels[kernel.module.name] = kernel
@@ -115,8 +108,7 @@ class Launcher:
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,
             block_dim=self._block_dim,
         )  # fmt: skip
-        tally = self.work.tally(f"{kernel.module.name} {dim}")
-        self._commands[key] = (command, tally, (kernel, *arguments))
+        self._commands[key] = (command, (kernel, *arguments))
         return self._commands[key]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -10,14 +9,13 @@ from dataclasses import dataclass
 import warp as wp
 
 from swe_sphere.operators.launch import REMEMBERED, Launcher
-from swe_sphere.operators.work import RECORDING, Counts, difference
 
 
 @dataclass(frozen=True)
 class _Recorded:
-    """What launches it all, counted as one kind of work, and what it adds to other counters."""
+    """Pieces that are launched one after the other, and what they add to counters."""
 
-    launch: Callable[[], None]
+    pieces: list[Callable[[], None]]
     counters: dict[str, int]
 
 
@@ -56,8 +54,7 @@ class Replay:
     def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
         """counters: what the functions count beside the launches, if anything."""
         self._launch, self._counters = launch, {} if counters is None else counters
-        self._seen: dict[Hashable, Counts] = {}
-        """What doing it once has added to the counts of work."""
+        self._seen: set[Hashable] = set()
         self._recorded: dict[Hashable, _Recorded] = {}
 
     def __call__(
@@ -71,41 +68,33 @@ class Replay:
         It is run the first time, so that all kernels are loaded, and the second time to record
         them.  Then `instead` is run beside them: what else the function does.
         """
-        if not (self._launch.records and self._launch.work.counting):
-            function()  # part of what is recorded or counted as a whole
+        if not self._launch.records:
+            function()  # part of what is recorded as a whole
         elif (known := self._recorded.get(key)) is not None:
-            known.launch()
+            for piece in known.pieces:
+                piece()
             for name, calls in known.counters.items():
                 self._counters[name] += calls
             instead()
         elif key in self._seen:
-            self._recorded[key] = self._record(function, self._seen.pop(key))
-            self._recorded[key].launch()
+            self._seen.discard(key)
+            recorded = self._recorded[key] = self._record(function)
+            for piece in recorded.pieces:
+                piece()
         else:
             if len(self._recorded) + len(self._seen) >= REMEMBERED:
                 self._seen.clear()
                 self._recorded.clear()
-            before = self._launch.work.counts()
             with self._launch.one_by_one():
                 function()
-            self._seen[key] = difference(self._launch.work.counts(), before)
+            self._seen.add(key)
 
-    def _record(self, function: Callable[[], None], launches: Counts) -> _Recorded:
-        """Work of the same launches is of one kind, whichever run it is recorded in.
-
-        Having done it once, to load kernels, then counts as one piece of that kind.  Recording is
-        work of its own, the more the more launches.
-        """
-        work, counted = self._launch.work, dict(self._counters)
-        size = sum(calls for calls, _ in launches.values())
-        pieces = work.section(RECORDING, self._capture, rows=lambda _: size)(function)
-        named = zlib.crc32(repr(sorted(launches.items())).encode())
-        name = f"recorded {named:08x}"
-        work.merge(launches, name)
-        return _Recorded(
-            work.counted(name, lambda: [piece() for piece in pieces]),
-            {each: n - counted[each] for each, n in self._counters.items()},
-        )
+    def _record(self, function: Callable[[], None]) -> _Recorded:
+        counted = dict(self._counters)
+        with self._launch.one_by_one():
+            pieces = self._capture(function)
+        added = {name: n - counted[name] for name, n in self._counters.items()}
+        return _Recorded(pieces, added)
 
     def _capture(self, function: Callable[[], None]) -> list[Callable[[], None]]:
         device = self._launch.device

@@ -165,11 +165,8 @@ class GravityWaveSolver:
         self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
         self._rough_fields = self._rough.field(), self._rough.field()
         area = model.mesh.area / model.mesh.area.sum()
-        self.space = VectorSpace(
-            area, real=wp.float64, work=model.launch.work, mesh=model.device_mesh
-        )
+        self.space = VectorSpace(area, real=wp.float64, mesh=model.device_mesh)
         self.setups, self.setup_seconds = 0, 0.0
-        self._set_up = model.launch.work.section("preconditioner set-up", self._make)
         self._krylov: KrylovSolver = (
             ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
         )
@@ -180,7 +177,7 @@ class GravityWaveSolver:
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
         if tau != self.tau:
-            self._set_up(tau)
+            self._make(tau)
 
     def _make(self, tau: float) -> None:
         start = time.perf_counter()

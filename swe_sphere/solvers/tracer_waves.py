@@ -35,7 +35,7 @@ class TracerWaves:
         blocks = np.kron(np.eye(len(model.names))[3:], np.ones(n))
         self._units = [mesh.upload(block) for block in blocks]
         area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
-        self._space = VectorSpace(area, work=model.launch.work, mesh=mesh)
+        self._space = VectorSpace(area, mesh=mesh)
 
     def linearise(self, state: wp.array) -> None:
         """Take the mixing ratios of a state."""

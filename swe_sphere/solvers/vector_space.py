@@ -16,17 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators import DeviceMesh
-from swe_sphere.operators.work import Work
 from swe_sphere.solvers.vector_operations import DeviceVectors, HostVectors
 
-OPERATIONS: dict[str, Callable[..., int] | None] = {
-    "copy": None, "clear": None, "scale": None, "axpby": None, "lowest": None,
-    "dots": lambda *pairs: len(pairs),
-    "projections": lambda *calls: sum(count for _, count, _ in calls),
-    "project": lambda stack, count, v: count,
-    "combine_rows": lambda scale, x, stack, c, out: len(c),
-}  # fmt: skip
-"""What a device or the host does, with how many rows of a stack a call reads where it reads any."""
+OPERATIONS = (
+    "copy", "clear", "scale", "axpby", "lowest", "dots", "projections", "project", "combine_rows",
+)  # fmt: skip
+"""What a device or the host does."""
 
 
 class VectorSpace:
@@ -60,7 +55,6 @@ class VectorSpace:
         device: str | None = None,
         real: type | None = None,
         kernels: bool | None = None,
-        work: Work | None = None,
         mesh: DeviceMesh | None = None,
     ) -> None:
         """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
@@ -68,7 +62,6 @@ class VectorSpace:
         mesh: whose nodal fields (k N,) the weights are; several ranks may share them.  Device and
         type are its own, unless others are given; without it the CPU and wp.float64.
         kernels: those of GPUs; the default is to use them except on "cpu".
-        work: counts the operations.
         Raises ConfigError unless all weights are positive and finite.
         """
         self._mesh = mesh
@@ -88,12 +81,8 @@ class VectorSpace:
             do = DeviceVectors(values, real, self.device, mesh)
         else:
             do = HostVectors(values, real, mesh)
-        name = f"{np.dtype(wp.dtype_to_numpy(real))} {self.n}"
-        for operation, rows in OPERATIONS.items():
-            function = getattr(do, operation)
-            if work is not None:
-                function = work.counted(f"{operation} {name}", function, rows)
-            setattr(self, operation, function)
+        for operation in OPERATIONS:
+            setattr(self, operation, getattr(do, operation))
 
     def zeros(self) -> wp.array:
         """A new vector (n,) of zeros."""

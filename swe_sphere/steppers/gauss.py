@@ -80,7 +80,7 @@ class CoupledStages:
         self._model, self._single = model, single
         # mean over the stages, so that a tolerance means what it does for one state
         weights = np.tile(energy_weights(model), 2) / 2.0
-        self.space = VectorSpace(weights, work=model.launch.work, mesh=model.device_mesh)
+        self.space = VectorSpace(weights, mesh=model.device_mesh)
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
         pair = ForwardElimination(model, single, parts) if parts else None
         self.preconditioner = pair

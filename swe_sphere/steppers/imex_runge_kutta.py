@@ -51,7 +51,7 @@ class ImexRungeKutta(ImexStepper):
         self._rhs, self._change, self._stage = model.zeros(), model.zeros(), model.zeros()
         self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
         self._nothing = model.zeros()
-        self._depths = VectorSpace(model.mesh.area, work=model.launch.work, mesh=model.device_mesh)
+        self._depths = VectorSpace(model.mesh.area, mesh=model.device_mesh)
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._sums = [
             Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))

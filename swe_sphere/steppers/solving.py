@@ -64,7 +64,7 @@ class SolvingStepper(Stepper):
         self.loosest = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
         weights, mesh = energy_weights(model), model.device_mesh
-        self.space = VectorSpace(weights, work=model.launch.work, mesh=mesh)
+        self.space = VectorSpace(weights, mesh=mesh)
         self.motion = Motion(self.space)
 
     def _allocate(self, model: Model) -> None:

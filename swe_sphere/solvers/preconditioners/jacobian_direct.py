@@ -78,8 +78,6 @@ class JacobianDirect(KeptSetup):
             matrix.tocsc().astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
-        work = self._model.launch.work
-        self._solve = work.counted(f"direct solve {flow.size}", self._factors.solve)
 
     def _product(self, direction: Array) -> Array:
         self._place(direction, self._direction)
@@ -90,7 +88,7 @@ class JacobianDirect(KeptSetup):
         """out near (I - tau J)^-1 r, both states."""
         fluid = self._collected(r)
         solution = np.empty_like(fluid)
-        solution[self._order] = self._solve(fluid[self._order].astype(np.float32))
+        solution[self._order] = self._factors.solve(fluid[self._order].astype(np.float32))
         self._place(solution, out)
 
     def _collected(self, state: wp.array) -> Array:

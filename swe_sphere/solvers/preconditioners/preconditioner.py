@@ -120,14 +120,13 @@ class KeptSetup(Preconditioner):
     def __init__(self, model: Model) -> None:
         self._model = model
         self._tau, self._flow = 0.0, np.zeros(0)
-        self._set_up = model.launch.work.section("preconditioner set-up", self._make)
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
         mesh, fluid = self._model.device_mesh, state[: self._model.fluid_size]
         changed = abs(tau - self._tau) > STEP_CHANGE * tau
         if changed or not self._is_near(fluid):
-            self._set_up(tau, self._needed(mesh.collect(fluid)).astype(np.float64))
+            self._make(tau, self._needed(mesh.collect(fluid)).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Step and flow that the set-up in use was made for."""

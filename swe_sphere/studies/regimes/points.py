@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import NamedTuple, get_args
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.operators.work import RECORDING
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
-from swe_sphere.studies.costs import Prices, lowest, modelled_seconds
 from swe_sphere.studies.report.statistics import FAILED
 from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
 
@@ -35,7 +33,7 @@ class Run:
     error: float
     """Slow-flow error at the end (l2, relative)."""
     cost: float
-    """Modelled time [right-hand sides of `UNIT` on that mesh]."""
+    """Wall time [right-hand sides of `UNIT` on that mesh]."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +121,7 @@ def cheapest_step(runs: Sequence[Run], error: float) -> Offer | None:
 def read_points(folder: Path) -> list[Point]:
     """All places of a map, from the folders of its sweeps.
 
-    The prices of work are the lowest that any run of the same stepper found on a mesh of that size:
-    they go with neither the wind nor the refinement.  Raises ConfigError where there is no sweep.
+    Raises ConfigError where there is no sweep.
     """
     sweeps = {}
     for path in sorted(path.parent for path in folder.glob(f"*/{RUNS}")):
@@ -133,26 +130,8 @@ def read_points(folder: Path) -> list[Point]:
             sweeps[path.name] = of_now
     if not sweeps:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    everything = [run for runs in sweeps.values() for run in runs]
-    prices = _prices(everything)
-    units = _units(everything, prices)
-    return [_point(name, records, prices, units) for name, records in sweeps.items()]
-
-
-Priced = dict[tuple[object, ...], Prices]
-
-
-def _prices(records: Iterable[RunRecord]) -> Priced:
-    """The lowest prices by what they go with."""
-    found: Priced = {}
-    for record in records:
-        found[_kind(record)] = lowest([found.get(_kind(record), {}), record.prices])
-    return found
-
-
-def _kind(record: RunRecord) -> tuple[object, ...]:
-    """The size of the mesh, the stepper and how it solves."""
-    return (*_size(record), record.config.stepper, record.config.preconditioner)
+    units = _units(run for runs in sweeps.values() for run in runs)
+    return [_point(name, records, units) for name, records in sweeps.items()]
 
 
 def _size(record: RunRecord) -> tuple[object, ...]:
@@ -160,25 +139,22 @@ def _size(record: RunRecord) -> tuple[object, ...]:
     return of.ne, of.np, of.precision, of.device
 
 
-def _seconds(record: RunRecord, prices: Priced) -> float:
-    """Modelled time but for recording, as these runs stand for long ones; else wall time."""
-    work = {kind: count for kind, count in record.work.items() if kind != RECORDING}
-    seconds = modelled_seconds(work, prices[_kind(record)])
-    return seconds if math.isfinite(seconds) else record.numbers.get("wall_seconds") or math.nan
+def _seconds(record: RunRecord) -> float:
+    return record.numbers.get("wall_seconds") or math.nan
 
 
-def _units(records: Iterable[RunRecord], prices: Priced) -> dict[tuple[object, ...], float]:
+def _units(records: Iterable[RunRecord]) -> dict[tuple[object, ...], float]:
     """Seconds of a right-hand side of `UNIT`, its part of the update included, by mesh size."""
     found: dict[tuple[object, ...], float] = {}
     for record in records:
         if record.config.stepper == UNIT and record.status == "completed":
-            cost = _seconds(record, prices) / (record.numbers["rhs_evaluations"] or math.nan)
+            cost = _seconds(record) / (record.numbers["rhs_evaluations"] or math.nan)
             found[_size(record)] = min(cost, found.get(_size(record), math.inf))
     return found
 
 
 def _point(
-    name: str, records: Sequence[RunRecord], prices: Priced, units: dict[tuple[object, ...], float]
+    name: str, records: Sequence[RunRecord], units: dict[tuple[object, ...], float]
 ) -> Point:
     runs = []
     for record in records:
@@ -192,7 +168,7 @@ def _point(
                 f"{name}: no run of {UNIT} in {record.config.precision} says what a right-hand side"
                 f" costs, in which costs are told: add {UNIT} to the steppers"
             )
-        cost = _seconds(record, prices) / units[_size(record)]
+        cost = _seconds(record) / units[_size(record)]
         runs.append(Run(stepper, dt, record.numbers["steps"] or math.nan, error, cost))
     limits = records[0].numbers
     gravity, advective = limits["gravity_limit"], limits["advective_limit"]

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from swe_sphere.studies.report import words
 from swe_sphere.studies.report.palette import Curve, curves
-from swe_sphere.studies.report.rows import KINDS, MODELLED, Metric, Row
+from swe_sphere.studies.report.rows import KINDS, Metric, Row
 from swe_sphere.studies.report.statistics import cheapest, plateau, smallest, targets, told_apart
 
 ANSWERED = {"total": ("h", "v", "vorticity"), "time": ("h", "v", "vorticity"),
@@ -38,12 +38,6 @@ class Ranking:
         found = [row for cells in self.rows if (row := cells[target]) is not None]
         found.sort(key=lambda row: row.cost)
         return [row for row in found if not told_apart(found[0], row)]
-
-    @property
-    def cost_kind(self) -> str:
-        """What steppers are ranked by."""
-        rows = (row for cells in self.rows for row in cells if row is not None)
-        return next((row.cost_kind for row in rows), MODELLED)
 
     @property
     def rows(self) -> list[list[Row | None]]:
@@ -79,7 +73,7 @@ class Ranking:
         """How to read the table."""
         return (
             f"For each target of {self.metric.label} the cheapest run of each stepper: Δt, "
-            f"{self.cost_kind}, error. {BEST}cheapest; {TIE}cheapest too: they differ by less than "
+            f"wall time, error. {BEST}cheapest; {TIE}cheapest too: they differ by less than "
             "their uncertainty."
         )
 
@@ -112,7 +106,7 @@ class Ranking:
         return (
             f"Cheapest to {self.metric.symbol} ≤ {words.level(self.targets[i])} ({kind}, day "
             f"{self.metric.day:g}) on {self.where}: {who} Δt {words.step(first.dt)}, "
-            f"{words.seconds(first.cost)} of {self.cost_kind} (row {first.number})"
+            f"{words.seconds(first.cost)} of wall time (row {first.number})"
             + (f"; next is {names[id(after)]} at {gap} that." if after else ".")
         )
 

@@ -26,7 +26,7 @@ from swe_sphere.studies.report.axes import (
     points,
 )
 from swe_sphere.studies.report.palette import STATUS, Curve, curves, look
-from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, MODELLED, Metric, Row
+from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
 from swe_sphere.studies.report.statistics import Cost, candidates, cost, pareto
 
 WIDTH, HEIGHT = 5.4, 3.7
@@ -64,8 +64,8 @@ def render(diagram: Diagram, anchor: str = "row") -> Figure:
 
 def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
     """What an error costs on one mesh, and how it depends on the step."""
-    kind = next((row.cost_kind for row in rows), MODELLED)
-    time = _against(rows, metric, f"{metric.name}_time", kind, cost, f"{kind} of the steps [s]")
+    label = "wall time of the steps [s]"
+    time = _against(rows, metric, f"{metric.name}_time", "wall time", cost, label)
     name, unit = f"{metric.name}_work", "CPU time [right-hand sides]"
     work = _against(rows, metric, name, "work", attrgetter("equivalents"), unit)
     step = _by_step(

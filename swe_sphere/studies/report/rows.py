@@ -18,7 +18,7 @@ COMPARED = ("grid", "target")
 MADE_FOR_OTHERS = ("converged",)
 """Roles of runs that say nothing on a stepper."""
 NUMBERS = (
-    "wall_seconds", "wall_spread", "modelled_seconds", "modelled_spread", "cpu_seconds", *UNITS,
+    "wall_seconds", "wall_spread", "cpu_seconds", *UNITS,
 )  # fmt: skip
 """Of a row, beside the user's own diagnostics."""
 
@@ -26,10 +26,6 @@ KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 QUANTITIES = {"h": "depth", "v": "wind", "vorticity": "vorticity"}
 
-MODELLED, WALL = "modelled time", "wall time"
-"""What runs may be ranked by."""
-REPEATABLE = 0.03
-"""Modelled times are no better known than that, relative to either."""
 UNKNOWN_NOISE = 0.1
 """Taken for the spread of wall times where none was recorded."""
 
@@ -78,9 +74,8 @@ class Row:
     """Those that are defined."""
     walls: tuple[float, ...] = ()
     """Wall seconds of each repeat."""
-    cost_kind: str = WALL
     cost: float = math.nan
-    """What the run is ranked by [s]."""
+    """Wall time, by which the run is ranked [s]."""
     interval: tuple[float, float] = (math.nan, math.nan)
     """Within which the cost may lie [s]."""
 
@@ -136,7 +131,6 @@ def _ratio(value: float, unit: float) -> float:
 def read_rows(dataset: Dataset) -> list[Row]:
     """The rows of a sweep's dataset, in its order.
 
-    They are ranked by modelled time where all that are compared have one, else by wall time.
     Raises ConfigError if the dataset is not one of a sweep.
     """
     if missing := [n for n in (*WORDS, *NUMBERS, "wall", "error") if n not in dataset]:
@@ -147,20 +141,10 @@ def read_rows(dataset: Dataset) -> list[Row]:
         Row(i + 1, {name: of[i] for name, of in columns.items()}, *known)
         for i, known in enumerate(zip(errors, walls, strict=True))
     ]
-    modelled = all(math.isfinite(row.modelled_seconds) for row in rows if row.compared)
     noise = float(dataset.attrs.get("noise", math.nan))
-    return [_priced(row, modelled, noise) for row in rows]
-
-
-def _priced(row: Row, modelled: bool, noise: float) -> Row:
-    """The row with its cost."""
-    if modelled:
-        cost = row.modelled_seconds
-        spread = max(REPEATABLE, row.modelled_spread if row.modelled_spread > 0.0 else 0.0)
-        kind, interval = MODELLED, (cost / (1.0 + spread), cost * (1.0 + spread))
-    else:
-        kind, cost, interval = WALL, row.wall_seconds, _wall_interval(row, noise)
-    return replace(row, cost_kind=kind, cost=cost, interval=interval)
+    return [
+        replace(row, cost=row.wall_seconds, interval=_wall_interval(row, noise)) for row in rows
+    ]
 
 
 def _wall_interval(row: Row, noise: float) -> tuple[float, float]:

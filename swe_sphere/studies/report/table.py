@@ -81,7 +81,6 @@ _SETTINGS = (
     Column("how it ended", how_it_ended, essential=True),
 )
 _COSTS = (
-    Column("modelled", lambda r: r.modelled_seconds, words.seconds),
     Column("wall", lambda r: r.wall_seconds, words.seconds, essential=True),
     Column("spread", lambda r: r.wall_spread, words.percent, essential=True),
     Column("CPU", lambda r: r.cpu_seconds, words.seconds),

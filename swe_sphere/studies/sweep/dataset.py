@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
-from swe_sphere.studies.costs import Prices, lowest, modelled_seconds
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import (
     FIELDS,
@@ -76,7 +75,6 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
         attributes = {"units": UNITS[name]} if name in UNITS else {}
         data[name] = ("run", runs[name].to_numpy(float), attributes)
     data |= _times(table, order)
-    data |= _modelled(records, list(runs["record"]))
     data["error"] = _errors(runs["record"])
     return xr.Dataset(data, attrs=_attributes(header, records, noise))
 
@@ -115,26 +113,6 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
         "rhs_seconds": math.nan if run.rhs_seconds is None else run.rhs_seconds,
         "key": run.key, "repeat": run.repeat, "record": run,
     }  # fmt: skip
-
-
-def _modelled(records: list[RunRecord], runs: list[RunRecord]) -> dict[str, Any]:
-    """What the work of each run costs at the lowest prices that any of them has found.
-
-    And the part of it by which prices fell over the later half of the runs: so much they may yet.
-    """
-    found: dict[tuple[object, ...], list[Prices]] = {}
-    for record in records:
-        found.setdefault(record.integrator, []).append(record.prices)
-
-    def seconds(part: float) -> NDArray[np.float64]:
-        prices = {i: lowest(of[: math.ceil(part * len(of))]) for i, of in found.items()}
-        return np.array([modelled_seconds(run.work, prices[run.integrator]) for run in runs])
-
-    least, halfway = seconds(1.0), seconds(0.5)
-    return {
-        "modelled_seconds": ("run", least, {"units": "s"}),
-        "modelled_spread": ("run", np.abs(halfway - least) / least, {"units": "1"}),
-    }
 
 
 def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:

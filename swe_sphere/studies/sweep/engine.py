@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.studies.costs import settled_objects
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import RunRecord, current, header_of, note_plan, runs_of
@@ -90,7 +91,7 @@ class Sweep:
             RunFailed: the disk does not take the results.
         """
         everyone = self._everyone
-        with settled_objects(), self._interruption:
+        with _settled_objects(), self._interruption:
             for space in self._spaces.all():
                 self._evaluator.converged(space)
             if self._plan.jobs > 1:
@@ -269,3 +270,14 @@ def _limit_found(integrator: Integrator, found: float | None) -> str:
         return f"{integrator.label}: stable at every step up to {found:.4g} s"
     gravity = found / integrator.space.gravity_limit
     return f"{integrator.label}: longest stable step {found:.4g} s, {gravity:.3g} gravity limits"
+
+
+@contextmanager
+def _settled_objects() -> Iterator[None]:
+    """Within the block, garbage is looked for only among what is made in it, which is quick."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import shlex
@@ -19,7 +20,6 @@ from swe_sphere.files.durable import write_whole
 from swe_sphere.files.fingerprints import processor, versions
 from swe_sphere.io.norms import Norms
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.studies.costs import modelled_seconds
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.jobs import Tell
 from swe_sphere.studies.record_store import Record, Store, read_record
@@ -70,10 +70,6 @@ class RunRecord(Record):
     errors: list[Errors]
     rhs_seconds: float | None
     """Time of a right-hand side just before the run, where it was taken."""
-    work: dict[str, tuple[int, int]]
-    """What its steps have done, see `operators.work`; empty where it was not counted."""
-    prices: dict[str, tuple[float, float]]
-    """Of such work [s], see `studies.costs`, by all runs so far with this stepper."""
     time_limit: float | None
     sources: dict[str, str]
     """Fingerprints of all that the run was made of but its settings, by what it is."""
@@ -87,14 +83,9 @@ class RunRecord(Record):
 
     @property
     def seconds(self) -> float:
-        """What its steps took of a CPU [s]; of a run that was not alone the modelled time."""
+        """CPU time of its steps [s]; NaN for a run that was not alone."""
         seconds = self.numbers["cpu_seconds"]
-        return modelled_seconds(self.work, self.prices) if seconds is None else seconds
-
-    @property
-    def integrator(self) -> tuple[object, ...]:
-        """What the prices of work go with: the mesh, the stepper and how it solves."""
-        return (*self.mesh, self.config.stepper, self.config.preconditioner)
+        return math.nan if seconds is None else seconds
 
 
 class Header(Record):

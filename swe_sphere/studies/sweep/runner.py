@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from swe_sphere.errors import ConfigError, RunFailed, in_one_line
 from swe_sphere.io.integrals import DRIFTS
-from swe_sphere.operators.work import difference
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.simulation.running import Running
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.studies.costs import Stopwatch, begin_peak, peak_memory
 from swe_sphere.studies.ended import Ended, attempt, stepped
+from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.discretisation import Discretisation, History
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
@@ -47,9 +45,6 @@ class Result(Ended):
     """Fields at the report days that were reached."""
     rhs_seconds: float | None = None
     """Time of a right-hand side just before the run [s], where it was taken."""
-    work: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """What its steps have done; empty where it was not counted."""
-    prices: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 class Snapshots:
@@ -75,11 +70,8 @@ def execute(
     interruption: Interruption,
     time_limit: float | None = None,
     tick: Callable[[int], None] | None = None,
-    watch: Stopwatch | None = None,
 ) -> Result:
     """Run to the end, or to where it fails; the steps alone are on the clock.
-
-    watch: looks at the work on a CPU; other devices do not wait until a call is done.
 
     Raises:
         Interrupted: the user asked to stop.
@@ -90,16 +82,10 @@ def execute(
         sim = _begun(spec)
     except (ConfigError, RunFailed) as error:
         return Result("refused", in_one_line(error))
-    snapshots, work = Snapshots(spec.report_steps()), sim.model.launch.work
+    snapshots = Snapshots(spec.report_steps())
     told = None if tick is None else (lambda sim: tick(sim.steps))
-    before = work.counts()
-    if watch is not None and sim.model.device == "cpu":
-        work.timer = watch
-        watch.begin()
     ended = stepped(sim, [snapshots], told, time_limit, interruption)
     result = Result(ended.status, ended.reason, _costs(sim), snapshots=snapshots.kept)
-    if work.timer is watch is not None:
-        result.work, result.prices = difference(work.counts(), before), watch.prices()
     result.numbers |= _diagnostics(sim) if ended.completed else {}
     result.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
     return result
@@ -173,7 +159,6 @@ class Runner:
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[object] = set()
         self._timed: dict[str, float] = {}
-        self._watches: defaultdict[object, Stopwatch] = defaultdict(Stopwatch)
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
@@ -209,8 +194,7 @@ class Runner:
         self.watcher.begin(spec)
         compiled = self._warmed(spec)
         rhs_seconds = self._timed_rhs(spec)
-        watch = self._watches[spec.integrator.identity]
-        result = execute(spec, self.interruption, time_limit, self.watcher.tick, watch)
+        result = execute(spec, self.interruption, time_limit, self.watcher.tick)
         result.rhs_seconds = rhs_seconds
         if "compile_seconds" in result.numbers:
             result.numbers["compile_seconds"] += compiled
@@ -225,9 +209,8 @@ class Runner:
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason,
             numbers=result.numbers | spec.space.limits | untold,
-            errors=errors, rhs_seconds=result.rhs_seconds, work=result.work, prices=result.prices,
-            time_limit=self.time_limit, sources=self.sources | spec.integrator.sources,
-            jobs=self.jobs,
+            errors=errors, rhs_seconds=result.rhs_seconds, time_limit=self.time_limit,
+            sources=self.sources | spec.integrator.sources, jobs=self.jobs,
         ))  # fmt: skip
 
     def take(self, record: RunRecord) -> RunRecord:
