@@ -21,6 +21,7 @@ from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies import stress, verify
 from swe_sphere.studies.jobs import in_processes
 from swe_sphere.studies.record_store import Store
+from swe_sphere.studies.report import write_report
 from swe_sphere.studies.sweep import sweep
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.testcases import get_scene
@@ -105,12 +106,14 @@ def in_order(dataset):
 
 
 def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
-    """Only its first repeats are made there, and have no times."""
+    """But for costs: none of them is timed."""
     alone = sweep("lauter", ["rk4", "leapfrog"], repeats=1, **TINY)
     beside = sweep("lauter", ["rk4", "leapfrog"], repeats=2, jobs=2, out=tmp_path, **TINY)
     grid = beside.isel(run=beside["role"].values == "grid")
-    assert np.isnan(grid["wall"].isel(repeat=0)).all() and (grid["wall"].isel(repeat=1) > 0).all()
-    assert (grid["jobs"] == 2).all()
+    assert np.isnan(grid["wall"]).all() and np.isnan(grid["cpu"]).all()
+    assert (grid["jobs"] == 2).all() and grid.sizes["repeat"] == 1
+    page = (write_report(beside, tmp_path)).read_text()
+    assert "Errors only on lauter" in page and "have errors only" in page
     once = [name for name in beside.data_vars if "repeat" not in beside[name].dims]
     assert_same_rows(
         in_order(beside[once]).drop_vars("jobs"), in_order(alone[once]).drop_vars("jobs")

@@ -80,7 +80,7 @@ def test_a_grid_ends_with_its_table_and_page(swe, tmp_path):
     assert len(re.findall(r"^ rk4 .* 3600 s, .* s, \d\.\de-\d", out, re.MULTILINE)) == 1
     assert len(re.findall(r"^ bdf2 .* 1800 s, .* s, \d\.\de-\d", out, re.MULTILINE)) == 1
     assert re.search(r"^ stepper +≤ .* smallest error", out, re.MULTILINE)
-    assert re.search(r"^Cheapest to l2\(h\) ≤ .* of wall time", out, re.MULTILINE)
+    assert re.search(r"^Cheapest to l2\(h\) ≤ .* of CPU time", out, re.MULTILINE)
     assert out.endswith("d/index.html\n")
     assert {path.name for path in (tmp_path / "d").iterdir()} == {
         "converged", "index.html", "runs", "sweep.json", "sweep.nc"

@@ -297,7 +297,7 @@ WRONG = [
     ("run", "repeat", "0"), ("run", "errors", MISSING), ("run", "config.dt", "long"),
     ("run", "numbers.wall_seconds", [1]), ("run", "status", MISSING), ("run", "status", "ended"),
     ("run", "errors.0.day", None), ("run", "errors.0.kind", "all"), ("run", "errors.0.field", None),
-    ("run", "errors.0.l2", "small"), ("run", "rhs_seconds", "a"), ("run", "sources", MISSING),
+    ("run", "errors.0.l2", "small"), ("run", "sources", MISSING),
 ]  # fmt: skip
 
 

@@ -58,6 +58,8 @@ def sweep(
         return _report_again(out, loaded, quiet)
     datasets, completed = {}, False
     plans, mapped = _plans(values, loaded), loaded if loaded and loaded.mapped else None
+    if mapped and any(plan.jobs > 1 for plan in plans):
+        raise ConfigError("jobs: a map ranks by CPU time, which only runs alone have: leave it out")
     _claims(loaded)
     single = loaded is not None and loaded.single
     apart = loaded is not None and not single

@@ -30,7 +30,7 @@ TAKEN = frozenset({
     "plot_field", "run_id", "summary", "source", "history", "Conventions",
     "surface", "speed", "wind",
     "run", "kind", "field", "norm", "report_day", "repeat", "error", "wall", "cpu", "cpu_seconds",
-    "rhs_seconds", "total_seconds", "wall_spread", "role",
+    "total_seconds", "spread", "role",
     "gravity_limit", "advective_limit", "peak_memory", "jobs", "settings", "key", "record",
     "time", "node", "lat", "lon", "lat_bnds", "lon_bnds", "area", "mesh", "sphere", "face_nodes",
     "face", "corner", "b", "f", "coriolis", "h", "u", "v", "vorticity", "divergence", "mass",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -33,7 +33,7 @@ class Run:
     error: float
     """Slow-flow error at the end (l2, relative)."""
     cost: float
-    """Wall time [right-hand sides of `UNIT` on that mesh]."""
+    """CPU time [right-hand sides of `UNIT` on that mesh]."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,24 @@ def read_points(folder: Path) -> list[Point]:
             sweeps[path.name] = of_now
     if not sweeps:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    units = _units(run for runs in sweeps.values() for run in runs)
-    return [_point(name, records, units) for name, records in sweeps.items()]
+    seconds = {name: _shortest(records) for name, records in sweeps.items()}
+    units: Units = {}
+    for name, records in sweeps.items():
+        _add_units(units, records, seconds[name])
+    return [_point(name, records, seconds[name], units) for name, records in sweeps.items()]
+
+
+Units = dict[tuple[object, ...], float]
+"""Seconds of a right-hand side of `UNIT`, its part of the update included, by mesh size."""
+
+
+def _shortest(records: Iterable[RunRecord]) -> dict[str, float]:
+    """Shortest time of the repeats of each run [s], by its key."""
+    found: dict[str, float] = {}
+    for record in records:
+        if math.isfinite(record.seconds):
+            found[record.key] = min(record.seconds, found.get(record.key, math.inf))
+    return found
 
 
 def _size(record: RunRecord) -> tuple[object, ...]:
@@ -139,22 +155,16 @@ def _size(record: RunRecord) -> tuple[object, ...]:
     return of.ne, of.np, of.precision, of.device
 
 
-def _seconds(record: RunRecord) -> float:
-    return record.numbers.get("wall_seconds") or math.nan
-
-
-def _units(records: Iterable[RunRecord]) -> dict[tuple[object, ...], float]:
-    """Seconds of a right-hand side of `UNIT`, its part of the update included, by mesh size."""
-    found: dict[tuple[object, ...], float] = {}
+def _add_units(units: Units, records: Iterable[RunRecord], seconds: Mapping[str, float]) -> None:
     for record in records:
         if record.config.stepper == UNIT and record.status == "completed":
-            cost = _seconds(record) / (record.numbers["rhs_evaluations"] or math.nan)
-            found[_size(record)] = min(cost, found.get(_size(record), math.inf))
-    return found
+            evaluations = record.numbers["rhs_evaluations"] or math.nan
+            cost = seconds.get(record.key, math.inf) / evaluations
+            units[_size(record)] = min(cost, units.get(_size(record), math.inf))
 
 
 def _point(
-    name: str, records: Sequence[RunRecord], units: dict[tuple[object, ...], float]
+    name: str, records: Sequence[RunRecord], seconds: Mapping[str, float], units: Units
 ) -> Point:
     runs = []
     for record in records:
@@ -168,7 +178,11 @@ def _point(
                 f"{name}: no run of {UNIT} in {record.config.precision} says what a right-hand side"
                 f" costs, in which costs are told: add {UNIT} to the steppers"
             )
-        cost = _seconds(record) / units[_size(record)]
+        if record.key not in seconds:
+            raise ConfigError(
+                f"{name}: it has runs that were not timed: make the sweeps again without jobs"
+            )
+        cost = seconds[record.key] / units[_size(record)]
         runs.append(Run(stepper, dt, record.numbers["steps"] or math.nan, error, cost))
     limits = records[0].numbers
     gravity, advective = limits["gravity_limit"], limits["advective_limit"]

@@ -35,9 +35,16 @@ class Ranking:
 
     def winners(self, target: int) -> list[Row]:
         """The cheapest row for a target, by its number, and those that cannot be told from it."""
-        found = [row for cells in self.rows if (row := cells[target]) is not None]
+        cells = (cells[target] for cells in self.rows)
+        found = [row for row in cells if row is not None and row.timed]
         found.sort(key=lambda row: row.cost)
         return [row for row in found if not told_apart(found[0], row)]
+
+    @property
+    def clock(self) -> str:
+        """Name of the time that steppers are ranked by; empty where none was taken."""
+        rows = (row for cells in self.rows for row in cells if row is not None)
+        return next((row.clock for row in rows if row.timed), "")
 
     @property
     def rows(self) -> list[list[Row | None]]:
@@ -66,20 +73,25 @@ class Ranking:
             return words.NOTHING
         mark = "" if row not in best else BEST if len(best) == 1 else TIE
         error = words.error(row.error(self.metric))
-        return f"{mark}{words.step(row.dt)}, {words.seconds(row.cost)}, {error}"
+        seconds = f" {words.seconds(row.cost)}," if row.timed else ""
+        return f"{mark}{words.step(row.dt)},{seconds} {error}"
 
     @property
     def caption(self) -> str:
         """How to read the table."""
+        if not self.clock:
+            return f"For each target of {self.metric.label} the longest step: Δt, error."
         return (
             f"For each target of {self.metric.label} the cheapest run of each stepper: Δt, "
-            f"wall time, error. {BEST}cheapest; {TIE}cheapest too: they differ by less than "
+            f"{self.clock}, error. {BEST}cheapest; {TIE}cheapest too: they differ by less than "
             "their uncertainty."
         )
 
     @property
     def headline(self) -> str:
         """One sentence on the smallest target that two steppers reach, or else one."""
+        if not self.clock:
+            return f"Errors only on {self.where}: no run was timed, so that none is ranked by cost."
         if not self.targets:
             return f"All errors on {self.where} are zero."
         reached = [
@@ -97,16 +109,19 @@ class Ranking:
     def _sentence(self, i: int) -> str:
         names = {id(cells[i]): curve.label for curve, cells in self.lines}
         best = self.winners(i)
+        if not best:
+            return f"No run on {self.where} that reaches {words.level(self.targets[i])} was timed."
         first = best[0]
         kind = KINDS.get(self.metric.kind, self.metric.kind)
         others = [row for cells in self.rows if (row := cells[i]) and row not in best]
+        others = [row for row in others if row.timed]
         after = min(others, key=lambda row: row.cost, default=None)
         who = _listed([names[id(row)] for row in best]) + (" tie;" if len(best) > 1 else ",")
         gap = words.times(after.cost / first.cost) if after else ""
         return (
             f"Cheapest to {self.metric.symbol} ≤ {words.level(self.targets[i])} ({kind}, day "
             f"{self.metric.day:g}) on {self.where}: {who} Δt {words.step(first.dt)}, "
-            f"{words.seconds(first.cost)} of wall time (row {first.number})"
+            f"{words.seconds(first.cost)} of {self.clock} (row {first.number})"
             + (f"; next is {names[id(after)]} at {gap} that." if after else ".")
         )
 
@@ -152,7 +167,11 @@ def _ranking(
         (c, [*(cheapest(c.rows, metric, t) for t in wanted), smallest(c.rows, metric)])
         for c in drawn
     ]
-    lines.sort(key=lambda line: [math.inf if row is None else row.cost for row in line[1]])
+    lines.sort(
+        key=lambda line: [
+            row.cost if row is not None and row.timed else math.inf for row in line[1]
+        ]
+    )
     return Ranking(where, metric, wanted, lines, notes)
 
 

@@ -59,12 +59,6 @@ class Section:
         return [row for row in self.rows if row.compared]
 
     @property
-    def spread(self) -> float:
-        """The largest relative spread of wall times; NaN where none is known."""
-        known = (row.wall_spread for row in self.compared)
-        return max((spread for spread in known if math.isfinite(spread)), default=math.nan)
-
-    @property
     def headline(self) -> str:
         """One sentence for the top of a page."""
         told = [mesh.rankings[0].headline for mesh in self.meshes if mesh.rankings]

@@ -27,7 +27,7 @@ from swe_sphere.studies.report.axes import (
 )
 from swe_sphere.studies.report.palette import STATUS, Curve, curves, look
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row
-from swe_sphere.studies.report.statistics import Cost, candidates, cost, pareto
+from swe_sphere.studies.report.statistics import Cost, cost, pareto, with_cost
 
 WIDTH, HEIGHT = 5.4, 3.7
 """Inches: on a telephone a point of text is about a pixel."""
@@ -64,10 +64,11 @@ def render(diagram: Diagram, anchor: str = "row") -> Figure:
 
 def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
     """What an error costs on one mesh, and how it depends on the step."""
-    label = "wall time of the steps [s]"
-    time = _against(rows, metric, f"{metric.name}_time", "wall time", cost, label)
-    name, unit = f"{metric.name}_work", "CPU time [right-hand sides]"
-    work = _against(rows, metric, name, "work", attrgetter("equivalents"), unit)
+    clock = rows[0].clock
+    label = f"{clock} of the steps [s]"
+    time = _against(rows, metric, f"{metric.name}_time", clock, cost, label)
+    name, unit = f"{metric.name}_work", "right-hand sides and Jacobian products"
+    work = _against(rows, metric, name, "work", attrgetter("evaluations"), unit)
     step = _by_step(
         rows, f"{metric.name}_step", "Error against Δt", f"{metric.label}. {LIMITS}",
         _axis(metric), lambda row: row.error(metric),
@@ -109,7 +110,7 @@ def _against(
     rows: Sequence[Row], metric: Metric, name: str, title: str, of: Cost, label: str
 ) -> list[Diagram]:
     """Error against a cost, where there is any."""
-    if not candidates(rows, metric, of):
+    if not with_cost(rows, metric, of):
         return []
     draw = partial(_draw_costs, rows, metric, of, label)
     return [Diagram(name, f"Error against {title}", f"{metric.label}. {FRONT}", draw)]
@@ -139,7 +140,7 @@ def _draw_costs(
     x, y = zip(*((of(row), max(row.error(metric), SMALLEST)) for row in front), strict=True)
     axes.plot(x, y, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post", zorder=1)
     axes.scatter(x, y, s=95, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
-    drawn = curves(candidates(rows, metric, of))
+    drawn = curves(with_cost(rows, metric, of))
     if of is cost:
         _draw_uncertainty(axes, drawn, metric)
     _draw_curves(axes, drawn, lambda row: (of(row), row.error(metric)), anchor)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,17 +17,17 @@ COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
 MADE_FOR_OTHERS = ("converged",)
 """Roles of runs that say nothing on a stepper."""
-NUMBERS = (
-    "wall_seconds", "wall_spread", "cpu_seconds", *UNITS,
-)  # fmt: skip
+NUMBERS = ("wall_seconds", "cpu_seconds", "spread", *UNITS)
 """Of a row, beside the user's own diagnostics."""
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
 QUANTITIES = {"h": "depth", "v": "wind", "vorticity": "vorticity"}
 
-UNKNOWN_NOISE = 0.1
-"""Taken for the spread of wall times where none was recorded."""
+REPEATABLE = 0.03
+"""Times are no better known than this, relative to themselves."""
+TIMED_ONCE = 0.1
+"""Uncertainty of the time of a run that was timed once, likewise."""
 
 
 @dataclass(frozen=True)
@@ -72,17 +72,33 @@ class Row:
     values: Mapping[str, Any]
     errors: Mapping[Metric, float]
     """Those that are defined."""
-    walls: tuple[float, ...] = ()
-    """Wall seconds of each repeat."""
-    cost: float = math.nan
-    """Wall time, by which the run is ranked [s]."""
-    interval: tuple[float, float] = (math.nan, math.nan)
-    """Within which the cost may lie [s]."""
 
     def __getattr__(self, name: str) -> Any:
-        if name not in self.values:
+        values = self.__dict__.get("values", {})  # none yet while the row is being copied
+        if name not in values:
             raise AttributeError(name)
-        return self.values[name]
+        return values[name]
+
+    @property
+    def clock(self) -> str:
+        """Name of the time that runs are ranked by."""
+        return "CPU time" if self.device == "cpu" else "wall time"
+
+    @property
+    def cost(self) -> float:
+        """Shortest such time of its steps [s]; NaN where none was taken."""
+        return float(self.cpu_seconds if self.device == "cpu" else self.wall_seconds)
+
+    @property
+    def timed(self) -> bool:
+        """Whether it has a cost."""
+        return math.isfinite(self.cost)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Shortest and longest time that cannot be told from the cost [s]."""
+        known = max(REPEATABLE, self.spread) if math.isfinite(self.spread) else TIMED_ONCE
+        return self.cost / (1.0 + known), self.cost * (1.0 + known)
 
     @property
     def completed(self) -> bool:
@@ -101,9 +117,9 @@ class Row:
         return f"ne{self.ne:.0f} np{self.np:.0f}{stretched}"
 
     @property
-    def equivalents(self) -> float:
-        """CPU time in units of one right-hand side on the same mesh."""
-        return _ratio(self.cpu_seconds, self.rhs_seconds)
+    def evaluations(self) -> float:
+        """Number of right-hand sides and Jacobian products: work on any machine."""
+        return float(self.rhs_evaluations + self.tangent_evaluations)
 
     @property
     def gravity_multiple(self) -> float:
@@ -133,36 +149,13 @@ def read_rows(dataset: Dataset) -> list[Row]:
 
     Raises ConfigError if the dataset is not one of a sweep.
     """
-    if missing := [n for n in (*WORDS, *NUMBERS, "wall", "error") if n not in dataset]:
+    if missing := [n for n in (*WORDS, *NUMBERS, "error") if n not in dataset]:
         raise ConfigError(f"this dataset is not one of a sweep: it has no {missing[0]}")
     columns = {str(n): of.values.tolist() for n, of in dataset.items() if of.dims == ("run",)}
-    walls, errors = _walls(dataset), _errors(dataset)
-    rows = [
-        Row(i + 1, {name: of[i] for name, of in columns.items()}, *known)
-        for i, known in enumerate(zip(errors, walls, strict=True))
-    ]
-    noise = float(dataset.attrs.get("noise", math.nan))
     return [
-        replace(row, cost=row.wall_seconds, interval=_wall_interval(row, noise)) for row in rows
+        Row(i + 1, {name: of[i] for name, of in columns.items()}, errors)
+        for i, errors in enumerate(_errors(dataset))
     ]
-
-
-def _wall_interval(row: Row, noise: float) -> tuple[float, float]:
-    """Within which wall times [s] the row's true one may lie.
-
-    From its fastest to its slowest repeat, and at least half of `noise`, the relative spread of
-    right-hand sides timed on the same machine, to either side of the median.  Where that is not
-    known UNKNOWN_NOISE stands for it, for a run timed once.
-    """
-    if not noise >= 0.0:
-        noise = UNKNOWN_NOISE if len(row.walls) < 2 else 0.0
-    median, half = row.wall_seconds, 0.5 * noise * row.wall_seconds
-    return min((median - half, *row.walls)), max((median + half, *row.walls))
-
-
-def _walls(dataset: Dataset) -> list[tuple[float, ...]]:
-    values = np.asarray(dataset["wall"].transpose("run", "repeat").values, dtype=np.float64)
-    return [tuple(row[np.isfinite(row)].tolist()) for row in values]
 
 
 def _errors(dataset: Dataset) -> list[dict[Metric, float]]:

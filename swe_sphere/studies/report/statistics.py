@@ -29,13 +29,14 @@ def cost(row: Row) -> float:
     return row.cost
 
 
-def candidates(rows: Iterable[Row], metric: Metric, cost: Cost = cost) -> list[Row]:
-    """Rows that may be compared: completed, meant as a setting, with a cost and an error."""
-    return [
-        row
-        for row in rows
-        if row.compared and math.isfinite(row.error(metric)) and 0.0 < cost(row) < math.inf
-    ]
+def candidates(rows: Iterable[Row], metric: Metric) -> list[Row]:
+    """Rows that may be compared: completed, meant as a setting, with an error."""
+    return [row for row in rows if row.compared and math.isfinite(row.error(metric))]
+
+
+def with_cost(rows: Iterable[Row], metric: Metric, cost: Cost = cost) -> list[Row]:
+    """Rows that may be compared, and that have a cost."""
+    return [row for row in candidates(rows, metric) if 0.0 < cost(row) < math.inf]
 
 
 def pareto(rows: Iterable[Row], metric: Metric, cost: Cost = cost, gain: float = GAIN) -> list[Row]:
@@ -44,7 +45,7 @@ def pareto(rows: Iterable[Row], metric: Metric, cost: Cost = cost, gain: float =
     Of rows equal in both the first stays.  A row whose error is smaller than that of a cheaper
     one by less than a part `gain` of it is left out: it costs more for nothing.
     """
-    ordered = sorted(candidates(rows, metric, cost), key=lambda r: (cost(r), r.error(metric)))
+    ordered = sorted(with_cost(rows, metric, cost), key=lambda r: (cost(r), r.error(metric)))
     front: list[Row] = []
     for row in ordered:
         if not front or row.error(metric) < (1.0 - gain) * front[-1].error(metric):
@@ -59,9 +60,10 @@ def smallest(rows: Iterable[Row], metric: Metric) -> Row | None:
 
 
 def cheapest(rows: Iterable[Row], metric: Metric, target: float) -> Row | None:
-    """The cheapest row whose error is not above the target."""
-    good = (row for row in candidates(rows, metric) if row.error(metric) <= target)
-    return min(good, key=cost, default=None)
+    """The cheapest row within the target error; the longest step where none is timed."""
+    good = [row for row in candidates(rows, metric) if row.error(metric) <= target]
+    timed = [row for row in good if row.timed]
+    return min(timed, key=cost) if timed else max(good, key=lambda row: row.dt, default=None)
 
 
 def told_apart(a: Row, b: Row) -> bool:

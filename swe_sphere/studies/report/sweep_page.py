@@ -24,7 +24,7 @@ from swe_sphere.studies.report.axes import inline, save_svg
 from swe_sphere.studies.report.claims import HEADS, Claim, verdicts
 from swe_sphere.studies.report.content import OneMesh, Section, attribute, read_sections
 from swe_sphere.studies.report.diagrams import Diagram, render
-from swe_sphere.studies.report.rows import Row
+from swe_sphere.studies.report.rows import REPEATABLE, Row
 from swe_sphere.studies.report.statistics import BASELINE, SLACK
 from swe_sphere.studies.report.table import columns, csv_text, how_it_ended
 
@@ -126,7 +126,7 @@ def _tip(row: Row) -> str:
     return (
         f"row {row.number}: {row.stepper}, Δt {words.step(row.dt)} "
         f"({words.times(row.gravity_multiple)} gravity limit), "
-        f"wall time {words.seconds(row.cost)}, {how_it_ended(row)}"
+        f"{row.clock} {words.seconds(row.cost)}, {how_it_ended(row)}"
     )
 
 
@@ -135,7 +135,7 @@ def _rendered(template: str, **values: Any) -> str:
     filters = (_link_rows, attribute, json.loads, words.error, words.percent, words.step, _known)
     return rendered(
         "swe_sphere.studies.report", template, *filters, **values, columns=columns,
-        slack=SLACK, baseline=BASELINE,
+        repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
     )  # fmt: skip
 
 

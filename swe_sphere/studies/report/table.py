@@ -81,11 +81,12 @@ _SETTINGS = (
     Column("how it ended", how_it_ended, essential=True),
 )
 _COSTS = (
-    Column("wall", lambda r: r.wall_seconds, words.seconds, essential=True),
-    Column("spread", lambda r: r.wall_spread, words.percent, essential=True),
-    Column("CPU", lambda r: r.cpu_seconds, words.seconds),
-    Column("right-hand-side equivalents", lambda r: r.equivalents, words.count, essential=True),
-    Column("right-hand sides", lambda r: r.rhs_evaluations, words.count),
+    Column("CPU", lambda r: r.cpu_seconds, words.seconds, essential=True),
+    Column("spread", lambda r: r.spread, words.percent, essential=True),
+    Column("wall", lambda r: r.wall_seconds, words.seconds),
+    Column("right-hand sides", lambda r: r.rhs_evaluations, words.count, essential=True),
+    Column("Jacobian products", lambda r: r.tangent_evaluations, words.count, essential=True),
+    Column("preconditionings", lambda r: r.preconditioner_applications, words.count, True),
     Column("Newton a step", lambda r: r.per_step("newton_iterations"), words.number),
     Column("Krylov a step", lambda r: r.per_step("krylov_iterations"), words.number, True),
     Column("rejected steps", lambda r: r.rejected_steps, words.count),
@@ -152,12 +153,12 @@ def csv_text(named: Sequence[tuple[str, Sequence[Row]]]) -> str:
     names = [*dict.fromkeys(name for _, rows in named for row in rows for name in row.values)]
     out = StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    heads = ["dataset", "number", "rhs_equivalents", *names]
+    heads = ["dataset", "number", *names]
     writer.writerow([*heads, *(metric.name for metric in metrics)])
     for dataset, rows in named:
         for row in rows:
             known = (row.values.get(name) for name in names)
-            values = map(_plain, (row.equivalents, *known, *map(row.error, metrics)))
+            values = map(_plain, (*known, *map(row.error, metrics)))
             writer.writerow([dataset, row.number, *values])
     return out.getvalue()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import (
+    CLOCKS,
     FIELDS,
     HEADER,
     KINDS,
@@ -44,11 +44,8 @@ UNITS = {
     **dict.fromkeys(("compile_seconds", "setup_seconds", "total_seconds"), "s"),
     **dict.fromkeys(("days", "days_planned"), "d"),
     "peak_memory": "byte",
-    "rhs_seconds": "s",
 }
 """Numbers of a row and their units; others that a run has come without."""
-CLOCKS = ("wall", "cpu")
-"""That all repeats are read on."""
 INNER = ("key", "repeat", "record", "wall_seconds", "cpu_seconds")
 """Columns of the table that are no variables as they stand."""
 ERROR = ("run", "kind", "field", "norm", "report_day")
@@ -64,9 +61,6 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     records = current(records, header.sources)
     table = pd.DataFrame([_row(record, header.scene) for record in records])
     order = table.loc[table["repeat"] == 0, "key"].unique()
-    single = table["rhs_seconds"]
-    table["rhs_seconds"] = table.groupby(list(MESH))["rhs_seconds"].transform("median")
-    noise = (single / table["rhs_seconds"]).quantile([0.1, 0.9])
     # of a run that was made anew the last record holds
     table = table.drop_duplicates(["key", "repeat"], keep="last")
     runs = table[table["repeat"] == 0].set_index("key").loc[order]
@@ -76,7 +70,7 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
         data[name] = ("run", runs[name].to_numpy(float), attributes)
     data |= _times(table, order)
     data["error"] = _errors(runs["record"])
-    return xr.Dataset(data, attrs=_attributes(header, records, noise))
+    return xr.Dataset(data, attrs=_attributes(header, records))
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
@@ -101,34 +95,32 @@ def write_dataset(folder: Path) -> xr.Dataset:
 
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:
     config = run.config
-    clocks = dict.fromkeys(f"{clock}_seconds" for clock in CLOCKS)
     return {
-        **dict.fromkeys(UNITS), **clocks, **run.numbers,
+        **dict.fromkeys((*UNITS, *CLOCKS)), **run.numbers,
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
         "scene": scene,
         "preconditioner": config.preconditioner or "",
         "settings": " ".join(config.settings),
         "days_planned": config.days,
         **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
-        "rhs_seconds": math.nan if run.rhs_seconds is None else run.rhs_seconds,
         "key": run.key, "repeat": run.repeat, "record": run,
     }  # fmt: skip
 
 
 def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:
-    """Times of the repeats, their median and their spread; of failed runs what they took."""
-    seconds = {"units": "s"}
+    """Times of the repeats, the shortest, and how far the two shortest are apart."""
     found: dict[str, Any] = {}
-    for clock in CLOCKS:
-        repeats = table.pivot(index="key", columns="repeat", values=f"{clock}_seconds")
-        repeats = repeats.loc[order].astype(float)
-        middle, extent = repeats.median(axis=1), repeats.max(axis=1) - repeats.min(axis=1)
-        found[clock] = (("run", "repeat"), repeats.to_numpy(), seconds)
-        found[f"{clock}_seconds"] = ("run", middle.to_numpy(), seconds)
-        if clock == "wall":
-            spread = extent / middle.clip(lower=np.finfo(float).tiny)
-            told = {"units": "1", "long_name": "(max - min) / median"}
-            found["wall_spread"] = ("run", spread.to_numpy(), told)
+    clock = CLOCKS[bool((table["device"] != "cpu").any())]
+    for name in CLOCKS:
+        repeats = table.pivot(index="key", columns="repeat", values=name).loc[order].astype(float)
+        times, seconds = np.sort(repeats.to_numpy(), axis=1), {"units": "s"}  # NaN comes last
+        found[name.removesuffix("_seconds")] = (("run", "repeat"), repeats.to_numpy(), seconds)
+        found[name] = ("run", times[:, 0], seconds)
+        if name == clock:
+            second = times[:, 1] if times.shape[1] > 1 else np.full(len(times), np.nan)
+            told = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
+            with np.errstate(divide="ignore", invalid="ignore"):
+                found["spread"] = ("run", second / times[:, 0] - 1.0, told)
     return found
 
 
@@ -148,17 +140,13 @@ def _errors(runs: Iterable[RunRecord]) -> xr.DataArray:
     return table
 
 
-def _attributes(
-    header: Header, records: list[RunRecord], noise: pd.Series[float]
-) -> dict[str, Any]:
-    """noise: 10th and 90th percentile of the time of right-hand sides over their median."""
+def _attributes(header: Header, records: list[RunRecord]) -> dict[str, Any]:
     dt, check = _converged(records)
     values = dict(header)
     return {
         **{name: values[name] for name in ("scene", "machine", "cores", "created", "command")},
         **{name: json.dumps(values[name]) for name in ("plan", "sources", "versions")},
         "title": f"time steps and cost: {header.title}",
-        "noise": float(noise[0.9] - noise[0.1]),
         "converged_dt": dt,
         "converged_check": check,
     }

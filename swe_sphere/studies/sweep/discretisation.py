@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -22,8 +21,6 @@ from swe_sphere.simulation.time_plan import TimePlan, common_measure, time_plan
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
-    import warp as wp
-
     from swe_sphere.equations.model import Model
     from swe_sphere.equations.spectrum import Spectrum
     from swe_sphere.steppers import Stepper
@@ -31,12 +28,9 @@ if TYPE_CHECKING:
 History = dict[float, Fields]
 """Fields by report day."""
 
-BATCH = 0.01
-"""Time of one batch of right-hand sides [s]."""
-
 
 class Discretisation:
-    """A scene on a mesh: its start, limits, fresh simulations, the cost of a right-hand side.
+    """A scene on a mesh: its initial state, limits, and fresh simulations.
 
     config: of any run on it; its stepper does not matter.  own: a scene in the place of the one
     that is named there.  Raises ConfigError where scene or mesh
@@ -48,7 +42,6 @@ class Discretisation:
         self.scene = Supplied(own).scene_of(config)
         self.mesh = make_mesh(config, self.scene)
         self._radii: dict[object, Spectrum] = {}
-        self._batch = 1
 
     @property
     def label(self) -> str:
@@ -114,28 +107,6 @@ class Discretisation:
             spectrum = kind.spectrum(self.model, self.model.initial_state())
             self._radii[how] = spectrum
         return kind.limit(self._radii[how])
-
-    @cached_property
-    def _state(self) -> tuple[wp.array, wp.array]:
-        """The start, and room for a tendency."""
-        return self.model.initial_state(), self.model.zeros()
-
-    def time_rhs(self) -> float:
-        """Time of one right-hand side [s], the mean over a short batch."""
-        if self._batch == 1:
-            once = min(self._time_batch() for _ in range(4))
-            self._batch = max(3, round(BATCH / once))
-        return self._time_batch()
-
-    def _time_batch(self) -> float:
-        import warp as wp
-
-        (state, out), model = self._state, self.model
-        began = time.perf_counter()
-        for _ in range(self._batch):
-            model.tendency(state, 0.0, out)
-        wp.synchronize_device(model.device)
-        return (time.perf_counter() - began) / self._batch
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,10 @@ TRIAL_GROWTH = {True: 1.12, False: 2.0}
 DEAR = 5.0
 """Where a run costs so many times as much as one that is good enough, shorter steps are tried only
 if it was cheaper than the one before: solvers that struggle with long steps are."""
+AGREE = 0.03
+"""Runs are repeated until their two shortest times differ by at most this part of the shorter,"""
+MOST_REPEATS = 3
+"""and at most so many times as often as the plan says."""
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
 
@@ -111,7 +115,7 @@ class Sweep:
     # --- in processes beside each other
 
     def _beside(self) -> None:
-        """Have the first repeat of all runs made by others: from here on it is known."""
+        """Have all runs made by others: from here on they are known."""
         plan, parts = self._plan, parts_of(self._plan, self._everyone)
         for record in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
             self._watcher.beside(self._runner.take(record))
@@ -129,34 +133,40 @@ class Sweep:
     # --- grid
 
     def _grid(self, runs: list[RunSpec]) -> None:
-        self._watcher.expect(len(runs) * self._plan.repeats)
-        self._repeat(runs)
+        self._watcher.expect(len(runs))
+        finished: set[Integrator] = set()
+        costs: dict[Integrator, list[float]] = {}
+        made = []
+        for run in _ordered(runs):
+            if run.integrator in finished:
+                self._watcher.expect(-1)
+                continue
+            record = self._runner.run(run, self._evaluator)
+            made.append(run)
+            if self._is_last(record, costs.setdefault(run.integrator, [])):
+                finished.add(run.integrator)
+        self._time(made)
 
-    def _repeat(self, runs: list[RunSpec]) -> None:
-        """Rounds through all runs, so that a busy moment of the machine meets many of them."""
-        for repeat in range(self._plan.repeats):
-            finished: set[Integrator] = set()
-            costs: dict[Integrator, list[float]] = {}
-            for run in _ordered(runs):
-                left_out = repeat and self._runner.known(run) is None  # of the first round
-                if left_out or run.integrator in finished:
-                    self._watcher.expect(-1)
-                    continue
-                made = self._make(run, repeat)
-                if not repeat and self._is_last(made, costs.setdefault(run.integrator, [])):
-                    finished.add(run.integrator)
+    def _time(self, runs: list[RunSpec]) -> None:
+        """Rounds through all runs, so that a busy moment of the machine meets many of them.
 
-    def _make(self, run: RunSpec, repeat: int) -> RunRecord:
-        """One run; what failed the first time is not tried again."""
-        first = self._runner.known(run)
-        if repeat and first is not None and first.status != "completed":
-            self._watcher.done(run, first)
-            return first
-        record = self._runner.run(run, None if repeat else self._evaluator, repeat)
-        if self._good_enough(record):
-            mesh, seconds = record.mesh, record.seconds or math.inf
-            self._least[mesh] = min(self._least.get(mesh, math.inf), seconds)
-        return record
+        Each completed run is repeated until its shortest times agree.
+        """
+        while pending := [run for run in runs if self._wants_repeat(run)]:
+            self._watcher.expect(len(pending))
+            for run in pending:
+                self._runner.run(run, repeat=self._runner.repeats(run))
+
+    def _wants_repeat(self, run: RunSpec) -> bool:
+        """Whether the shortest time of a run is not yet known to AGREE."""
+        record, wanted = self._runner.known(run), self._plan.repeats
+        if self._plan.jobs > 1 or record is None or record.status != "completed":
+            return False
+        times = self._runner.timings(run)
+        if len(times) < wanted:
+            return True
+        agree = wanted < 2 or times[1] <= (1.0 + AGREE) * times[0]
+        return not agree and len(times) < MOST_REPEATS * wanted
 
     def _good_enough(self, record: RunRecord) -> bool:
         enough = self._plan.enough
@@ -170,9 +180,11 @@ class Sweep:
         if record.status != "completed" or self._plan.enough is None:
             return False
         costs.append(record.seconds)
-        dear = costs[-1] > DEAR * self._least.get(record.mesh, math.inf)
+        least, good = self._least.get(record.mesh, math.inf), self._good_enough(record)
+        if good and record.seconds < least:
+            self._least[record.mesh] = record.seconds
         rising = costs[-1] >= min(costs[:-1], default=math.inf)
-        return (dear and rising) or self._good_enough(record)
+        return good or (rising and costs[-1] > DEAR * least)
 
     # --- the longest stable step
 
@@ -205,9 +217,7 @@ class Sweep:
             if found.dt is None:
                 self._watcher.note(f"{integrator.label}: {found.reason}")
                 continue
-            good = self._worth_timing(tried)
-            self._watcher.expect(len(good) * (self._plan.repeats - 1))
-            self._repeat(good)
+            self._time(self._worth_timing(tried))
 
     def _longest_accurate(self, integrator: Integrator, tried: dict[RunSpec, None]) -> Target:
         """Search along the step; the runs made are left in `tried`."""
@@ -233,8 +243,8 @@ class Sweep:
             for run, record in records.items()
             if record is not None and self._error(record) <= self._target
         }
-        best = min(costs.values(), default=math.inf)
-        return [run for run, cost in costs.items() if cost <= NEAR_BEST * best]
+        best = min(filter(math.isfinite, costs.values()), default=math.inf)
+        return [run for run, cost in costs.items() if not cost > NEAR_BEST * best]
 
     def _error(self, record: RunRecord) -> float:
         """The error at the end of a run that the plan's target speaks of; infinite if it failed."""
@@ -252,7 +262,7 @@ class Sweep:
 
 def making_parts(tell: Tell, plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
     """Gets a process beside others ready to make parts of a sweep."""
-    return Sweep(plan.model_copy(update={"repeats": 1}), folder, SweepWatcher(), tell=tell).make
+    return Sweep(plan, folder, SweepWatcher(), tell=tell).make
 
 
 def _ordered(runs: Iterable[RunSpec]) -> list[RunSpec]:

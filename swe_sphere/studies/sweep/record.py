@@ -32,6 +32,8 @@ HEADER, RUNS = "sweep.json", "runs"
 KINDS = ("time", "total", "slow")
 FIELDS = ("h", "v", "vorticity")
 NORMS = ("l1", "l2", "linf")
+CLOCKS = ("cpu_seconds", "wall_seconds")
+"""Clocks by which runs on a CPU, and on other devices, are compared."""
 MESH = ("ne", "np", "stretch", "precision", "device")
 
 
@@ -68,8 +70,6 @@ class RunRecord(Record):
     numbers: Mapping[str, float | None]
     """Costs, limits of the mesh, drifts and diagnostics by name."""
     errors: list[Errors]
-    rhs_seconds: float | None
-    """Time of a right-hand side just before the run, where it was taken."""
     time_limit: float | None
     sources: dict[str, str]
     """Fingerprints of all that the run was made of but its settings, by what it is."""
@@ -78,13 +78,13 @@ class RunRecord(Record):
 
     @property
     def mesh(self) -> tuple[object, ...]:
-        """What the time of a right-hand side goes with."""
+        """The discretisation of the run."""
         return tuple(getattr(self.config, name) for name in MESH)
 
     @property
     def seconds(self) -> float:
-        """CPU time of its steps [s]; NaN for a run that was not alone."""
-        seconds = self.numbers["cpu_seconds"]
+        """CPU time of its steps, on a GPU wall time [s]; NaN where other runs were beside it."""
+        seconds = self.numbers.get(CLOCKS[self.config.device != "cpu"])
         return math.nan if seconds is None else seconds
 
 

@@ -43,8 +43,6 @@ class Result(Ended):
 
     snapshots: History = field(default_factory=dict)
     """Fields at the report days that were reached."""
-    rhs_seconds: float | None = None
-    """Time of a right-hand side just before the run [s], where it was taken."""
 
 
 class Snapshots:
@@ -136,9 +134,6 @@ def _diagnostics(sim: Simulation) -> dict[str, float]:
 TakeErrors = Callable[[Discretisation, History], list[Errors]]
 """Takes the errors of the fields at report days."""
 
-EVERY = 2.0
-"""Seconds between two looks at how fast the machine is."""
-
 
 @dataclass
 class Runner:
@@ -158,7 +153,6 @@ class Runner:
         runs = current(self.store.records, self.sources)
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[object] = set()
-        self._timed: dict[str, float] = {}
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
@@ -170,6 +164,15 @@ class Runner:
             return record
         had, has = record.time_limit, self.time_limit
         return record if has is not None and had is not None and has <= had else None
+
+    def timings(self, spec: RunSpec) -> list[float]:
+        """Times of the repeats of a run that were alone [s], the shortest first."""
+        repeats = (run for (key, _), run in self._known.items() if key == spec.key)
+        return sorted(run.seconds for run in repeats if math.isfinite(run.seconds))
+
+    def repeats(self, spec: RunSpec) -> int:
+        """Number of records of a run."""
+        return sum(key == spec.key for key, _ in self._known)
 
     def run(self, spec: RunSpec, evaluate: TakeErrors | None = None, repeat: int = 0) -> RunRecord:
         """The record of a run: the known one, or that of a new run.
@@ -189,13 +192,11 @@ class Runner:
         return record
 
     def result(self, spec: RunSpec, time_limit: float | None = None) -> Result:
-        """Make a run, warm, with a look at the machine before it."""
+        """Make a run, warm."""
         self.interruption.check()
         self.watcher.begin(spec)
         compiled = self._warmed(spec)
-        rhs_seconds = self._timed_rhs(spec)
         result = execute(spec, self.interruption, time_limit, self.watcher.tick)
-        result.rhs_seconds = rhs_seconds
         if "compile_seconds" in result.numbers:
             result.numbers["compile_seconds"] += compiled
         return result
@@ -209,7 +210,7 @@ class Runner:
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=result.status, reason=result.reason,
             numbers=result.numbers | spec.space.limits | untold,
-            errors=errors, rhs_seconds=result.rhs_seconds, time_limit=self.time_limit,
+            errors=errors, time_limit=self.time_limit,
             sources=self.sources | spec.integrator.sources, jobs=self.jobs,
         ))  # fmt: skip
 
@@ -224,12 +225,3 @@ class Runner:
             return 0.0
         self._warm.add(spec.integrator.identity)
         return warm_up(spec)
-
-    def _timed_rhs(self, spec: RunSpec) -> float | None:
-        """Time of a right-hand side, taken now and then on every mesh."""
-        now, mesh = time.perf_counter(), spec.space.identity
-        if self.jobs > 1 or spec.refusal is not None or now - self._timed.get(mesh, -EVERY) < EVERY:
-            return None
-        seconds = spec.space.time_rhs()
-        self._timed[mesh] = now
-        return seconds

@@ -108,9 +108,9 @@ class SweepPlan(SharedConfig):
     report_days: Numbers = ()
     """Times at which errors are taken [days]; the end always is one."""
     repeats: Annotated[Whole, Field(ge=1, le=100)] = 3
-    """Runs of each setting that are timed."""
+    """Timed runs of each setting, at least; more while the two shortest differ by over 3 %."""
     jobs: Annotated[Whole, Field(ge=1, le=MOST_JOBS)] = 1
-    """Processes that make the first of the repeats beside each other; its times are left out."""
+    """Processes that make runs beside each other, for their errors only: none of them is timed."""
     time_limit: Positive | None = None
     """Wall time of the steps of one run [s]."""
     find_limit: bool = False
