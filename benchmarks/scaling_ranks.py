@@ -1,10 +1,8 @@
 """What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py.
 
     mpiexec -n 2 python benchmarks/scaling_ranks.py blocks 30 60
-    mpiexec -n 2 python benchmarks/scaling_ranks.py ways 30 60
 
-time, in turns, steps whose Krylov iterations share a reduction and others; steps whose numbers go
-through shared memory and by messages of MPI.
+times, in turns, steps whose Krylov iterations share a reduction and others.
 """
 
 from __future__ import annotations
@@ -21,10 +19,7 @@ import numpy as np
 from scaling_bytes import Launches, each_launch, launches
 
 from swe_sphere import Simulation
-from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo
-from swe_sphere.ranks import messages
-from swe_sphere.ranks.messages import SHARED
 from swe_sphere.ranks.parallel import Alone, world
 
 STEPPERS = {
@@ -42,8 +37,6 @@ SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
 ROUND_TRIPS = 300
 KERNELS = {"sweeps": "sweep_kernel__", "longest": "tall_kernels__"}
-TURN = 10
-"""Steps that follow one another before it is the turn of others."""
 LOOKED_AT = 3
 """Steps whose solves of the coarse level are timed."""
 
@@ -102,24 +95,6 @@ def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
     return found
 
 
-def ways(stepper: str, ne: int, steps: int) -> dict[str, dict[str, float]]:
-    """By how numbers come to the other rank of a machine: times of a step [ms], in turns."""
-    comm, sims = world(), {}
-    for name, directory in {"memory": messages.SHARED, "messages": "/nowhere"}.items():
-        messages.SHARED, comm.on_one_machine = directory, name == "memory"
-        sims[name] = started(stepper, ne)
-    times = {name: list[float]() for name in sims}
-    for _ in range(steps // TURN):
-        for name, sim in sims.items():
-            sim.step()  # which brings its arrays into the caches
-            for _ in range(TURN):
-                start = time.perf_counter()
-                sim.step()
-                times[name].append(1e3 * (time.perf_counter() - start))
-    messages.SHARED, comm.on_one_machine = SHARED, True
-    return {n: {"least": min(t), "median": statistics.median(t)} for n, t in times.items()}
-
-
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
     """What solves of the coarse level take in a step [s]: its sweeps, and the longest waves."""
     with each_launch(sim.model.launch) as made:
@@ -141,7 +116,7 @@ class Counted:
 
     def __init__(self, comm: Alone) -> None:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
-        build, total = Halo.__init__, Chunks.total
+        build = Halo.__init__
 
         def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, *more: Any) -> None:
             build(halo, comm, flat, sends, *more)
@@ -151,14 +126,7 @@ class Counted:
             self._sums.update({"sums": 1, "sums bytes": mine.nbytes})
             return gather(mine, counts, out)
 
-        def adding(chunks: Chunks, width: int) -> Any:
-            sent = 8 * width * len(chunks.branches[comm.rank])
-            self._sums.update({"sums": 1, "sums bytes": sent})
-            return total(chunks, width)
-
         Halo.__init__, comm.gather = kept, counting  # type: ignore[method-assign]
-        if comm.on_one_machine:  # and nothing is gathered by MPI
-            Chunks.total = adding  # type: ignore[method-assign]
 
     def counts(self) -> Counter[str]:
         """So far."""
@@ -198,7 +166,7 @@ def main(job: str, ne: str, pieces: str) -> None:
     if job == "ping":
         told: Any = ping_pong()
     else:
-        of_each = {"steps": measure, "launches": launched, "blocks": blocks, "ways": ways}[job]
+        of_each = {"steps": measure, "launches": launched, "blocks": blocks}[job]
         names = IMPLICIT if job == "blocks" else STEPPERS
         told = {name: of_each(name, int(ne), int(pieces)) for name in names}
     if world().rank == 0:

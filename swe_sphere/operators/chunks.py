@@ -5,10 +5,9 @@ pairs and so on: a binary tree.  A rank sends the sums of the largest branches t
 of which there are few, and every rank adds them up to the same sum.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -16,9 +15,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.kernels.sums import tree_kernel
 from swe_sphere.mesh.partition import Part
-from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.parallel import Alone
 
 
@@ -39,7 +36,6 @@ class Chunks:
         """(n, 2) the first chunk and the size of those that each rank has all of."""
         self._first = int(ends[comm.rank])
         self._rooms: dict[int, _Room] = {}
-        self._replay = Replay(Launcher("cpu", comm))
 
     def room(self, width: int) -> NDArray[np.float64]:
         """(count, width) for the sums of the chunks of this rank."""
@@ -48,12 +44,9 @@ class Chunks:
     def total(self, width: int) -> NDArray[np.float64]:
         """Sums (width,) of what all ranks have put into their rooms, valid until the next call."""
         room = self._room(width)
-        if room.exchange is not None:
-            self._replay(width, room.add_up)
-        else:  # to which MPI knows better ways than from each to each
-            room.up.launch()
-            self._comm.gather(room.sent, room.counts, room.told)
-            room.down.launch()
+        room.up.launch()
+        self._comm.gather(room.sent, room.counts, room.told)
+        room.down.launch()
         return room.told[:width]
 
     def _room(self, width: int) -> "_Room":
@@ -64,9 +57,8 @@ class Chunks:
             told, down = _adding(np.concatenate(self.branches), width, comm, True)
             counts = [width * len(each) for each in self.branches]
             sent, everything = mine.flatten()[: counts[comm.rank]], told.flatten()
-            exchange = _to_all(comm, sent, everything, counts) if comm.on_one_machine else None
             self._rooms[width] = _Room(
-                mine.numpy(), up, sent.numpy(), counts, everything.numpy(), down, exchange
+                mine.numpy(), up, sent.numpy(), counts, everything.numpy(), down
             )
         return self._rooms[width]
 
@@ -81,13 +73,6 @@ class _Room:
     counts: list[int]
     told: NDArray[np.float64]
     down: Any
-    exchange: Exchange | None
-
-    def add_up(self) -> None:
-        """All of it by launches, where there is an exchange."""
-        exchange = cast(Exchange, self.exchange)
-        for command in (self.up, exchange.start, exchange.wait, self.down):
-            command.launch()
 
 
 def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[wp.array, Any]:
@@ -97,13 +82,6 @@ def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[
     room = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
     inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), room]
     return room, wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
-
-
-def _to_all(comm: Alone, sent: wp.array, told: wp.array, counts: list[int]) -> Exchange:
-    """What brings the numbers of each rank to all of them, one rank after the other."""
-    ends = np.cumsum([0, *counts]).tolist()
-    of_each = {rank: told[a:b] for rank, (a, b) in enumerate(itertools.pairwise(ends))}
-    return Exchange(comm, dict.fromkeys(of_each, sent), of_each)
 
 
 def branches(first: int, behind: int) -> NDArray[np.int64]:

@@ -8,7 +8,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels.vectors import packing_kernels
-from swe_sphere.operators.exchange import Exchange
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.ranks.parallel import Alone
@@ -17,13 +16,13 @@ from swe_sphere.ranks.parallel import Alone
 class Packed:
     """Numbers at fixed places (n,) of an array, brought to where messages take them from.
 
-    All ranks make theirs together.  Those of a GPU go by way of the host, through memory that the
-    GPU reaches by itself, unless MPI does.
+    Those of a GPU go by way of the host, through memory that the GPU reaches by itself, unless MPI
+    reaches the memory of the GPU.
     """
 
     def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
         device = str(x.device)
-        in_threads = comm.waits(device)
+        in_threads = not x.device.is_cpu
         kernels = packing_kernels(x.dtype, in_threads)
         Launcher(device, comm).load(*kernels)
         self._room = wp.empty(places.size, dtype=x.dtype, device=device)
@@ -59,8 +58,8 @@ class Packed:
 class Halo:
     """Exchanges numbers at fixed positions of an array (n,) with other ranks.
 
-    What stands in one run there is received in place, if messages come from there.  On a CPU MPI is
-    called by a kernel, among those that are recorded; on a GPU when it has done what came before.
+    All ranks build theirs together.  Positions that follow one another are received in place, if
+    MPI reaches them.  MPI is called between the launches that a `Replay` records.
     """
 
     def __init__(
@@ -71,56 +70,58 @@ class Halo:
         receives: Mapping[int, NDArray[Any]],
         into: wp.array | None = None,
     ) -> None:
-        """sends, receives: positions (...) in the array, by rank; into: another one to receive."""
+        """Prepare the messages; a rank may send to itself.
+
+        sends, receives: positions (...) in the array by rank; into: the array to receive in, if it
+        is not `flat`.
+        """
         into = flat if into is None else into
         self._device = str(flat.device)
-        reached, self._waits = comm.reaches(self._device), comm.waits(self._device)
+        reached = comm.reaches(self._device)
         runs = {rank: _run(places.ravel()) for rank, places in receives.items() if reached}
         in_place = {rank: into[run] for rank, run in runs.items() if run is not None}
         scattered = {rank: places for rank, places in receives.items() if rank not in in_place}
         self._going, outgoing = _packed(comm, flat, sends)
         self._coming, incoming = _packed(comm, into, scattered)
+        self._messages = comm.messages(_memory(outgoing), _memory(in_place | incoming))
         self._bytes = int(self._going.numbers.size * flat.strides[0])
-        self._exchange = Exchange(comm, outgoing, in_place | incoming)
+        self.exchanges = 0
+        """Number of exchanges so far."""
 
     def __call__(self) -> None:
-        """Exchange them, or record that."""
+        """Exchange the numbers."""
         self._going.pack()
-        self._launch(self._exchange.start, self._exchange.wait)
+        between(self._device, self._exchange)
         self._coming.unpack()
 
     def start(self) -> None:
-        """Let those for the neighbours go, or record that."""
+        """Send this rank's numbers; launches until `wait` must not change them."""
         self._going.pack()
-        self._launch(self._exchange.start)
+        between(self._device, self._start)
 
     def wait(self) -> None:
-        """Until those of the neighbours are in their places, or record that."""
-        self._launch(self._exchange.wait)
+        """Bring the numbers of other ranks to their positions when they have arrived."""
+        between(self._device, self._messages.wait)
         self._coming.unpack()
 
-    def _launch(self, *calls: Any) -> None:
-        def when_ready() -> None:
-            if self._exchange.start in calls:
-                wp.synchronize_device(self._device)
-            for call in calls:
-                call.launch()
+    def _start(self) -> None:
+        wp.synchronize_device(self._device)
+        self._messages.start()
+        self.exchanges += 1
 
-        if self._waits:
-            between(self._device, when_ready)
-        else:
-            for call in calls:
-                call.launch()
-
-    @property
-    def exchanges(self) -> int:
-        """So far."""
-        return self._exchange.count
+    def _exchange(self) -> None:
+        self._start()
+        self._messages.wait()
 
     @property
     def bytes_sent(self) -> int:
-        """So far."""
+        """Number of bytes that this rank has sent so far."""
         return self.exchanges * self._bytes
+
+
+def _memory(arrays: Mapping[int, wp.array]) -> dict[int, Any]:
+    """Return the arrays as mpi4py accepts them: those of a CPU as numpy arrays."""
+    return {r: array.numpy() if array.device.is_cpu else array for r, array in arrays.items()}
 
 
 def _run(places: NDArray[Any]) -> slice | None:

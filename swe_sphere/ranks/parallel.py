@@ -14,6 +14,7 @@ import stat
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar, cast
@@ -23,7 +24,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.blas import keep_to_one_thread
-from swe_sphere.ranks.messages import Messages
 
 T = TypeVar("T")
 
@@ -36,11 +36,58 @@ PATIENCE = 4.0
 HEARD = 0.2
 """Seconds that mpiexec has to pass on what a rank says, before it is told to end all of them."""
 BRIEFLY = 0.001
-"""Seconds in which a rank that waits for others looks again as soon as it may."""
-NAP = 0.001
-"""Seconds that it sleeps between looks after that; MPI itself would never let go of the core."""
+"""Seconds during which a waiting rank polls MPI without sleeping."""
+NAP = 0.0001
+"""Seconds between later polls.  MPI itself polls without pause and would keep the core from ranks
+that have work to do."""
 WATCH = 1.0
 """Seconds between looks whether what started a rank is still there."""
+
+
+Arrays = Mapping[int, Any]
+"""Arrays of this rank by the rank that they go to or come from: of numpy, or of Warp on a GPU."""
+
+
+class Messages:
+    """Messages between the same arrays again and again: persistent requests of MPI."""
+
+    def __init__(self, comm: Any, outgoing: Arrays, incoming: Arrays) -> None:
+        """Prepare one message for each array; `comm` is a communicator of mpi4py."""
+        from mpi4py.MPI import Prequest
+
+        self._start, self._test = Prequest.Startall, Prequest.Testall
+        self._requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        self._requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        weakref.finalize(self, _free, self._requests)
+
+    def start(self) -> None:
+        """Send all outgoing arrays, which must not change before `wait`, and begin to receive."""
+        self._start(self._requests)
+
+    def wait(self) -> None:
+        """Return when all arrays have been sent and received."""
+        _complete(lambda: self._test(self._requests))
+
+
+def _free(requests: list[Any]) -> None:
+    for request in requests:
+        request.Free()
+
+
+def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
+    """Poll until the test holds, at most `patience` seconds; returns whether it does."""
+    if test():
+        return True
+    began = time.monotonic()
+    while not test():
+        waited = time.monotonic() - began
+        if waited > patience:
+            return False
+        if waited > BRIEFLY:
+            time.sleep(NAP)
+        else:
+            os.sched_yield()
+    return True
 
 
 class Alone:
@@ -50,20 +97,14 @@ class Alone:
     """local: which of those on this machine it is."""
     shared = False
     """Whether the mesh is dealt out."""
-    on_one_machine = False
-    """Whether ranks share one machine, and there are no others."""
 
-    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> Messages:
-        """What exchanges arrays with others, by their ranks; there are none here."""
+    def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
+        """Messages between arrays of this rank and of others; a single process has none."""
         raise NotImplementedError
 
     def reaches(self, device: str) -> bool:
         """Whether messages come from the memory of that device and go there, with no copies."""
         return True
-
-    def waits(self, device: str) -> bool:
-        """Whether messages have to wait until the device has done what comes before them."""
-        return False
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -109,41 +150,31 @@ class Ranks(Alone):
 
         keep_to_one_thread()
         self._mpi, self._comm, self._failures = MPI, cast(Any, MPI.COMM_WORLD), MPI.COMM_WORLD.Dup()
-        self._neighbours = MPI.COMM_WORLD.Dup()
-        self._neighbours.Set_errhandler(MPI.ERRORS_ARE_FATAL)  # nobody looks at their results
         self.rank, self.size = self._comm.rank, self._comm.size
-        self._machine = self.machine()
-        self.local, self._near = self._machine.rank, tuple(self._machine.allgather(self.rank))
-        self.on_one_machine = len(self._near) == self.size
+        machine = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
+        self.local = machine.rank
+        machine.Free()
         self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
         self._answer: Any = None
         atexit.register(self._settle)
         self._tell, sys.excepthook = sys.excepthook, self._fail
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
-    def machine(self) -> Any:
-        """A communicator of the ranks on this machine."""
-        return self._comm.Split_type(self._mpi.COMM_TYPE_SHARED)
-
-    def messages(self, outgoing: Mapping[int, Any], incoming: Mapping[int, Any]) -> Messages:
-        """They do not block, and go through memory on one machine."""
-        return Messages(self._neighbours, self._machine, self._near, outgoing, incoming)
+    def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
+        """Messages by persistent requests of MPI."""
+        return Messages(self._comm, outgoing, incoming)
 
     def reaches(self, device: str) -> bool:
         """All MPIs reach the memory of CPUs, some that of GPUs."""
         ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
         return device == "cpu" or (ask is not None and bool(ask()))
 
-    def waits(self, device: str) -> bool:
-        """A CPU does one thing after the other."""
-        return device != "cpu"
-
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """By one message of all to all."""
+        """By one collective message."""
         room = np.empty(sum(counts), mine.dtype) if out is None else out
-        self._comm.Allgatherv(np.ascontiguousarray(mine), (room, counts))
+        _complete(self._comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
         return room
 
     def tell_all(self, mine: T) -> list[T]:
@@ -159,7 +190,7 @@ class Ranks(Alone):
                 value = function()
             except Exception as raised:
                 error = raised
-        self._meet(self._comm)
+        _complete(self._comm.Ibarrier().Test)
         value, error = self._comm.bcast((value, error))
         if error is not None:
             raise error
@@ -169,22 +200,12 @@ class Ranks(Alone):
     def root_first(self) -> Iterator[None]:
         """By a barrier."""
         if self.rank:
-            self._meet(self._comm)
+            _complete(self._comm.Ibarrier().Test)
         try:
             yield
         finally:  # where it fails here, the others shall see for themselves
             if not self.rank:
-                self._meet(self._comm)
-
-    def _meet(self, comm: Any, patience: float = math.inf) -> bool:
-        """Wait for all ranks, for so many seconds; whether they came."""
-        all_here, began = comm.Ibarrier(), time.monotonic()
-        while not all_here.Test():
-            waited = time.monotonic() - began
-            if waited > patience:
-                return False
-            time.sleep(NAP if waited > BRIEFLY else 0.0)
-        return True
+                _complete(self._comm.Ibarrier().Test)
 
     def any_lately(self, mine: bool) -> bool:
         """Whether it held when they were asked the last time: the message takes its time."""
@@ -201,8 +222,7 @@ class Ranks(Alone):
         """Leave nothing open for MPI to complain of."""
         if self._answer is not None:
             self._answer.Wait()
-        for each in (self._failures, self._neighbours, self._machine):
-            each.Free()
+        self._failures.Free()
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
         """What nobody has caught is the end of all, too: others may wait for this rank."""
@@ -211,7 +231,7 @@ class Ranks(Alone):
 
     def agree_to_fail(self, line: str) -> None:
         """By a barrier that is not waited for any longer than a while."""
-        if not self._meet(self._failures, PATIENCE):
+        if not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             sys.stderr.flush()
             time.sleep(HEARD)
