@@ -86,6 +86,7 @@ INSTEAD = {"--out jet.nc --days 8": "--out jet.nc --days 0.1", "--time 4": "--ti
 SHORTER = {
     "run": "--days 0.05",
     "ensemble": "--days 0.05 --seeds 1,2",
+    "advise": "--budget 2 --days 0.25 --steppers rk4",
     "verify": "--quick --scenes lake-at-rest",
     "stress": "--quick --groups guards --steppers rk4",
 }

@@ -21,6 +21,7 @@ METAVARS = {
     "out": "FILE.nc", "every": "HOURS", "plot": "FILE.png", "live": "FIELD", "restart": "FILE.nc",
     "reference": "FILE.nc", "time_limit": "SECONDS", "tracer_steps": "K|auto", "levels": "N",
     "repeats": "R", "jobs": "N", "target_error": "E", "error": "E", "finer": "NE",
+    "budget": "SECONDS",
     "projection": "NAME", "centre": "LON|LON,LAT", "region": "W,E,S,N", "limits": "LOW,HIGH",
     "colours": "NAME",
 }  # fmt: skip

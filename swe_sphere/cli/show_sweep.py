@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections import Counter
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,10 @@ from swe_sphere.cli.show import print_table
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import xarray as xr
+    from rich.console import Console
 
     from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.record import RunRecord
@@ -21,12 +23,12 @@ if TYPE_CHECKING:
 class SweepTerminal(SweepWatcher):
     """Notes on stderr; a progress bar there too if it is a terminal and nobody minds."""
 
-    def __init__(self, plan: SweepPlan, quiet: bool) -> None:
+    def __init__(self, title: str, quiet: bool) -> None:
         from tqdm import tqdm
 
         self._quiet, self._made = quiet, 0
         self._bar: Any = tqdm(
-            total=0, desc=plan.scene, unit="run", leave=False, file=sys.stderr,
+            total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
         )  # fmt: skip
 
@@ -69,18 +71,11 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
 
     search: of one for an error, what was asked for.
     """
-    from rich.console import Console
+    from swe_sphere.studies.report import search_rankings, sweep_rankings
 
-    from swe_sphere.studies.report import sweep_rankings
-
-    console = Console(markup=False, highlight=False)
-    found = sweep_rankings(dataset) if search is None else _searched(dataset, search)
-    for ranking in found:
-        console.print(ranking.headline, soft_wrap=True)
-        if any(ranking.winners(i) for i in range(len(ranking.targets))):
-            print_table(ranking.heads, ranking.body)
-    if found:
-        console.print(found[-1].caption, soft_wrap=True)
+    found = sweep_rankings(dataset) if search is None else search_rankings(dataset, search)
+    show_rankings(found)
+    console = _console()
     if not found:
         console.print(f"{dataset.attrs['scene']}: no run has an error that could be compared")
     columns = (dataset[name].values for name in ("stepper", "status", "reason"))
@@ -90,17 +85,18 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
         console.print(f"{times}{stepper}, {status}: {reason}", soft_wrap=True)
 
 
-def _searched(dataset: xr.Dataset, search: SweepPlan) -> list[Ranking]:
-    """Rankings by the error that was searched for, one for each mesh."""
-    from swe_sphere.studies.report import Metric, sweep_rankings
+def show_rankings(found: Sequence[Ranking]) -> None:
+    """The headline and the table of each, and how to read the last."""
+    console = _console()
+    for ranking in found:
+        console.print(ranking.headline, soft_wrap=True)
+        if any(any(cells[:-1]) for cells in ranking.rows):
+            print_table(ranking.heads, ranking.body)
+    if found:
+        console.print(found[-1].caption, soft_wrap=True)
 
-    if not dataset.sizes["report_day"]:
-        return []
-    tried = dataset.isel(run=dataset["role"].values == "target")
-    day, kind = float(dataset["report_day"].values[-1]), search.target_kind
-    total = dataset["error"].sel(kind="total", field=search.target_field)
-    if kind == "auto":
-        kind = "total" if bool(total.notnull().any()) else "time"
-    field = "vorticity" if kind == "slow" else search.target_field
-    metric = Metric(kind, field, search.target_norm, day)
-    return sweep_rankings(tried, metric, [search.target_error or math.inf])
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(markup=False, highlight=False)

@@ -106,7 +106,7 @@ def _plans(values: dict[str, Any], recipe: Recipe | None) -> list[SweepPlan]:
 
 
 def _carried_out(plan: SweepPlan, folder: Path, quiet: bool) -> xr.Dataset:
-    terminal = SweepTerminal(plan, quiet)
+    terminal = SweepTerminal(plan.scene, quiet)
     try:
         with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
             return run_plan(plan, folder, terminal)

@@ -19,6 +19,7 @@ from swe_sphere.studies.report.diagrams import Diagram, diagrams, error_diagrams
 from swe_sphere.studies.report.palette import curves
 from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Metric, Row, metrics, read_rows
 from swe_sphere.studies.report.table import LargestSteps, how_it_ended, largest_steps
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,20 @@ def sweep_rankings(
         for where, rows in _meshes(read_rows(dataset))
         for ranking in rankings(rows, [metric] if metric else metrics(rows), where, own, levels)[:1]
     ]
+
+
+def search_rankings(dataset: Dataset, plan: SweepPlan) -> list[Ranking]:
+    """Rankings by the error that a plan has searched for, one for each mesh."""
+    if not dataset.sizes["report_day"]:
+        return []
+    tried = dataset.isel(run=dataset["role"].values == "target")
+    day, kind = float(dataset["report_day"].values[-1]), plan.target_kind
+    total = dataset["error"].sel(kind="total", field=plan.target_field)
+    if kind == "auto":
+        kind = "total" if bool(total.notnull().any()) else "time"
+    field = "vorticity" if kind == "slow" else plan.target_field
+    metric = Metric(kind, field, plan.target_norm, day)
+    return sweep_rankings(tried, metric, [plan.target_error or math.inf])
 
 
 def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:

@@ -44,8 +44,14 @@ AGREE = 0.03
 """Runs are repeated until their two shortest times differ by at most this part of the shorter,"""
 MOST_REPEATS = 3
 """and at most so many times as often as the plan says."""
+SEARCHING = 0.7
+"""Part of a budget for searches; the rest is for repeats."""
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
+
+
+class BudgetSpent(Exception):
+    """The budget of a search is used up."""
 
 
 class Sweep:
@@ -152,7 +158,7 @@ class Sweep:
 
         Each completed run is repeated until its shortest times agree.
         """
-        while pending := [run for run in runs if self._wants_repeat(run)]:
+        while self._left > 0.0 and (pending := [run for run in runs if self._wants_repeat(run)]):
             self._watcher.expect(len(pending))
             for run in pending:
                 self._runner.run(run, repeat=self._runner.repeats(run))
@@ -211,29 +217,47 @@ class Sweep:
     # --- the longest step with an error
 
     def _search(self, everyone: list[Integrator]) -> None:
-        for integrator in everyone:
+        good: list[RunSpec] = []
+        for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
             tried: dict[RunSpec, None] = {}
-            found = self._longest_accurate(integrator, tried)
-            if found.dt is None:
+            found = self._longest_accurate(integrator, tried, SEARCHING * self._left / left)
+            worth = self._worth_timing(tried)
+            if not worth:
                 self._watcher.note(f"{integrator.label}: {found.reason}")
-                continue
-            self._time(self._worth_timing(tried))
+            good += worth
+        self._runner.time_limit = self._plan.time_limit
+        self._time(good)
 
-    def _longest_accurate(self, integrator: Integrator, tried: dict[RunSpec, None]) -> Target:
-        """Search along the step; the runs made are left in `tried`."""
+    @property
+    def _left(self) -> float:
+        """Wall time of steps that is left of the budget [s]."""
+        return math.inf if self._plan.budget is None else self._plan.budget - self._runner.spent
+
+    def _longest_accurate(
+        self, integrator: Integrator, tried: dict[RunSpec, None], budget: float
+    ) -> Target:
+        """Search along the step within a budget [s]; the runs made are left in `tried`."""
         if integrator.refusal is not None:
             return Target(None, integrator.refusal)
+        end = self._runner.spent + budget
 
         def error(dt: float) -> float:
             run = integrator.run(dt, role="target")
+            left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
+            if left <= 0.0:
+                raise BudgetSpent
             if run not in tried:
                 self._watcher.expect(1)
                 tried[run] = None
+            self._runner.time_limit = left if math.isfinite(left) else None
             return self._error(self._runner.run(run, self._evaluator))
 
         longest = integrator.dt_sequence(1)[0]
         shortest = min(longest, integrator.space.gravity_limit) / SHORTEST
-        return longest_accurate(error, self._target, longest, shortest)
+        try:
+            return longest_accurate(error, self._target, longest, shortest)
+        except BudgetSpent:
+            return Target(None, f"no step is good enough that its share of {budget:.3g} s allows")
 
     def _worth_timing(self, tried: Iterable[RunSpec]) -> list[RunSpec]:
         """The good runs that may turn out to be the cheapest."""

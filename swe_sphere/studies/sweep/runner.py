@@ -153,6 +153,8 @@ class Runner:
         runs = current(self.store.records, self.sources)
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[object] = set()
+        self.spent = 0.0
+        """Wall time of the steps of all runs made here [s]."""
 
     def known(self, spec: RunSpec, repeat: int = 0) -> RunRecord | None:
         """The record of a run that need not be made again.
@@ -197,6 +199,7 @@ class Runner:
         self.watcher.begin(spec)
         compiled = self._warmed(spec)
         result = execute(spec, self.interruption, time_limit, self.watcher.tick)
+        self.spent += result.numbers.get("wall_seconds", 0.0)
         if "compile_seconds" in result.numbers:
             result.numbers["compile_seconds"] += compiled
         return result

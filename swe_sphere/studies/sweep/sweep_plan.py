@@ -45,7 +45,7 @@ def _listed(value: object) -> tuple[object, ...]:
     return tuple(part for several in parts for part in several)
 
 
-def _stepper_names(value: object) -> tuple[str, ...]:
+def stepper_names(value: object) -> tuple[str, ...]:
     """Names of steppers; among them may be families, files, and classes known by their name."""
     from swe_sphere.steppers import STEPPERS
 
@@ -82,7 +82,7 @@ class SweepPlan(SharedConfig):
 
     scene: str
     """Name of a scene, or a .py or .toml file with one."""
-    steppers: Annotated[tuple[str, ...], BeforeValidator(_stepper_names), Field(min_length=1)]
+    steppers: Annotated[tuple[str, ...], BeforeValidator(stepper_names), Field(min_length=1)]
     """What to compare, by names, .py files, or families (explicit, imex, exponential, implicit)."""
     dt: Steps = "auto"
     """Time steps [s] of every stepper; auto (the default): some for each."""
@@ -113,6 +113,8 @@ class SweepPlan(SharedConfig):
     """Processes that make runs beside each other, for their errors only: none of them is timed."""
     time_limit: Positive | None = None
     """Wall time of the steps of one run [s]."""
+    budget: Positive | None = None
+    """Wall time that the steps of a search for an error may take together [s]."""
     find_limit: bool = False
     """Also search for the longest stable step of every stepper, to 2 %."""
     target_error: Positive | None = None
