@@ -33,7 +33,7 @@ from swe_sphere.studies.sweep.sweep_plan import stepper_names
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")
 """Steppers that are measured: of each family the one that is cheapest at most places of the map
 of regimes, and the classical explicit one."""
-RUNS = 60.0
+RUNS = 200.0
 """Cost of a search, in runs of rk4 with its longest step over the same days."""
 TIMED_STEPS = 8
 
