@@ -44,8 +44,9 @@ def test_the_cheapest_is_found_and_its_command_can_be_given(capsys) -> None:
 def test_where_the_budget_is_short_shorter_runs_are_measured(monkeypatch) -> None:
     """And a smaller error stands for the one that is wanted."""
     monkeypatch.setattr(advising, "_seconds_a_day", lambda *_: 1.0)
-    asked = {"scene": "lauter", "error": 0.1, "budget": 0.6 * advising.RUNS, "ne": 2, "np": 4, "days": 2.0}
-    advice = advising.advise(validated(Question, asked | {"steppers": "rk4"}))
+    asked = {"scene": "lauter", "ne": 2, "np": 4, "days": 2.0, "error": 0.1, "steppers": "rk4",
+             "budget": 0.6 * advising.RUNS}  # fmt: skip
+    advice = advising.advise(validated(Question, asked))
     assert (advice.days, advice.of_days) == (0.5, 2.0)
     assert advice.ranking.targets == [0.025]
     assert advice.config.days == 2.0 and advice.config.stepper == "rk4"
