@@ -23,8 +23,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import curve, partition, whole
-from swe_sphere.operators.part_layout import PartLayout
-from swe_sphere.operators.rim import LEAST
+from swe_sphere.operators.halo import LEAST
+from swe_sphere.operators.layout import Layout
 from swe_sphere.ranks.parallel import OF_RANKS, SIZES, Alone, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
@@ -75,7 +75,7 @@ class OneOfFive(Alone):
 def test_fields_of_all_ranks_are_joined_one_after_the_other(mesh, parts):
     fields = np.random.default_rng(2).standard_normal((4, mesh.size))
     comm = OneOfFive(fields, parts)
-    layout = PartLayout(mesh, parts[0], comm, "cpu", wp.float64, "node")
+    layout = Layout(mesh, parts[0], comm, "cpu", wp.float64, "node")
     state = layout.scatter(fields.ravel())
     np.testing.assert_array_equal(layout.collect(state), fields.ravel())
     assert comm.rooms == [mesh.size] * 4

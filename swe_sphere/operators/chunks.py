@@ -1,12 +1,11 @@
 """Sums over the nodes of all ranks, with the same bits however many ranks there are.
 
-Each chunk of nodes has a sum of its own, and those of all chunks are added up in pairs, pairs of
-pairs and so on: a binary tree.  A rank sends the sums of the largest branches that it has all of,
-of which there are few, and every rank adds them up to the same sum.
+Each chunk of nodes has its own sum, and the sums of all chunks are added along a binary tree: in
+pairs, pairs of pairs and so on.  A rank sends the sums of the largest branches that lie on it as a
+whole, of which there are few, and every rank adds them up to the same total.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,9 @@ from swe_sphere.ranks.parallel import Alone
 
 
 class Chunks:
-    """Pieces of the nodes of this rank, and the sum of what all ranks have of theirs.
+    """Chunks of the nodes of this rank, and sums over the chunks of all ranks.
 
-    A single process cuts the nodes, as they stand in memory, into pieces of equal length.
+    A single process cuts its nodes, in the order of memory, into chunks of equal length.
     """
 
     def __init__(self, part: Part, comm: Alone, device: str) -> None:
@@ -30,64 +29,61 @@ class Chunks:
         spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
         self._comm, self.count = comm, spans.shape[1]
         self.spans = wp.array(spans, dtype=wp.int32, device=device)
-        """(kinds, count, 2): a chunk is the nodes from spans[k, c, 0] to spans[k, c, 1], all k."""
+        """(kinds, count, 2): chunk c holds nodes spans[k, c, 0] to spans[k, c, 1] for all k."""
         ends = np.cumsum([0, *comm.tell_all(self.count)])
-        self.branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
-        """(n, 2) the first chunk and the size of those that each rank has all of."""
-        self._first = int(ends[comm.rank])
-        self._rooms: dict[int, _Room] = {}
+        chunks = np.arange(*ends[comm.rank : comm.rank + 2])
+        self._leaves = np.stack([chunks, np.ones_like(chunks)], axis=-1)
+        self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
+        self._trees: dict[int, tuple[_Tree, _Tree]] = {}
 
     def room(self, width: int) -> NDArray[np.float64]:
-        """(count, width) for the sums of the chunks of this rank."""
-        return self._room(width).mine
+        """Return room (count, width) for the sums over each chunk of this rank."""
+        return self._trees_of(width)[0].sums
 
     def total(self, width: int) -> NDArray[np.float64]:
-        """Sums (width,) of what all ranks have put into their rooms, valid until the next call."""
-        room = self._room(width)
-        room.up.launch()
-        self._comm.gather(room.sent, room.counts, room.told)
-        room.down.launch()
-        return room.told[:width]
+        """Return sums (width,) over the rooms of all ranks; they are valid until the next call."""
+        mine, everything = self._trees_of(width)
+        mine.add_up()
+        counts = [width * len(each) for each in self._branches]
+        sent = mine.sums.reshape(-1)[: counts[self._comm.rank]]
+        self._comm.gather(sent, counts, everything.sums.reshape(-1))
+        everything.add_up()
+        total: NDArray[np.float64] = everything.sums[0]
+        return total
 
-    def _room(self, width: int) -> "_Room":
-        if width not in self._rooms:
-            comm = self._comm
-            leaves = np.stack([self._first + np.arange(self.count), np.ones(self.count)], axis=-1)
-            mine, up = _adding(leaves, width, comm, False)
-            told, down = _adding(np.concatenate(self.branches), width, comm, True)
-            counts = [width * len(each) for each in self.branches]
-            sent, everything = mine.flatten()[: counts[comm.rank]], told.flatten()
-            self._rooms[width] = _Room(
-                mine.numpy(), up, sent.numpy(), counts, everything.numpy(), down
+    def _trees_of(self, width: int) -> "tuple[_Tree, _Tree]":
+        """Return the tree above the chunks of this rank, and the tree above all branches."""
+        if width not in self._trees:
+            self._trees[width] = (
+                _Tree(self._leaves, width, False, self._comm),
+                _Tree(np.concatenate(self._branches), width, True, self._comm),
             )
-        return self._rooms[width]
+        return self._trees[width]
 
 
-@dataclass(frozen=True)
-class _Room:
-    """Room for so many sums, and the commands that add up what is in it."""
+class _Tree:
+    """Sums of nodes (n, 2) of the binary tree, each given by its first chunk and its size."""
 
-    mine: NDArray[np.float64]
-    up: Any
-    sent: NDArray[np.float64]
-    counts: list[int]
-    told: NDArray[np.float64]
-    down: Any
+    def __init__(self, nodes: NDArray[Any], width: int, whole: bool, comm: Alone) -> None:
+        """whole: whether the nodes make up the whole tree, whose root is the total."""
+        kernel = tree_kernel()
+        Launcher("cpu", comm).load(kernel)
+        sums = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
+        inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), sums]
+        self._command = wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+        self.sums: NDArray[np.float64] = sums.numpy()
+        """(n, width) sums of the nodes, or after `add_up` of the branches or of the root."""
 
-
-def _adding(nodes: NDArray[Any], width: int, comm: Alone, whole: bool) -> tuple[wp.array, Any]:
-    """Room (n, width) for the sums of nodes (n, 2) of the tree, and what adds them up in it."""
-    kernel = tree_kernel()
-    Launcher("cpu", comm).load(kernel)
-    room = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
-    inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), room]
-    return room, wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+    def add_up(self) -> None:
+        """Add the sums up in place, as far as both halves of a branch are there."""
+        self._command.launch()
 
 
 def branches(first: int, behind: int) -> NDArray[np.int64]:
-    """(n, 2) beginnings and sizes of the largest whole branches of a binary tree over some leaves.
+    """Return (n, 2) first leaves and sizes of the largest whole branches of a binary tree.
 
-    Those from `first` to before `behind`; a branch of 2^k leaves begins at a multiple of 2^k.
+    The branches cover the leaves from `first` to before `behind`; a branch of 2^k leaves begins at
+    a multiple of 2^k.
     """
     found: list[tuple[int, int]] = []
     while first < behind:
@@ -99,6 +95,6 @@ def branches(first: int, behind: int) -> NDArray[np.int64]:
 
 
 def equal_spans(size: int, length: int) -> NDArray[np.int64]:
-    """(1, k, 2) where pieces of so many of `size` numbers begin and end, the last shorter."""
+    """Return (1, k, 2) begins and ends of spans of `length` of `size` numbers, the last shorter."""
     begins = np.arange(0, size, length)
     return np.stack([begins, np.minimum(begins + length, size)], axis=-1)[None]

@@ -17,17 +17,16 @@ from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.field import Field
-from swe_sphere.operators.halo import Halo
+from swe_sphere.operators.halo import Halo, Rim
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.part_layout import PartLayout
-from swe_sphere.operators.rim import Rim
+from swe_sphere.operators.layout import Layout
 from swe_sphere.ranks.parallel import Alone
 
 ALONE = Alone()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
-class DeviceMesh(PartLayout):
+class DeviceMesh(Layout):
     """Element data of a mesh, or of this rank's part of it, `lanes` elements side by side.
 
     Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with

@@ -1,4 +1,4 @@
-"""Between ranks: what elements leave for nodes on the rim."""
+"""Exchange of what elements leave for nodes on the rim, hidden behind elements away from it."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,51 +8,62 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels.vectors import packing_kernels
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import REMEMBERED, Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.ranks.parallel import Alone
 
+Positions = Mapping[int, NDArray[Any]]
+"""Positions (...) in an array by the rank that their numbers go to or come from."""
 
-class Packed:
-    """Numbers at fixed places (n,) of an array, brought to where messages take them from.
 
-    Those of a GPU go by way of the host, through memory that the GPU reaches by itself, unless MPI
-    reaches the memory of the GPU.
+class Buffer:
+    """Contiguous copy, in memory that MPI reaches, of numbers at fixed positions of an array (n,).
+
+    Numbers of a GPU go by way of pinned memory of the host unless MPI reaches the memory of the
+    GPU.
     """
 
-    def __init__(self, comm: Alone, x: wp.array, places: NDArray[Any]) -> None:
-        device = str(x.device)
-        in_threads = not x.device.is_cpu
-        kernels = packing_kernels(x.dtype, in_threads)
+    def __init__(self, comm: Alone, array: wp.array, positions: Positions) -> None:
+        device, on_cpu = str(array.device), array.device.is_cpu
+        places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
+        kernels = packing_kernels(array.dtype, not on_cpu)
         Launcher(device, comm).load(*kernels)
-        self._room = wp.empty(places.size, dtype=x.dtype, device=device)
-        self.numbers = self._room
-        """(n,) for messages."""
+        self._there = wp.empty(places.size, dtype=array.dtype, device=device)
+        self._here = self._there
         if not comm.reaches(device):
-            pinned = not x.device.is_cpu
-            self.numbers = wp.empty(places.size, dtype=x.dtype, device="cpu", pinned=pinned)
-        arguments = [x, wp.array(places, dtype=wp.int32, device=device), self._room]
-        threads = places.size if in_threads else 1
+            self._here = wp.empty(places.size, dtype=array.dtype, device="cpu", pinned=not on_cpu)
+        threads = 1 if on_cpu else places.size
+        arguments = [array, wp.array(places, dtype=wp.int32, device=device), self._there]
         self._pack, self._unpack = (
             wp.launch(kernel, threads, arguments, device=device, record_cmd=True)
             for kernel in kernels
         )
+        ends = np.cumsum([0, *(p.size for p in positions.values())], dtype=int).tolist()
+        self.of_rank = {
+            rank: message(self._here[begin:end])
+            for rank, begin, end in zip(positions, ends, ends[1:], strict=False)
+        }
+        """The memory of each rank's numbers, as mpi4py accepts it."""
+        self.bytes = int(places.size * array.strides[0])
 
     def pack(self) -> None:
-        """Bring them from their places."""
-        if not self.numbers.size:
-            return
-        self._pack.launch()
-        if self.numbers is not self._room:
-            wp.copy(self.numbers, self._room)
+        """Copy the numbers from their positions."""
+        if self.bytes:
+            self._pack.launch()
+            if self._here is not self._there:
+                wp.copy(self._here, self._there)
 
     def unpack(self) -> None:
-        """Bring them to their places."""
-        if not self.numbers.size:
-            return
-        if self.numbers is not self._room:
-            wp.copy(self._room, self.numbers)
-        self._unpack.launch()
+        """Copy the numbers to their positions."""
+        if self.bytes:
+            if self._here is not self._there:
+                wp.copy(self._there, self._here)
+            self._unpack.launch()
+
+
+def message(array: wp.array) -> Any:
+    """Return an array as mpi4py accepts it: of a CPU as a numpy array."""
+    return array.numpy() if array.device.is_cpu else array
 
 
 class Halo:
@@ -63,28 +74,24 @@ class Halo:
     """
 
     def __init__(
-        self,
-        comm: Alone,
-        flat: wp.array,
-        sends: Mapping[int, NDArray[Any]],
-        receives: Mapping[int, NDArray[Any]],
+        self, comm: Alone, flat: wp.array, sends: Positions, receives: Positions,
         into: wp.array | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Prepare the messages; a rank may send to itself.
 
-        sends, receives: positions (...) in the array by rank; into: the array to receive in, if it
-        is not `flat`.
+        into: the array to receive in, if it is not `flat`.
         """
         into = flat if into is None else into
         self._device = str(flat.device)
-        reached = comm.reaches(self._device)
-        runs = {rank: _run(places.ravel()) for rank, places in receives.items() if reached}
-        in_place = {rank: into[run] for rank, run in runs.items() if run is not None}
-        scattered = {rank: places for rank, places in receives.items() if rank not in in_place}
-        self._going, outgoing = _packed(comm, flat, sends)
-        self._coming, incoming = _packed(comm, into, scattered)
-        self._messages = comm.messages(_memory(outgoing), _memory(in_place | incoming))
-        self._bytes = int(self._going.numbers.size * flat.strides[0])
+        in_place, scattered = {}, {}
+        for rank, places in receives.items():
+            run = _run(places.ravel()) if comm.reaches(self._device) else None
+            if run is None:
+                scattered[rank] = places
+            else:
+                in_place[rank] = message(into[run])
+        self._going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
+        self._messages = comm.messages(self._going.of_rank, in_place | self._coming.of_rank)
         self.exchanges = 0
         """Number of exchanges so far."""
 
@@ -95,49 +102,86 @@ class Halo:
         self._coming.unpack()
 
     def start(self) -> None:
-        """Send this rank's numbers; launches until `wait` must not change them."""
+        """Send this rank's numbers."""
         self._going.pack()
         between(self._device, self._start)
 
     def wait(self) -> None:
-        """Bring the numbers of other ranks to their positions when they have arrived."""
+        """Wait for the numbers of other ranks and bring them to their positions."""
         between(self._device, self._messages.wait)
         self._coming.unpack()
-
-    def _start(self) -> None:
-        wp.synchronize_device(self._device)
-        self._messages.start()
-        self.exchanges += 1
 
     def _exchange(self) -> None:
         self._start()
         self._messages.wait()
 
+    def _start(self) -> None:
+        wp.synchronize_device(self._device)  # a GPU may still be packing
+        self._messages.start()
+        self.exchanges += 1
+
     @property
     def bytes_sent(self) -> int:
         """Number of bytes that this rank has sent so far."""
-        return self.exchanges * self._bytes
-
-
-def _memory(arrays: Mapping[int, wp.array]) -> dict[int, Any]:
-    """Return the arrays as mpi4py accepts them: those of a CPU as numpy arrays."""
-    return {r: array.numpy() if array.device.is_cpu else array for r, array in arrays.items()}
+        return self.exchanges * self._going.bytes
 
 
 def _run(places: NDArray[Any]) -> slice | None:
-    """The places, where they stand one behind the other."""
+    """Return the places as a slice where they follow one another."""
     begin = int(places[0])
     together = np.array_equal(places, begin + np.arange(places.size))
     return slice(begin, begin + places.size) if together else None
 
 
-def _packed(
-    comm: Alone, flat: wp.array, places: Mapping[int, NDArray[Any]]
-) -> tuple[Packed, dict[int, wp.array]]:
-    """The numbers at all places, and those of each neighbour."""
-    packed = Packed(
-        comm, flat, np.concatenate([*(p.ravel() for p in places.values()), np.zeros(0, int)])
-    )
-    ends = np.cumsum([0, *(p.size for p in places.values())], dtype=int).tolist()
-    parts = zip(places, ends, ends[1:], strict=False)
-    return packed, {rank: packed.numbers[begin:end] for rank, begin, end in parts}
+LEAST = 32
+"""Groups of elements away from the rim from which on two launches are worth while: more than a
+matrix of any order has rows, so that arrays on elements are known by their length."""
+
+
+class Rim:
+    """Launches kernels over `groups` of elements in two: those behind the first `away`, then these.
+
+    Arrays on elements are those of at least two dimensions with a row for each group.
+    """
+
+    def __init__(self, groups: int, away: int) -> None:
+        self._groups, self._away = groups, away if away >= LEAST else 0
+        self._known: dict[int, tuple[Any, Any]] = {}
+
+    def launch(
+        self, launch: Launcher, kernel: Any, each: tuple[int, ...], arguments: Any, halo: Halo
+    ) -> None:
+        """Compute all elements and exchange what they leave; each: threads of a group."""
+        if not self._away:
+            launch(kernel, (self._groups, *each), *arguments)
+            halo()
+            return
+        behind = map(self._behind, arguments)
+        launch(kernel, (self._groups - self._away, *each), *behind)
+        halo.start()
+        launch(kernel, (self._away, *each), *arguments)
+        halo.wait()
+
+    def _behind(self, argument: Any) -> Any:
+        """An argument of a kernel as it is for the groups behind the first ones."""
+        if not (self._is_on_elements(argument) or hasattr(argument, "cls")):
+            return argument
+        if id(argument) not in self._known:
+            if len(self._known) >= REMEMBERED:
+                self._known.clear()
+            self._known[id(argument)] = argument, self._cut(argument)
+        return self._known[id(argument)][1]
+
+    def _is_on_elements(self, argument: Any) -> bool:
+        is_table = isinstance(argument, wp.array) and argument.ndim > 1
+        return is_table and argument.shape[0] >= self._groups
+
+    def _cut(self, argument: Any) -> Any:
+        if isinstance(argument, wp.array):
+            return argument[self._away :]
+        other = type(argument)()
+        for name in argument.cls.__annotations__:
+            value = getattr(argument, name)
+            whole = name == "whole"  # groups from the first on
+            setattr(other, name, max(value - self._away, 0) if whole else self._behind(value))
+        return other

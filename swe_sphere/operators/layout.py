@@ -1,5 +1,6 @@
-"""How numbers of elements lie in memory: `lanes` elements side by side, in whole registers."""
+"""How numbers at the elements and nodes of one rank lie in the memory of a device."""
 
+import functools
 import math
 from typing import Any
 
@@ -10,15 +11,27 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.terms import LANE_BYTES
+from swe_sphere.mesh import Mesh
+from swe_sphere.mesh.partition import Part
+from swe_sphere.ranks.parallel import Alone
 
 
 class Layout:
-    """Numbers of so many elements on a device, in a number type and for a launch shape."""
+    """Memory layout of this rank's part of a mesh, for a number type and a launch shape.
 
-    def __init__(self, elements: int, device: str, real: Any, shape: str) -> None:
-        self.elements, self.device, self.real, self.shape = elements, device, real, shape
+    Arrays on elements hold `lanes` elements side by side, in whole registers; arrays at nodes hold
+    one field after the other.
+    """
+
+    def __init__(
+        self, mesh: Mesh, part: Part, comm: Alone, device: str, real: Any, shape: str
+    ) -> None:
+        self.mesh, self.part, self.comm = mesh, part, comm
+        self.device, self.real, self.shape = device, real, shape
+        self.elements, self.size = part.elements.size, part.nodes.size
+        """Number of elements and of nodes of this rank."""
         self.lanes = lanes_of(real) if shape == "element" else 1
-        self.groups = -(-elements // self.lanes)
+        self.groups = -(-self.elements // self.lanes)
         self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
 
     def flat(self, array: wp.array) -> wp.array:
@@ -73,3 +86,44 @@ class Layout:
         array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
         array.kept = whole
         return array
+
+    def scatter(self, values: Array) -> wp.array:
+        """Fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
+        return self.upload(self.restrict(values))
+
+    def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
+        if not self.comm.shared:
+            return values
+        fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
+        return fields.reshape(*values.shape[:-1], -1)
+
+    def collect(self, vector: wp.array) -> NDArray[Any]:
+        """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N)."""
+        return self.join(vector.numpy())
+
+    def join(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k n) of all ranks as those of the whole mesh (..., k N).
+
+        Field by field, so that messages take no more room than one of them.
+        """
+        if not self.comm.shared:
+            return values
+        fields = values.reshape(-1, self.size)
+        joined = np.empty((len(fields), self.mesh.size), values.dtype)
+        room = np.empty(self.mesh.size, values.dtype)
+        counts, nodes = self._owners
+        for field, mine in zip(joined, fields, strict=True):
+            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
+        return joined.reshape(*values.shape[:-1], -1)
+
+    def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
+        """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
+        sizes = values.size * self.size, vector.size * self.mesh.size
+        return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
+
+    @functools.cached_property
+    def _owners(self) -> tuple[list[int], NDArray[Any]]:
+        """How many nodes each rank counts, and all of them, one rank after the other."""
+        numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
+        return [each.size for each in numbers], np.concatenate(numbers)
