@@ -395,7 +395,10 @@ def test_a_disk_that_fills_up_ends_the_run_and_keeps_the_frames(tmp_path):
 
 
 def test_importing_the_package_loads_next_to_nothing(tmp_path):
-    code = "import sys, swe_sphere; print({'numpy', 'warp', 'netCDF4'} & sys.modules.keys())"
+    code = (
+        "import sys, swe_sphere\n"
+        "print({'numpy', 'warp', 'netCDF4', 'matplotlib', 'cartopy'} & sys.modules.keys())"
+    )
     assert output(tmp_path, code) == "set()\n"
 
 
@@ -404,7 +407,7 @@ def test_a_plain_run_loads_neither_plots_nor_files(tmp_path):
         "import sys; from swe_sphere.cli.main import main\n"
         "try: main(['run', 'williamson2', '--ne', '2', '--days', '0.1', '--quiet'])\n"
         "except SystemExit as end: assert end.code == 0\n"
-        "print(sorted({'matplotlib', 'xarray', 'netCDF4', 'pandas', 'cmocean', 'scipy.sparse',"
+        "print(sorted({'matplotlib', 'xarray', 'netCDF4', 'pandas', 'cartopy', 'scipy.sparse',"
         " 'numpy.ma', 'swe_sphere.studies', 'rich.progress'} & sys.modules.keys()))"
     )
     assert output(tmp_path, code) == "[]\n"

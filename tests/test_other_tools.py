@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 
+import cartopy.crs as crs
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from swe_sphere import open_run
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import position
@@ -129,7 +131,6 @@ def test_uxarray_takes_areas_and_zonal_means(run):
 
 @pytest.mark.parametrize("seen", ["NorthPolarStereo", "Mollweide"])
 def test_fields_are_drawn_on_axes_of_cartopy(seen):
-    crs = pytest.importorskip("cartopy.crs")
     mesh = Mesh.build(3, 8)
     x, y, z = mesh.xyz.T
     axes = Figure().add_subplot(projection=getattr(crs, seen)(20.0))
@@ -151,7 +152,6 @@ def test_fields_are_drawn_on_axes_of_cartopy(seen):
 
 
 def test_mesh_and_winds_are_drawn_where_axes_of_cartopy_show_them():
-    crs = pytest.importorskip("cartopy.crs")
     mesh = Mesh.build(3, 4)
     axes = Figure().add_subplot(projection=crs.PlateCarree())
     axes.set_extent([230, 310, 0, 60], crs.PlateCarree())
@@ -164,4 +164,12 @@ def test_mesh_and_winds_are_drawn_where_axes_of_cartopy_show_them():
     assert -130.0 <= arrows.X.min() < -125.0 and -55.0 < arrows.X.max() <= -50.0
     lines = next(c for c in axes.collections if isinstance(c, LineCollection))
     ends = np.concatenate([path.vertices for path in lines.get_paths()])
-    assert len(ends) > 50 and not np.any(np.abs(ends[:, 0] + 90.0) > 40.0)
+    shown = (np.abs(ends[:, 0] + 90.0) < 40.0) & (np.abs(ends[:, 1] - 30.0) < 30.0)
+    assert shown.sum() > 50 and axes.get_xlim() == (-130.0, -50.0)
+
+
+def test_plain_axes_are_refused_in_one_line(mesh):
+    fields = {"h": 1.0 + 0.0 * mesh.lon, "b": 0.0 * mesh.lon}
+    with pytest.raises(ConfigError, match="ax must be axes of cartopy") as error:
+        draw_state(mesh, fields, 0.0, {}, "h", Figure().subplots())
+    assert "\n" not in str(error.value)

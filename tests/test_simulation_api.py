@@ -139,10 +139,11 @@ def test_state_has_names_units_and_values():
 
 
 def test_a_picture_of_the_state():
+    from cartopy.crs import Robinson
     from matplotlib import pyplot
 
     sim = small("williamson5")
-    figure, axes = pyplot.subplots()
+    figure, axes = pyplot.subplots(subplot_kw={"projection": Robinson()})
     assert sim.plot("vorticity", ax=axes) is axes
     assert "day 0" in " ".join(text.get_text() for text in axes.texts)
     with pytest.raises(ConfigError, match="there is no field 'vorticty': did you mean"):

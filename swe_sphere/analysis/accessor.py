@@ -31,7 +31,7 @@ from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.settings.values import convert, validated
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from cartopy.mpl.geoaxes import GeoAxes
 
 SPECTRA = {
     "rotational_energy": ("kinetic energy of the rotational wind", "m2 s-2"),
@@ -221,10 +221,12 @@ class Analysis:
         self,
         field: str | None = None,
         time: float | None = None,
-        ax: Axes | None = None,
+        ax: GeoAxes | None = None,
         **look: Any,
-    ) -> Axes:
-        """Draw a field on the globe; into `ax`, else into a figure of its own.
+    ) -> GeoAxes:
+        """Draw a field on the globe; return the map, which is axes of cartopy.
+
+        ax: axes of cartopy to draw into; None: those of a new figure.
 
         time [s since the start]: the frame, None for the last.  look: projection="robinson",
         winds="arrows", mesh=True, ...; see `swe_sphere.pictures.look.Look`.

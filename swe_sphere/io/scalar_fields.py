@@ -16,7 +16,7 @@ from swe_sphere.mesh import Interpolator, Mesh
 
 @dataclass(frozen=True)
 class Field:
-    """What to call a field, its units, its cmocean colour map, and how to draw it."""
+    """What to call a field, its units, its colour map of cmcrameri, and how to draw it."""
 
     title: str
     units: str
@@ -37,14 +37,14 @@ POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "â
 
 
 FIELDS = {
-    "h": Field("fluid depth", "m", "dense"),
-    "surface": Field("height of the free surface", "m", "dense"),
-    "b": Field("height of the bottom", "m", "turbid"),
-    "u": Field("eastward wind", "m s$^{-1}$", "balance", diverging=True),
-    "v": Field("northward wind", "m s$^{-1}$", "balance", diverging=True),
-    "speed": Field("wind speed", "m s$^{-1}$", "speed"),
-    "vorticity": Field("relative vorticity", "s$^{-1}$", "balance", diverging=True, contours=False),
-    "divergence": Field("divergence", "s$^{-1}$", "balance", diverging=True, contours=False),
+    "h": Field("fluid depth", "m", "devon_r"),
+    "surface": Field("height of the free surface", "m", "devon_r"),
+    "b": Field("height of the bottom", "m", "bilbao"),
+    "u": Field("eastward wind", "m s$^{-1}$", "vik", diverging=True),
+    "v": Field("northward wind", "m s$^{-1}$", "vik", diverging=True),
+    "speed": Field("wind speed", "m s$^{-1}$", "bamako_r"),
+    "vorticity": Field("relative vorticity", "s$^{-1}$", "vik", diverging=True, contours=False),
+    "divergence": Field("divergence", "s$^{-1}$", "vik", diverging=True, contours=False),
 }
 """Scalar fields by name.  Besides these, errors can be asked for of the vector "wind", and a run
 with tracers has the mixing ratio "q_NAME" of each."""
@@ -53,10 +53,12 @@ with tracers has the mixing ratio "q_NAME" of each."""
 def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
     """How to call and draw the field of that name; about: attributes of the variable that it is."""
     if name.startswith(TRACER):
-        return Field(f"mixing ratio of {name.removeprefix(TRACER)}", "1", "matter", contours=False)
+        return Field(
+            f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
+        )
     told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
     units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(told["units"]))
-    return FIELDS.get(name) or Field(str(told["long_name"]), units, "thermal", contours=False)
+    return FIELDS.get(name) or Field(str(told["long_name"]), units, "lapaz_r", contours=False)
 
 
 def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:

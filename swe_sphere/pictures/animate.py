@@ -19,6 +19,7 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.maps import grid_of, new_map
 from swe_sphere.pictures.plot import default_field, new_figure, size
 
 ROWS = 181
@@ -46,8 +47,8 @@ def animate_file(
     field = check_field(field or default_field(source), source.about)
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
     _check(source, out, rate)
-    drawing = Drawing(source, field, look, None, ROWS, keep=True)
-    pictures = _pictures(drawing, source)
+    grid = grid_of(new_map(new_figure(), look), ROWS)
+    pictures = _pictures(Drawing(source, field, look, grid, keep=True), source)
     part = part_of(out)
     with clear_errors(f"cannot write {out}"):
         try:
@@ -76,10 +77,11 @@ def _pictures(drawing: Drawing, source: RunFile) -> Iterator[Pixels]:
     lows, highs = zip(*(limits(drawing.values(t), drawing.kind) for t in source.times), strict=True)
     for time in source.times:
         figure = new_figure()
-        figure.set_size_inches(*size(drawing))
+        axes = new_map(figure, drawing.look)
+        figure.set_size_inches(*size(axes))
         figure.set_dpi(DOTS_PER_INCH)
         canvas: Any = FigureCanvasAgg(figure)
-        drawing.draw(figure.subplots(), float(time), (min(lows), max(highs)))
+        drawing.draw(axes, float(time), (min(lows), max(highs)))
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())[..., :3]
         height, width = (n - n % 2 for n in pixels.shape[:2])

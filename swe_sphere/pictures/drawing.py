@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
+from cartopy.crs import Stereographic
 from matplotlib.collections import QuadMesh
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
@@ -17,9 +18,11 @@ from swe_sphere.io.scalar_fields import Field, describe, evaluate
 from swe_sphere.mesh import Interpolator, interpolators
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
-from swe_sphere.pictures.overlays import draw_graticule, draw_mesh, draw_winds
-from swe_sphere.pictures.projections import Disc, Map
+from swe_sphere.pictures.maps import Grid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    from cartopy.mpl.geoaxes import GeoAxes
 
 LEVELS, DIVERGING_LEVELS = 14, 8
 """At most about so many contour lines."""
@@ -73,10 +76,9 @@ SEEN = 4e-3
 
 
 class Drawing:
-    """A field of a source, or its difference from another, to be drawn at any time.
+    """A field of a source, or its difference from another source, at the points of a grid.
 
-    rows: of the grid on which the field is evaluated.  keep: the matrices of its evaluation, for
-    many times.  on: the map, that of the look by default.
+    keep: whether the interpolation matrices are stored, for drawings of many times.
     """
 
     def __init__(
@@ -84,31 +86,29 @@ class Drawing:
         source: Source | Nodal,
         field: str,
         look: Look,
+        grid: Grid,
         against: Source | Exact | None = None,
-        rows: int = 361,
         keep: bool = False,
-        on: Map | None = None,
     ) -> None:
         self.source, self.field, self.look, self.against = source, field, look, against
-        self.on, kind = on or look.map(), describe(field, source.about.get(field))
+        self.grid, kind = grid, describe(field, source.about.get(field))
         if against is not None:
             what = "error" if isinstance(against, Exact) else "difference"
-            kind = replace(kind, title=f"{what} of {kind.title}", colours="balance", diverging=True)
+            kind = replace(kind, title=f"{what} of {kind.title}", colours="vik", diverging=True)
         drawn = kind.contours if look.contours is None else look.contours
         self.kind = replace(kind, contours=drawn)
         self.colours = look.colour_map(self.kind)
-        lon, lat, self._x, self._y = self.on.grid(rows)
-        self._points = lon.ravel(), lat.ravel()
+        self._points = grid.lon.ravel(), grid.lat.ravel()
         self._keep, self._kept = keep, list[Interpolator]()
         if (look.mesh or look.winds) and not isinstance(source, Nodal):
             raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
 
     def values(self, time: float | None) -> Array:
-        """The field on the grid of the map."""
+        """Return the field on the grid at a time [s]."""
         found = self._evaluated(self.field, time)
         if self.against is not None:
             found = found - self.against.at(self.field, *self._points, time)
-        return found.reshape(self._x.shape)
+        return found.reshape(self.grid.x.shape)
 
     def _evaluated(self, field: str, time: float | None) -> Array:
         if not (self._keep and isinstance(self.source, Nodal)):
@@ -118,63 +118,65 @@ class Drawing:
         frame = self.source.frame(time)
         return np.concatenate([evaluate(piece, frame, field) for piece in self._kept])
 
-    def draw(self, axes: Axes, time: float | None, ends: tuple[float, float] | None = None) -> None:
-        """Draw the field at a time; ends: of the colour scale, where the look does not say them."""
-        values = self.values(time)
+    def draw(
+        self, axes: GeoAxes, time: float | None, ends: tuple[float, float] | None = None
+    ) -> None:
+        """Draw the field at a time [s] on the map to which the grid belongs.
+
+        ends: of the colour scale, unless the look sets them.
+        """
+        values, (_, _, x, y) = self.values(time), self.grid
         low, high = self.look.limits or ends or limits(values, self.kind)
         image = axes.pcolormesh(
-            self._x, self._y, values, cmap=self.colours, vmin=low, vmax=high, shading="gouraud",
+            x, y, values, cmap=self.colours, vmin=low, vmax=high, shading="gouraud",
             rasterized=True,
         )  # fmt: skip
-        told = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
-        draw_graticule(axes, self.on)
-        told.append(self._overlaid(axes, time))
+        notes = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
+        notes.append(self._overlaid(axes, time))
+        draw_graticule(axes, self.grid)
         _draw_scale(axes, image, self.kind)
-        labelled = isinstance(self.on, Disc) and self.look.projection != "orthographic"
-        _write_titles(axes, self.source, self.kind, time, 24.0 if labelled else 6.0)
-        caption = "  ".join(filter(None, told))
-        if caption:
-            axes.text(
-                0.5, -0.075, caption, transform=axes.transAxes, ha="center", va="top", fontsize=8.5,
-                color="0.35", parse_math=False,
-            )  # fmt: skip
+        _write_titles(axes, self.source, self.kind, time)
+        axes.text(
+            0.5, -0.075, "  ".join(filter(None, notes)), transform=axes.transAxes, ha="center",
+            va="top", fontsize=8.5, color="0.35", parse_math=False,
+        )  # fmt: skip
 
-    def _contoured(self, axes: Axes, values: Array, ends: tuple[float, float]) -> str:
+    def _contoured(self, axes: GeoAxes, values: Array, ends: tuple[float, float]) -> str:
         if not self.kind.contours:
             return ""
         levels, interval = contours(values, self.kind, ends, self.look.levels)
         if levels.size == 0:
             return ""
         axes.contour(
-            self._x, self._y, values, levels=levels, colors="0.1", linewidths=0.45, alpha=0.55,
-            zorder=2,
+            self.grid.x, self.grid.y, values, levels=levels, colors="0.1", linewidths=0.45,
+            alpha=0.55, zorder=2,
         )  # fmt: skip
         return f"Contours every {interval:.4g} {self.kind.plain_units}".rstrip() + "."
 
-    def _bottom(self, axes: Axes, time: float | None) -> str:
+    def _bottom(self, axes: GeoAxes, time: float | None) -> str:
         """Contours of the bottom in brown; what they are in words."""
         if self.field == "b" or not isinstance(self.source, Nodal) or not self.source.bottom.any():
             return ""
-        bottom = self._evaluated("b", time).reshape(self._x.shape)
+        bottom = self._evaluated("b", time).reshape(self.grid.x.shape)
         levels = _bottom_levels(bottom)
         if levels.size == 0:
             return ""
         for colour, width in (("white", 1.8), ("#5b3a1e", 0.9)):
             axes.contour(
-                self._x, self._y, bottom, levels=levels, colors=colour, linewidths=width,
+                self.grid.x, self.grid.y, bottom, levels=levels, colors=colour, linewidths=width,
                 linestyles="solid", zorder=3,
             )  # fmt: skip
         return f"Brown: bottom at {', '.join(f'{level:.6g}' for level in levels)} m."
 
-    def _overlaid(self, axes: Axes, time: float | None) -> str:
+    def _overlaid(self, axes: GeoAxes, time: float | None) -> str:
         if not isinstance(self.source, Nodal):
             return ""
         if self.look.mesh:
-            draw_mesh(axes, self.on, self.source.mesh)
+            draw_mesh(axes, self.source.mesh)
         if self.look.winds is None:
             return ""
         fields, how = self.source.frame(time), self.look.winds
-        strongest = draw_winds(axes, self.on, self.source.mesh, fields, how)
+        strongest = draw_winds(axes, self.source.mesh, fields, how)
         return f"{how.capitalize()}: wind, at most {strongest:.3g} m/s."
 
 
@@ -186,7 +188,7 @@ def _bottom_levels(bottom: Array) -> Array:
     return found[found > low + SEEN * (high - low)]
 
 
-def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
+def _draw_scale(axes: GeoAxes, image: QuadMesh, kind: Field) -> None:
     numbers = ScalarFormatter(useOffset=False, useMathText=True)
     numbers.set_powerlimits((-3, 5))
     bar = axes.figure.colorbar(
@@ -200,13 +202,17 @@ def _draw_scale(axes: Axes, image: QuadMesh, kind: Field) -> None:
     bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
 
 
-def _write_titles(
-    axes: Axes, source: Source | Nodal, kind: Field, time: float | None, up: float
-) -> None:
-    """Above the map; up: so far [points], more where there are labels."""
+SUBTITLE, TITLE = 6.0, 20.0
+"""Distances of the subtitle from the map and of the title from the subtitle [points]."""
+LABELS = 18.0
+"""Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
+
+
+def _write_titles(axes: GeoAxes, source: Source | Nodal, kind: Field, time: float | None) -> None:
+    low = SUBTITLE + LABELS * isinstance(axes.projection, Stereographic)
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title
-    axes.set_title(title, fontsize=14, fontweight="bold", pad=up + 20.0, parse_math=False)
+    axes.set_title(title, fontsize=14, fontweight="bold", pad=SUBTITLE + TITLE, parse_math=False)
     parts = [kind.title] + ([] if time is None else [f"day {time / DAY:.4g}"])
     if isinstance(source, Nodal):
         parts += [f"ne{source.mesh.ne} np{source.mesh.np}"]
@@ -215,6 +221,6 @@ def _write_titles(
         if isinstance(dt := source.attributes.get("dt"), (int, float)):
             parts += [f"Δt = {float(f'{dt:.4g}'):g} s"]
     axes.annotate(
-        "  ·  ".join(parts), (0.5, 1.0), xycoords="axes fraction", xytext=(0.0, up), color="0.3",
+        "  ·  ".join(parts), (0.5, 1.0), xycoords="axes fraction", xytext=(0.0, low), color="0.3",
         textcoords="offset points", ha="center", va="bottom", fontsize=10, parse_math=False,
     )  # fmt: skip

@@ -1,14 +1,14 @@
-"""How a picture shall look: what `plot` and `animate` can be told."""
+"""The look of a picture: the options of `plot` and `animate`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.pictures.projections import Map, make_map
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -19,8 +19,20 @@ Pair = tuple[float, float]
 Four = tuple[float, float, float, float]
 
 
+PROJECTIONS = (
+    "equal-earth", "robinson", "lat-lon", "orthographic", "north-polar", "south-polar",
+)  # fmt: skip
+"""Names of the projections."""
+POLAR = PROJECTIONS[-2:]
+"""Names of the stereographic projections."""
+LOWEST = 60.0
+"""A polar map reaches at most to this latitude of the other hemisphere [degrees]."""
+DARKEST = 0.72
+"""Fraction of a sequential colour map that is used: its dark end would hide contour lines."""
+
+
 def _numbers(*counts: int) -> Callable[[Any], Any]:
-    """A text "1,2" as so many numbers, filled up with zeros; what is no text stays."""
+    """Return a reader of texts such as "1,2": numbers, padded with zeros to the largest count."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, str):
@@ -35,7 +47,7 @@ def _numbers(*counts: int) -> Callable[[Any], Any]:
 
 
 class Look(BaseModel):
-    """Projection, region, colours and what is drawn over the field."""
+    """Projection, region and colours of a map, and what is drawn over the field."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
@@ -52,7 +64,7 @@ class Look(BaseModel):
     levels: Annotated[int, Field(ge=1, le=100)] | None = None
     """About how many contours."""
     colours: str | None = None
-    """Colour map of cmocean or matplotlib."""
+    """Colour map of cmcrameri or matplotlib."""
     contours: bool | None = None
     """Contour lines; by default where they are not all loops and islands."""
     panel: bool = True
@@ -64,31 +76,57 @@ class Look(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        """ConfigError for what cannot be drawn."""
+        """Raise ConfigError for a look that cannot be drawn."""
         if self.limits is not None and not self.limits[0] < self.limits[1]:
             raise ConfigError(f"limits are low,high with low < high, not {self.limits}")
-        self.map()
+        if self.projection not in PROJECTIONS:
+            raise unknown_name("projection", self.projection, PROJECTIONS)
+        if abs(self.centre[1]) > 90.0:
+            raise ConfigError(
+                f"the latitude of the centre is -90 to 90 degrees, not {self.centre[1]:g}"
+            )
+        if self.region:
+            self._check_region(*self.region)
         return self
 
-    def map(self) -> Map:
-        """The map that is drawn on."""
-        return make_map(self.projection, self.centre, self.region)
+    def _check_region(self, west: float, east: float, south: float, north: float) -> None:
+        if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 <= east - west <= 360.0):
+            raise ConfigError(
+                "a region is west,east,south,north in degrees: east within 360 degrees of west and"
+                " not the same, -90 <= south < north <= 90, not"
+                f" {west:g},{east:g},{south:g},{north:g}"
+            )
+        if self.projection == "orthographic":
+            raise ConfigError("the orthographic globe takes a centre and no region")
+        if self.projection in POLAR and self.lowest < -LOWEST:
+            raise ConfigError("a polar map reaches to 60 degrees beyond the equator at most")
+
+    @property
+    def edges(self) -> Four:
+        """West, east, south, north of the map [degrees], west < east."""
+        west, east, south, north = self.region or (-180.0, 180.0, -90.0, 90.0)
+        return west, east + 360.0 * (east < west), south, north
+
+    @property
+    def lowest(self) -> float:
+        """Latitude at the edge of a polar map [degrees], positive on the side of its pole."""
+        _, _, south, north = self.region or (0.0, 0.0, 0.0, 0.0)
+        return south if self.projection == "north-polar" else -north
 
     def colour_map(self, kind: scalar_fields.Field) -> Colormap:
-        """The colours asked for, or those of the field."""
-        import cmocean
+        """Return the requested colours, or those of the field; ConfigError for an unknown name."""
         import matplotlib as mpl
+        from cmcrameri import cm
+        from matplotlib.colors import ListedColormap
 
         if self.colours is None:
-            found: Colormap = getattr(cmocean.cm, kind.colours)
-            # the darkest end hides the contour lines
-            crop = cmocean.tools.crop_by_percent
-            return found if kind.diverging else crop(found, 28, which="max")
-        if self.colours in cmocean.cm.cmapnames:
-            found = getattr(cmocean.cm, self.colours)
-        elif self.colours in mpl.colormaps:
-            found = mpl.colormaps[self.colours]
-        else:
-            names = [*cmocean.cm.cmapnames, "viridis", "RdBu_r", "coolwarm", "turbo"]
+            colours: Colormap = cm.cmaps[kind.colours]
+            if kind.diverging:
+                return colours
+            return ListedColormap(colours(np.linspace(0.0, DARKEST, 256)), kind.colours)
+        own = f"cmc.{self.colours}"  # the prefix under which cmcrameri registers its maps
+        name = own if own in mpl.colormaps else self.colours
+        if name not in mpl.colormaps:
+            names = [*cm.cmaps, "viridis", "RdBu_r", "coolwarm", "turbo"]
             raise unknown_name("colour map", self.colours, names)
-        return found
+        return mpl.colormaps[name]

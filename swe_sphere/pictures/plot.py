@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -22,9 +21,12 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.pictures.drawing import Drawing
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.maps import aspect, grid_of, new_map
 from swe_sphere.pictures.panels import draw_panel, panels
-from swe_sphere.pictures.projections import map_of
 from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    from cartopy.mpl.geoaxes import GeoAxes
 
 ROWS = 361
 """Latitudes of the grid a field is evaluated on: every half degree."""
@@ -59,9 +61,16 @@ def plot_file(
     out = beside if out is None else Path(out)
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .png, .pdf or .svg")
-    drawing = Drawing(source, field, look, against, ROWS)
+    curves = panels(source) if look.panel and isinstance(source, RunFile) else []
     figure = new_figure()
-    _compose(figure, drawing, source.nearest(time))
+    parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.3, 1.0][: 1 + bool(curves)])
+    globe, *rest = np.ravel(np.array(parts, dtype=object))
+    axes, time = new_map(globe, look), source.nearest(time)
+    figure.set_size_inches(*size(axes, bool(curves)))
+    Drawing(source, field, look, grid_of(axes, ROWS), against).draw(axes, time)
+    for part in rest:
+        for below, panel in zip(np.ravel(part.subplots(1, len(curves))), curves, strict=True):
+            draw_panel(below, panel, time)
     with clear_errors(f"cannot write {out}"):
         smaller = {"optimize": True} if out.suffix.lower() == ".png" else {}
         figure.savefig(out, dpi=DOTS_PER_INCH, pil_kwargs=smaller)
@@ -79,24 +88,9 @@ def default_field(source: Source | Nodal) -> str:
     return str(source.attributes.get("plot_field", "h" if flat else "surface"))
 
 
-def _compose(figure: Figure, drawing: Drawing, time: float | None) -> None:
-    source = drawing.source
-    wanted = drawing.look.panel and isinstance(source, RunFile)
-    curves = panels(source) if wanted and isinstance(source, RunFile) else []
-    figure.set_size_inches(*size(drawing, bool(curves)))
-    parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.3, 1.0][: 1 + bool(curves)])
-    globe, *rest = np.ravel(np.array(parts, dtype=object))
-    drawing.draw(globe.subplots(), time)
-    for part in rest:
-        for axes, panel in zip(np.atleast_1d(part.subplots(1, len(curves))), curves, strict=True):
-            draw_panel(axes, panel, time)
-
-
-def size(drawing: Drawing, panel: bool = False) -> tuple[float, float]:
-    """Width and height of the figure of a map [inches]."""
-    x, y = drawing.on.outline()
-    height = 2.3 + 9.0 * min(float(np.ptp(y) / np.ptp(x)), 0.75)
-    return 9.6, height + (2.9 if panel else 0.0)
+def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
+    """Width and height of a figure with a map [inches]; panel: with curves underneath."""
+    return 9.6, 2.3 + 9.0 * min(aspect(axes), 0.75) + (2.9 if panel else 0.0)
 
 
 def draw_state(
@@ -105,24 +99,33 @@ def draw_state(
     time: float,
     attributes: Mapping[str, Any],
     field: str | None = None,
-    ax: Axes | None = None,
+    ax: GeoAxes | None = None,
     look: Look | None = None,
-    against: Source | Exact | None = None,
     about: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Axes:
-    """Draw a state in memory: fields (N,) at the nodes at time [s]; into ax, or a new figure.
+) -> GeoAxes:
+    """Draw a state in memory on a map; return the map.
 
-    ax may be axes of cartopy, whose projection then takes the place of that of the look.  about:
-    long_name and units of fields that are the user's own.
+    fields: (N,) at the nodes, at time [s].  ax: axes of cartopy, whose projection and extent
+    replace those of the look; None: a new figure.  about: long_name and units of user-defined
+    fields.
 
-    Raises ConfigError for a field that is not there.
+    Raises ConfigError for a field that is missing, and for axes that are not of cartopy.
     """
-    source = Frame(mesh, fields, time, attributes, about)
+    from cartopy.mpl.geoaxes import GeoAxes
+
+    look, source = look or Look(), Frame(mesh, fields, time, attributes, about)
     field = check_field(field or default_field(source), fields)
-    drawing = Drawing(source, field, look or Look(), against, ROWS, on=map_of(ax))
     if ax is None:
         from matplotlib import pyplot
 
-        ax = pyplot.figure(figsize=size(drawing), layout="constrained").subplots()
-    drawing.draw(ax, time)
+        figure = pyplot.figure(layout="constrained")
+        ax = new_map(figure, look)
+        figure.set_size_inches(*size(ax))
+    elif not isinstance(ax, GeoAxes):
+        raise ConfigError(
+            "ax must be axes of cartopy: figure.add_subplot(projection=cartopy.crs.Robinson())"
+        )
+    elif ax.get_autoscale_on():
+        ax.set_global()
+    Drawing(source, field, look, grid_of(ax, ROWS)).draw(ax, time)
     return ax

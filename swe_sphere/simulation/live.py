@@ -12,6 +12,7 @@ from swe_sphere.io.runfile import Frame
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
+from swe_sphere.pictures.maps import Grid
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.parallel import Alone
@@ -62,8 +63,8 @@ class LivePicture:
         first = self._drawing is None
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field
-            look = Look(projection="lat-lon", contours=False, panel=False)
-            self._drawing = Drawing(frame, name, look, None, _rows(self._console), keep=True)
+            look = Look(contours=False)
+            self._drawing = Drawing(frame, name, look, _grid(_rows(self._console)), keep=True)
         self._drawing.source = frame
         values = self._drawing.values(sim.time)
         low, high = limits(values, self._drawing.kind)
@@ -96,6 +97,13 @@ class LivePicture:
                 text.append("▀", f"{above} on {below}")
             text.append("\n")
         return text
+
+
+def _grid(rows: int) -> Grid:
+    """Points of a map of longitude by latitude."""
+    angles = np.linspace(-np.pi, np.pi, 2 * rows - 1), np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
+    lon, lat = np.meshgrid(*angles)
+    return Grid(lon, lat, lon, lat)
 
 
 def _rows(console: Console) -> int:

@@ -22,7 +22,7 @@ from swe_sphere.simulation.supplied import Supplied, supply
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
+    from cartopy.mpl.geoaxes import GeoAxes
 
     from swe_sphere.equations.effects import Effect
 
@@ -190,7 +190,7 @@ class Simulation(Running):
         own = self.own_attributes()
         return frame_dataset(self.mesh, fields, self.time, attributes_of(self), own)
 
-    def plot(self, field: str | None = None, ax: Axes | None = None, **look: Any) -> Axes:
+    def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
         """Draw a field of the state on the globe; into `ax`, else into a figure of its own.
 
         field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.

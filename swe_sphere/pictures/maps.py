@@ -1,0 +1,218 @@
+"""Maps of the globe as axes of cartopy, and the overlays that are drawn on them.
+
+Nothing is downloaded: coasts and other features of the Earth are left to the caller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import cartopy.crs as crs
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from scipy.ndimage import distance_transform_edt
+from shapely import LinearRing, Polygon, contains_xy
+
+from swe_sphere.arrays import Array
+from swe_sphere.io.scalar_fields import evaluate
+from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.mesh.sphere import frame, longitude_latitude, position
+from swe_sphere.pictures.look import POLAR, Look
+
+if TYPE_CHECKING:
+    from cartopy.mpl.geoaxes import GeoAxes
+    from matplotlib.figure import Figure, SubFigure
+
+ARROWS, SAMPLES = 900, 6400
+"""Approximate number of arrows on a map, and of wind vectors from which streamlines are drawn."""
+LONGEST = 1.2
+"""Length of the longest arrow, in units of the spacing of the arrows."""
+CALM = 0.02
+"""Arrows are omitted where the wind is weaker than this fraction of the strongest wind."""
+APART = (60, 30, 20, 10, 5, 2, 1)
+"""Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
+STEP = 1e-4
+"""Distance [rad] over which directions on a map are measured."""
+
+
+class Grid(NamedTuple):
+    """Points (rows, columns): lon, lat [rad], and x, y in the coordinates of a map."""
+
+    lon: Array
+    lat: Array
+    x: Array
+    y: Array
+
+
+class PolarMap(crs.Stereographic):  # type: ignore[misc]
+    """Stereographic map of the disc between a pole and a latitude.
+
+    pole: 90 or -90; lon: the longitude that points down on a northern and up on a southern map;
+    edge: latitude of the rim [degrees].
+    """
+
+    def __init__(self, pole: float, lon: float, edge: float) -> None:
+        super().__init__(central_latitude=pole, central_longitude=lon)
+        radius = math.hypot(*self.transform_point(lon, edge, crs.Geodetic()))
+        turn = np.linspace(0.0, 2.0 * np.pi, 361)
+        self._rim = LinearRing(radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+        self._span = -radius, radius
+
+    @property
+    def boundary(self) -> LinearRing:
+        """Rim of the disc."""
+        return self._rim
+
+    @property
+    def x_limits(self) -> tuple[float, float]:
+        """Leftmost and rightmost x [m]."""
+        return self._span
+
+    @property
+    def y_limits(self) -> tuple[float, float]:
+        """Lowest and highest y [m]."""
+        return self._span
+
+
+def new_map(figure: Figure | SubFigure, look: Look) -> GeoAxes:
+    """Add a map with the projection, centre and region of `look` to a figure."""
+    west, east, south, north = look.edges
+    lon = 0.5 * (west + east) if look.region and look.projection not in POLAR else look.centre[0]
+    projections: dict[str, Callable[[], Any]] = {
+        "equal-earth": lambda: crs.EqualEarth(lon),
+        "robinson": lambda: crs.Robinson(lon),
+        "lat-lon": lambda: crs.PlateCarree(lon),
+        "orthographic": lambda: crs.Orthographic(*look.centre),
+        "north-polar": lambda: PolarMap(90.0, lon, look.lowest),
+        "south-polar": lambda: PolarMap(-90.0, lon, -look.lowest),
+    }
+    axes: GeoAxes = figure.add_subplot(projection=projections[look.projection]())
+    axes.set_global()
+    if look.region and look.projection not in POLAR:
+        half = 0.5 * (east - west)
+        axes.set_extent((-half, half, south, north), crs.PlateCarree(lon))
+    return axes
+
+
+def aspect(axes: GeoAxes) -> float:
+    """Height of a map divided by its width."""
+    return abs(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())))
+
+
+def grid_of(axes: GeoAxes, rows: int) -> Grid:
+    """Return a grid of square cells that covers what the axes show.
+
+    Points beyond the edge of the globe have the longitude and latitude of the nearest point on it:
+    the axes clip them, and a field that is drawn on the grid reaches up to the edge.
+    """
+    columns = max(2, round(rows / aspect(axes)))
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    x, y = np.meshgrid(np.linspace(west, east, columns), np.linspace(south, north, rows))
+    projection = axes.projection
+    degrees = projection.as_geodetic().transform_points(projection, x, y)
+    lon, lat = np.radians(degrees[..., 0]), np.radians(degrees[..., 1])
+    inside = contains_xy(Polygon(projection.boundary), x, y) & np.isfinite(lon + lat)
+    nearest = tuple(distance_transform_edt(~inside, return_distances=False, return_indices=True))
+    return Grid(lon[nearest], lat[nearest], x, y)
+
+
+def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
+    """Return x, y (..., 2) on a map of points [rad], NaN where the projection cannot show them."""
+    projection = axes.projection
+    lon = (np.degrees(lon) + 180.0) % 360.0 - 180.0
+    points = projection.transform_points(projection.as_geodetic(), lon, np.degrees(lat))[..., :2]
+    return np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
+
+
+def draw_graticule(axes: GeoAxes, grid: Grid) -> None:
+    """Draw parallels and labelled meridians; a globe seen from outside has no labels."""
+    style, projection = {"size": 7.5, "color": "0.35"}, axes.projection
+    labels: Any = ["x", "y", "left", "bottom", "geo"]
+    if isinstance(projection, crs.Stereographic):
+        labels = True
+    elif isinstance(projection, crs.Orthographic):
+        labels = False
+    axes.gridlines(
+        draw_labels=labels, xlocs=_meridians(grid), x_inline=False, y_inline=False,
+        rotate_labels=False, xlabel_style=style, ylabel_style=style, color="0.4", linewidth=0.4,
+        alpha=0.5,
+    )  # fmt: skip
+
+
+def _meridians(grid: Grid) -> list[float]:
+    """Round longitudes [degrees] on a grid, also on one that crosses the date line."""
+    middle = np.degrees(grid.lon[grid.lon.shape[0] // 2, grid.lon.shape[1] // 2])
+    away = (np.degrees(grid.lon) - middle + 180.0) % 360.0 - 180.0
+    west, east = middle + away.min(), middle + away.max()
+    step = next((step for step in APART if east - west + 1e-6 > 4.0 * step), APART[-1])
+    found = np.arange(step * math.ceil(west / step), east + 1e-6, step)
+    return sorted({float((lon + 180.0) % 360.0 - 180.0) for lon in found})
+
+
+def draw_mesh(axes: GeoAxes, mesh: Mesh) -> None:
+    """Draw the edges of the elements, except those that cross the seam of the map."""
+    nodes = mesh.nodes
+    edges = np.concatenate([nodes[:, 0], nodes[:, -1], nodes[:, :, 0], nodes[:, :, -1]])
+    lines = place(axes, mesh.lon[edges], mesh.lat[edges])
+    longest = np.nan_to_num(np.abs(np.diff(lines, axis=1))).max(axis=(1, 2))
+    whole = list(lines[longest < 0.25 * np.ptp(axes.projection.x_limits)])
+    axes.add_collection(
+        LineCollection(whole, colors="0.15", linewidths=0.35, alpha=0.6, zorder=3), autolim=False
+    )
+
+
+def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) -> float:
+    """Draw arrows or streamlines of the wind; return the strongest wind on the map [m s-1].
+
+    fields: u and v (N,) [m s-1] at the nodes.  how: "arrows" or "streamlines".
+    """
+    count = ARROWS if how == "arrows" else SAMPLES
+    grid = grid_of(axes, max(2, round(math.sqrt(count * aspect(axes)))))
+    flat = evaluate(Interpolator(mesh, grid.lon.ravel(), grid.lat.ravel()), fields, "wind")
+    u, v = flat.reshape(2, *grid.x.shape)
+    speed = np.hypot(u, v)
+    strongest = float(speed.max())
+    if strongest == 0.0:
+        return strongest
+    there, direction = _direction(axes, grid, u, v)
+    along, up = np.moveaxis(direction * speed[..., None], -1, 0)
+    if how == "arrows":
+        apart = float(grid.x[0, 1] - grid.x[0, 0])
+        same = np.abs(there - np.stack([grid.x, grid.y], axis=-1)).max(axis=-1) < 1e-3 * apart
+        shown = same & (speed > CALM * strongest) & np.isfinite(along)
+        axes.quiver(
+            grid.x[shown], grid.y[shown], along[shown], up[shown], units="width", width=0.0011,
+            headwidth=4.0, color="0.1", zorder=4, scale_units="xy", pivot="mid", angles="xy",
+            scale=strongest / (LONGEST * apart),
+        )  # fmt: skip
+    else:
+        # of matplotlib, as cartopy would interpolate the wind to another grid
+        Axes.streamplot(
+            axes, grid.x, grid.y, np.ma.masked_invalid(along), np.ma.masked_invalid(up),
+            density=1.6, color="0.1", linewidth=0.35 + 0.75 * speed / strongest, arrowsize=0.6,
+            arrowstyle="->", zorder=4,
+        )  # fmt: skip
+    return strongest
+
+
+def _direction(axes: GeoAxes, grid: Grid, u: Array, v: Array) -> tuple[Array, Array]:
+    """Places of the points, and unit vectors (..., 2) along the wind there, on a map.
+
+    Directions are measured forwards or backwards, whichever does not leave the map or cross its
+    seam.
+    """
+    xyz, (east, north) = position(grid.lon, grid.lat), frame(grid.lon, grid.lat)
+    wind = u[..., None] * east + v[..., None] * north
+    step = STEP * wind / np.maximum(np.linalg.norm(wind, axis=-1, keepdims=True), 1e-300)
+    here = place(axes, grid.lon, grid.lat)
+    moves = [
+        sign * (place(axes, *longitude_latitude(xyz + sign * step)) - here) for sign in (1.0, -1.0)
+    ]
+    lengths = [np.linalg.norm(move, axis=-1, keepdims=True) for move in moves]
+    length = np.fmin(*lengths)
+    move = np.where(lengths[0] == length, *moves)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return here, move / length
