@@ -6,11 +6,11 @@ import textwrap
 import tomllib
 from pathlib import Path
 
-import swe_sphere.studies.verify
+import swe_sphere.studies.cases
 from swe_sphere.testcases import SCENES, get_scene
 
 GALLERY = Path(__file__).with_name("gallery")
-CASES = Path(swe_sphere.studies.verify.__file__).with_name("cases")
+CASES = Path(swe_sphere.studies.cases.__file__).with_name("verification")
 NORMS = ("l1", "l2", "linf")
 
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
     from swe_sphere.simulation.simulation import Simulation
     from swe_sphere.steppers import list_steppers
+    from swe_sphere.studies.cases import verify
     from swe_sphere.studies.sweep import sweep
-    from swe_sphere.studies.verify import verify
     from swe_sphere.testcases import list_scenes
 
 __all__ = [
@@ -33,7 +33,7 @@ _PLACES = {
     "list_steppers": "steppers",
     "open_run": "analysis.accessor",
     "sweep": "studies.sweep",
-    "verify": "studies.verify",
+    "verify": "studies.cases",
 }
 
 _beside = os.path.dirname(os.path.dirname(__file__))  # noqa: PTH120 - pathlib is slower to import

@@ -18,9 +18,8 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.diagnostics import diagnostic, forget
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.studies import stress, verify
+from swe_sphere.studies import cases
 from swe_sphere.studies.jobs import in_processes
-from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.report import write_report
 from swe_sphere.studies.sweep import sweep
 from swe_sphere.studies.sweep.record import runs_of
@@ -96,7 +95,7 @@ def at_once(monkeypatch):
             yield from pickle.loads(pickle.dumps(found))
             found.clear()
 
-    for place in ("sweep.engine", "verify.verdict", "stress.methods"):
+    for place in ("sweep.engine", "cases.verdict"):
         monkeypatch.setattr(f"swe_sphere.studies.{place}.in_processes", done)
 
 
@@ -156,39 +155,43 @@ def test_what_other_processes_do_not_have_is_refused():
         forget("of_here")
 
 
-def test_verification_is_the_same_beside_others(at_once, tmp_path):
-    runs = Store(tmp_path, verify.Measure)
-    cases = verify.choose(["lake-at-rest", "start-lauter"])
-    known = [*verify.measured_beside(2, cases, True, runs)]
-    assert len(runs.records) == len(known) > 1
-    assert [*verify.measured_beside(2, cases, True, runs)] == []
-    alone, beside = verify.run_cases(cases, True), verify.run_cases(cases, True, runs)
+def test_verification_is_the_same_beside_others(at_once):
+    chosen = cases.cases_of(cases.choose_verification(["lake-at-rest", "start-lauter"], quick=True))
+    known = {found.fingerprint: found for found in cases.measured_beside(2, chosen)}
+    assert len(known) > 1
+    assert [*cases.measured_beside(2, chosen, known)] == []
+    alone, beside = cases.run_cases(chosen), cases.run_cases(chosen, known)
     for one, other in zip(alone, beside, strict=True):
-        assert one.quantities == other.quantities and other.measure in known
+        assert one.as_dict()["quantities"] == other.as_dict()["quantities"]
+        assert other.measure in known.values()
 
 
 def test_levels_that_share_a_finer_run_share_a_process():
     """And all cases can be sent to it."""
-    asked = {}
-    cases = verify.all_cases()
+    tasks = []
+    chosen = cases.cases_of(cases.choose_verification())
 
-    def note(count, begin, arguments, tasks):
-        asked.update({n: len(levels) for n, levels in tasks if isinstance(cases[n].against, dict)})
-        assert pickle.loads(pickle.dumps(arguments)) == (cases,)
+    def note(count, begin, arguments, asked):
+        tasks.extend(pickle.loads(pickle.dumps(asked)))
         return []
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swe_sphere.studies.verify.verdict.in_processes", note)
-        assert [*verify.measured_beside(2, cases)] == []
-    assert asked == {n: len(c.levels) for n, c in enumerate(cases) if isinstance(c.against, dict)}
+        patch.setattr("swe_sphere.studies.cases.verdict.in_processes", note)
+        assert [*cases.measured_beside(2, chosen)] == []
+    shared = {case.name: levels for case, levels in tasks if isinstance(case.against, dict)}
+    assert shared == {c.name: [*c.levels] for c in chosen if isinstance(c.against, dict)}
 
 
-def test_stress_trials_are_the_same_beside_others(at_once):
-    (group,) = stress.choose(["rest"], ["rk4"], quick=True)
-    for trial, result in zip(group.trials, stress.tried_beside(2, group.trials), strict=True):
-        assert (result.name, result.outcome) == (trial.name, "passed")
-    timed = [t for of in stress.choose() for t in of.trials if t.timed]
-    assert timed and all("step_seconds" in trial.bounds for trial in timed)
+def test_stability_cases_are_the_same_beside_others(at_once):
+    chosen = cases.cases_of(cases.choose_stability(["rest"], ["rk4"], quick=True))
+    by_name = {case.name: case for case in chosen}
+    found = [*cases.measured_beside(2, chosen)]
+    assert [measure.name for measure in found] == [*by_name]
+    rows = [cases.Row(case, case.levels[0], by) for case, by in zip(chosen, found, strict=True)]
+    assert {row.outcome for row in rows} == {"passed"}
+    timed = [case for case in cases.cases_of(cases.choose_stability()) if case.is_timed]
+    assert timed and all("step_seconds" in case.bounds for case in timed)
+    assert [*cases.measured_beside(2, timed)] == []
 
 
 @pytest.mark.parametrize("command", [["verify"], ["stress"], ["sweep", "lauter", "--steppers=rk4"]])

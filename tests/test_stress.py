@@ -1,4 +1,4 @@
-"""Stress trials: how they are judged, kept and chosen; the quick form; broken code is noticed."""
+"""Stress cases: how they are judged, kept and chosen; the quick form; broken code is noticed."""
 
 from __future__ import annotations
 
@@ -15,31 +15,48 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.configuration import Configuration
-from swe_sphere.studies.ended import Ended
-from swe_sphere.studies.record_store import read_record
-from swe_sphere.studies.stress import (
-    Result,
-    Store,
-    Trial,
-    choose,
-    groups,
-    judge,
-    page,
-    try_out,
+from swe_sphere.studies.cases import (
+    Case,
+    Measure,
+    Row,
+    cases_of,
+    choose_stability,
+    families,
+    run_cases,
 )
-from swe_sphere.studies.stress.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
-from swe_sphere.studies.stress.series import SYMMETRIES, Series
-from swe_sphere.studies.stress.trial import read_group
-from swe_sphere.studies.stress.trial_page import Results
+from swe_sphere.studies.cases.configuration import Configuration
+from swe_sphere.studies.cases.families import DEFAULTS, read_family
+from swe_sphere.studies.cases.page import stability_page
+from swe_sphere.studies.cases.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
+from swe_sphere.studies.cases.series import SYMMETRIES, Series
+from swe_sphere.studies.cases.store import Results, StabilityStore
+from swe_sphere.studies.record_store import read_record
 from swe_sphere.testcases import get_scene
 
 DOCS = Path(__file__).parents[1] / "docs"
 
 
-def find(name: str) -> Trial:
-    """The trial of that name."""
-    return next(t for group in groups().values() for t in group.trials if t.name == name)
+GROUPS = families("stability")
+CASES = cases_of(GROUPS.values())
+
+
+def find(name: str) -> Case:
+    """The case of that name."""
+    return next(case for case in CASES if case.name == name)
+
+
+def try_out(case: Case) -> Row:
+    """The row of a case with one level."""
+    (row,) = run_cases([case])
+    return row
+
+
+def judge(case: Case, status: str = "completed", reason: str = "", **numbers: float) -> Row:
+    """The row of a case that ended like this."""
+    found = Measure(
+        name=case.name, fingerprint="abc", status=status, reason=reason, numbers=numbers
+    )
+    return Row(case, case.levels[0], found)
 
 
 # --- judging
@@ -47,8 +64,8 @@ def find(name: str) -> Trial:
 CALM = {"bounds": {"max_wind": 10.0}, "always": {"mass_drift": 1e-12}}
 
 
-def calm(expect: str = "pass") -> Trial:
-    return Trial(name="x", run={"stepper": "rk4"}, expect=expect, **CALM)
+def calm(expect: str = "pass") -> Case:
+    return Case(name="x", run={"stepper": "rk4"}, expect=expect, **CALM)
 
 
 @pytest.mark.parametrize(
@@ -76,15 +93,14 @@ def calm(expect: str = "pass") -> Trial:
     ],
 )
 def test_what_an_end_is_called(expect, status, wind, mass, outcome):
-    trial = calm(expect)
-    ended = Ended(status, "because", {"max_wind": wind, "mass_drift": mass})
-    result = judge(trial, ended)
+    reason = "" if status == "completed" else "because"
+    result = judge(calm(expect), status, reason, max_wind=wind, mass_drift=mass)
     assert result.outcome == outcome
     assert result.reason or outcome == "passed"
 
 
 def test_what_was_not_measured_does_not_hold():
-    assert judge(calm(), Ended()).outcome == "failed"
+    assert judge(calm()).outcome == "failed"
 
 
 @pytest.mark.parametrize(
@@ -143,31 +159,31 @@ def test_random_states_are_admissible(seed: int) -> None:
 
 
 def test_all_seeds_are_dealt_out_to_all_steppers() -> None:
-    trials = groups()["random"].trials
-    assert sorted(seed for trial in trials for seed in trial.seeds) == list(range(200))
-    assert {trial.stepper for trial in trials} == set(STEPPERS)
+    cases = GROUPS["random"].cases
+    assert sorted(seed for case in cases for seed in case.seeds) == list(range(200))
+    assert {case.stepper for case in cases} == set(STEPPERS)
 
 
 # --- what breaks is noticed
 
 
-def small(name: str, **run: object) -> Trial:
-    """A trial of the suite, on a small mesh."""
-    trial = find(name)
-    return trial.changed(run={"ne": 4, **run})
+def small(name: str, **run: object) -> Case:
+    """A case of the suite, on a small mesh."""
+    case = find(name)
+    return case.changed(run={"ne": 4, **run})
 
 
 def test_a_step_beyond_the_limit_fails() -> None:
-    trial = small("steady-pi/4-rk4").changed(part=1.5)
-    assert try_out(trial).outcome == "failed"
+    case = small("steady-pi/4-rk4").changed(part=1.5)
+    assert try_out(case).outcome == "failed"
     within = try_out(small("steady-pi/4-rk4", days=3.0).changed(part=0.9, bounds={}))
     assert within.outcome == "passed"
 
 
 def test_a_filter_of_the_wrong_sign_fails() -> None:
-    trial = small("noisy-williamson2-leapfrog", days=2.0, dt=600.0)
-    assert try_out(trial).outcome == "passed"
-    wrong = trial.changed(run={"set": {"stepper": {"strength": -0.1}}})
+    case = small("noisy-williamson2-leapfrog", days=2.0, dt=600.0)
+    assert try_out(case).outcome == "passed"
+    wrong = case.changed(run={"set": {"stepper": {"strength": -0.1}}})
     assert try_out(wrong).outcome == "failed"
 
 
@@ -187,12 +203,11 @@ def test_an_error_that_is_none_of_ours_fails(monkeypatch) -> None:
 
 
 def test_a_file_with_nan_is_noticed() -> None:
-    trial = find("beyond-limit-rk4")
-    ended = Ended("unstable", "it blew up", {"not_finite": 3.0})
-    assert judge(trial, ended).outcome == "failed"
+    case = find("beyond-limit-rk4")
+    assert judge(case, "unstable", "it blew up", not_finite=3.0).outcome == "failed"
 
 
-# --- tables of trials
+# --- tables of cases
 
 GROUP = """
 title = "Calm"
@@ -201,7 +216,7 @@ text = "Nothing moves."
 steppers = ["imex", "rk4"]
 run = {scene = "lake-at-rest", ne = 4, np = 4}
 always = {mass_drift = 1e-12}
-[[trial]]
+[[case]]
 name = "lake"
 run = {days = 2.0}
 bounds = {min_depth = {low = 0.0}}
@@ -209,34 +224,37 @@ remedy = {viscosity.nu = 1e5}
 remedied = ["rk4"]
 quick = ["ark2"]
 quickly = {run = {days = 1.0}}
-[[trial]]
+[[case]]
 name = "random"
 steppers = ["rk4", "explicit"]
 method = "seeds"
-seeds = 10
+random = 10
 """
 
 
 def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     (tmp_path / "calm.toml").write_text(GROUP)
-    group = read_group(tmp_path / "calm.toml")
-    trials = {trial.name: trial for trial in group.trials}
+    group = read_family(tmp_path / "calm.toml", DEFAULTS["stability"])
+    cases = {case.name: case for case in group.cases}
     imex = [name for name, kind in STEPPERS.items() if kind.family == "imex"]
     explicit = [name for name, kind in STEPPERS.items() if kind.family == "explicit"]
     assert (group.name, group.title) == ("calm", "Calm")
     first = [*(f"lake-{name}" for name in imex), "lake-rk4", "lake-rk4+viscosity"]
-    assert list(trials)[: len(first)] == first
-    assert trials["lake-rk4"].expect == "break"
-    assert trials["lake-ark2"].expect == "either"
-    helped = trials["lake-rk4+viscosity"]
+    assert list(cases)[: len(first)] == first
+    assert cases["lake-rk4"].expect == "break"
+    assert cases["lake-ark2"].expect == "either"
+    helped = cases["lake-rk4+viscosity"]
     assert helped.expect == "pass"
-    assert helped.configuration.make_scene().effect("viscosity").nu == 1e5
-    assert [str(bound) for bound in helped.all_bounds] == ["mass_drift ≤ 1e-12", "min_depth ≥ 0"]
-    quick = trials["lake-ark2"].quickly()
+    assert helped.base.make_scene().effect("viscosity").nu == 1e5
+    assert [str(bound) for bound in helped.all_bounds(helped.levels[0])] == [
+        "mass_drift ≤ 1e-12",
+        "min_depth ≥ 0",
+    ]
+    quick = cases["lake-ark2"].quick_form()
     assert (quick.run["days"], quick.run["ne"], quick.stepper) == (1.0, 4, "ark2")
-    assert helped.quick is None
-    dealt = [trial.seeds for name, trial in trials.items() if name.startswith("random")]
-    assert list(trials)[len(first)] == "random-rk4"
+    assert helped.quick_form().levels == cases["lake-rk4"].quick_form().levels == ()
+    dealt = [case.seeds for name, case in cases.items() if name.startswith("random")]
+    assert list(cases)[len(first)] == "random-rk4"
     assert len(dealt) == len(explicit)
     assert sorted(sum(dealt, ())) == list(range(10))
 
@@ -253,16 +271,16 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
 def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) -> None:
     (tmp_path / "calm.toml").write_text(GROUP.replace(old, new))
     with pytest.raises(ConfigError, match=complaint):
-        read_group(tmp_path / "calm.toml")
+        read_family(tmp_path / "calm.toml")
 
 
-def test_every_trial_can_be_run() -> None:
-    """Its configuration is known, its scene can be made, and it asks for something."""
-    for trial in (t for group in groups().values() for t in group.trials):
-        assert trial.all_bounds or trial.expect == "refuse"
-        if trial.method != "seeds":
-            trial.configuration.make_scene()
-        for symmetry in trial.symmetries:
+def test_every_case_can_be_run() -> None:
+    """Its configuration is known, its scene can be made, and it requires something."""
+    for case in CASES:
+        assert case.all_bounds(case.levels[0]) or case.expect == "refuse"
+        if case.method != "seeds":
+            case.base.make_scene()
+        for symmetry in case.symmetries:
             assert symmetry in SYMMETRIES
 
 
@@ -270,54 +288,55 @@ def test_every_trial_can_be_run() -> None:
 
 
 def test_names_are_unique_and_every_stepper_is_tried() -> None:
-    trials = [trial for group in choose() for trial in group.trials]
-    assert len({trial.name for trial in trials}) == len(trials)
+    assert len({case.name for case in CASES}) == len(CASES)
+    assert cases_of(choose_stability()) == CASES
     for group in ("noise", "rest", "random"):
-        assert {trial.stepper for trial in groups()[group].trials} == set(STEPPERS)
+        assert {case.stepper for case in GROUPS[group].cases} == set(STEPPERS)
 
 
 def test_choosing() -> None:
-    chosen = choose(["noise", "steady"], ["fully-implicit", "rk4"])
+    chosen = choose_stability(["noise", "steady"], ["fully-implicit", "rk4"])
     assert [group.name for group in chosen] == ["noise", "steady"]
-    assert {trial.stepper for group in chosen for trial in group.trials} == {"tr-bdf2", "rk4"}
+    assert {case.stepper for case in cases_of(chosen)} == {"tr-bdf2", "rk4"}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
-        choose(["nois"])
-    with pytest.raises(ConfigError, match="no trial is left"):
-        choose(["steady"], ["gauss-legendre"], quick=True)
+        choose_stability(["nois"])
+    with pytest.raises(ConfigError, match="no case is left"):
+        choose_stability(["steady"], ["gauss-legendre"], quick=True)
 
 
-def result(name: str, outcome: str, reason: str, code: str, **numbers: float) -> Result:
-    return Result(
-        name=name, stepper="rk4", outcome=outcome, reason=reason, numbers=numbers, fingerprint=code
-    )
+def result(name: str, status: str, reason: str, code: str, **numbers: float) -> Measure:
+    return Measure(name=name, status=status, reason=reason, numbers=numbers, fingerprint=code)
+
+
+WITHIN = {"growth_v": 1.0, "l2_v": 0.002, "l2_h": 1e-5, "mass_drift": 0.0, "min_depth": 1.0}
+"""Numbers that keep the bounds of steady flow."""
 
 
 def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     path, name = tmp_path / "page.md", "steady-pi/4-rk4"
-    store = Store(path, quick=False)
+    store = StabilityStore(path, quick=False)
     store.add(result(name, "failed", "why", "abc", l2_v=math.nan))
-    store.add(result("island-rk4", "refused", "no water", "def"))
-    again = Store(path, quick=False)
-    assert again.known(name, "abc") is not None
-    assert again.known(name, "xyz") is None
+    store.add(result("island-rk4", "unstable", "no water", "def"))
+    again = StabilityStore(path, quick=False)
+    assert set(again.known) == {"abc", "def"}
     with again.unfinished():
-        again.add(result(name, "passed", "", "abc", l2_v=0.002))
+        again.add(result(name, "completed", "", "abc", **WITHIN))
         with pytest.raises(ConfigError, match="another process"), store.unfinished():
             pass
     text, numbers = path.read_text(), json.loads((tmp_path / "page.json").read_text())
     assert "no water" in text
-    assert "| passed | l2_v 0.002 |" in text
+    assert "| passed | mass_drift 0, min_depth 1, growth_v 1, l2_v 0.002," in text
     assert numbers["results"][name]["outcome"] == "passed"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["page.json", "page.md"]
-    assert Store(path, quick=False).known("island-rk4", "def")
+    assert "def" in StabilityStore(path, quick=False).known
     with pytest.raises(ConfigError, match="full form"):
-        Store(path, quick=True)
+        StabilityStore(path, quick=True)
 
 
 @pytest.mark.parametrize(("name", "word"), [("page.txt", "must end in"), ("no/page.md", "folder")])
 def test_places_that_do_not_do(tmp_path, name: str, word: str) -> None:
     with pytest.raises(ConfigError, match=word):
-        Store(tmp_path / name, quick=False)
+        StabilityStore(tmp_path / name, quick=False)
 
 
 @pytest.mark.parametrize(
@@ -328,13 +347,13 @@ def test_places_that_do_not_do(tmp_path, name: str, word: str) -> None:
 def test_a_file_of_something_else_is_not_overwritten(tmp_path, text) -> None:
     (tmp_path / "page.json").write_text(text)
     with pytest.raises(ConfigError, match="is no record of this version"):
-        Store(tmp_path / "page.md", quick=False)
+        StabilityStore(tmp_path / "page.md", quick=False)
     assert (tmp_path / "page.json").read_text() == text
 
 
 def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) -> None:
-    store = Store(tmp_path / "page.md", quick=False)
-    store.add(result("island-rk4", "refused", "no water", "def"))
+    store = StabilityStore(tmp_path / "page.md", quick=False)
+    store.add(result("island-rk4", "unstable", "no water", "def"))
 
     def refuse(*_):
         raise OSError(28, "No space left on device")
@@ -342,17 +361,17 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) ->
     with monkeypatch.context() as full:
         full.setattr("os.write", refuse)
         with pytest.raises(RunFailed, match=r"cannot write .*000002\.json: No space left on"):
-            store.add(result("steady-pi/4-rk4", "passed", "", "abc"))
-    again = Store(tmp_path / "page.md", quick=False)
-    assert again.known("island-rk4", "def") and not again.known("steady-pi/4-rk4", "abc")
+            store.add(result("steady-pi/4-rk4", "completed", "", "abc"))
+    again = StabilityStore(tmp_path / "page.md", quick=False)
+    assert set(again.known) == {"def"}
 
 
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
-    trial = find("beyond-limit-rk4")
-    before = trial.fingerprint
-    assert trial.fingerprint == before
-    monkeypatch.setattr("swe_sphere.studies.stress.trial.code_fingerprint", lambda *_: "other")
-    assert trial.fingerprint != before
+    case = find("beyond-limit-rk4")
+    before = case.fingerprint(case.levels[0])
+    assert case.fingerprint(case.levels[0]) == before
+    monkeypatch.setattr("swe_sphere.studies.cases.case.code_fingerprint", lambda *_: "other")
+    assert case.fingerprint(case.levels[0]) != before
 
 
 # --- all of the quick form
@@ -368,7 +387,7 @@ def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
     assert (bad, end.value.code) == ([], 0)
     assert told["passed"] >= 12
     assert told["refused"] >= 3
-    groups = {group.name for group in choose(quick=True)}
+    groups = {group.name for group in choose_stability(quick=True)}
     assert {"steady", "noise", "depth", "random", "guards"} <= groups
     with pytest.raises(SystemExit):
         main(line)
@@ -380,17 +399,17 @@ def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> No
     line = ["stress", "--quick", "--groups", "steady", "--out", str(tmp_path / "page.md")]
     begun: list[str] = []
 
-    def interrupted(trial, _):
-        begun.append(trial.name)
+    def interrupted(case, level, _):
+        begun.append(case.name)
         if len(begun) == 2:
             raise Interrupted("interrupted by Ctrl-C at day 1")
-        return judge(trial, Ended())
+        return judge(case).measure.model_copy(update={"fingerprint": case.fingerprint(level)})
 
-    monkeypatch.setattr("swe_sphere.studies.stress.try_out", interrupted)
+    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", interrupted)
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130
-    told = "interrupted by Ctrl-C at day 1; --resume goes on after the last trial"
+    told = "interrupted by Ctrl-C at day 1; --resume goes on after the last case"
     assert told in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main([*line, "--resume"])
@@ -404,31 +423,33 @@ def test_implicit_steps_leave_a_lake_at_rest(stepper: str, precision: str) -> No
 
     So did round-off of a new state that was put together from whole states: 0.04 m/s in float32.
     """
-    trial = small(f"lake-cone-{precision}-{stepper}", days=2.0)
-    assert try_out(trial).numbers["max_wind"] == 0.0
+    case = small(f"lake-cone-{precision}-{stepper}", days=2.0)
+    assert try_out(case).quantities["max_wind"] == 0.0
 
 
 @pytest.mark.parametrize("seed", [91, 116])
 def test_the_limit_of_ars343_holds_over_hills(seed: int) -> None:
     """With the gravity waves of deviating depths left out of it, it was half as long again."""
-    scene = {"scene": "stress:random-state", "set": {"scene": {"seed": seed}}}
+    scene = {"scene": "cases:random-state", "set": {"scene": {"seed": seed}}}
     run = {"stepper": "ars343", "days": 1.0, **random_setting(seed)[0], **scene}
-    trial = Trial(name="hills", run=run, part=0.95, steps=40)
-    assert try_out(trial).outcome == "passed"
+    case = Case(method="series", name="hills", run=run, part=0.95, steps=40)
+    assert try_out(case).outcome == "passed"
 
 
 @pytest.mark.parametrize("name", ["forward-backward", "fb-rk3"])
 def test_a_planet_that_turns_fast_limits_steps_that_extrapolate_the_wind(name: str) -> None:
     """With waves and winds alone in the limit, this one ran dry in eleven steps."""
-    scene = {"scene": "stress:random-state", "set": {"scene": {"seed": 192}}}
+    scene = {"scene": "cases:random-state", "set": {"scene": {"seed": 192}}}
     run = {"stepper": name, "days": 1.0, **random_setting(192)[0], **scene}
-    trial = Trial(name="turning", run=run, part=0.88, steps=12, bounds={"froude": 0.1})
-    assert try_out(trial).outcome == "passed"
+    case = Case(
+        method="series", name="turning", run=run, part=0.88, steps=12, bounds={"froude": 0.1}
+    )
+    assert try_out(case).outcome == "passed"
 
 
 def test_the_page_in_docs_is_made_of_the_numbers_beside_it() -> None:
-    """Every result is of a trial that there is, and the page shows it."""
-    made = page(read_record(DOCS / "stability.json", Results).results, quick=False)
+    """Every result is of a case that there is, and the page shows it."""
+    made = stability_page(read_record(DOCS / "stability.json", Results).rows(), quick=False)
     text = (DOCS / "stability.md").read_text(encoding="utf-8")
     assert text.partition("\n| group |")[2] == made.partition("\n| group |")[2]
     assert len(text) > 10_000

@@ -6,14 +6,13 @@ import math
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies import configuration
-from swe_sphere.studies.configuration import Configuration, merged, read_tables
-from swe_sphere.studies.ended import Bound, Check, read_bounds
-from swe_sphere.studies.stress.trial import FILES as GROUPS
-from swe_sphere.studies.verify.case import FILES as CASES
+from swe_sphere.studies import cases as module
+from swe_sphere.studies.cases import families
+from swe_sphere.studies.cases.bounds import Bound, Check, read_bounds
+from swe_sphere.studies.cases.configuration import Configuration, merged
+from swe_sphere.studies.cases.families import FAMILIES, read_family
 
 HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
 
@@ -54,6 +53,7 @@ def test_bounds_in_words_and_from_tables() -> None:
     high, low, band = read_bounds({"a": 2.0, "b": {"low": 0.5}, "c": {"low": 1.0, "high": 3.0}})
     assert [str(bound) for bound in (high, low, band)] == ["a ≤ 2", "b ≥ 0.5", "1 ≤ c ≤ 3"]
     assert str(Check(band, 4.0)) == "c is 4, not 1 ≤ c ≤ 3"
+    assert [*read_bounds({"a": math.inf})] == []
     (always,) = read_bounds({"a": 2.0}, always=True)
     assert always == Bound("a", 2.0, always=True)
 
@@ -80,32 +80,34 @@ def test_a_configuration_is_that_of_a_run() -> None:
 
 
 def test_scenes_of_a_study() -> None:
-    run = Configuration({"scene": "verify:decay", "set": {"scene": {"nu": 2e6}}})
+    run = Configuration({"scene": "cases:decay", "set": {"scene": {"nu": 2e6}}})
     assert run.make_scene().parameters["nu"] == 2e6
     with pytest.raises(ConfigError, match="did you mean 'decay'"):
-        run.changed({"scene": "verify:decya"}).make_scene()
+        run.changed({"scene": "cases:decya"}).make_scene()
     with pytest.raises(ConfigError, match="no parameter 'mu'"):
         run.changed({"set": {"scene": {"mu": 1.0}}}).make_scene()
 
 
-class Entry(BaseModel):
-    run: dict[str, int] = {}
-
-
 def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file = tmp_path / "cases.toml"
-    file.write_text('title = "T"\nshared.run = {ne = 4}\n[[case]]\nrun = {np = 6}\n[[case]]\n')
-    whole, tables = read_tables(file, "case", Entry)
-    assert whole == {"title": "T"}
-    assert [table.run for table in tables] == [{"ne": 4, "np": 6}, {"ne": 4}]
-    with pytest.raises(ConfigError, match=r"must be tables \[\[trial\]\]"):
-        read_tables(file, "trial", Entry)
-    file.write_text('[[case]]\nrun = {ne = "four"}\n')
-    with pytest.raises(ConfigError, match=r"cases\.toml: run\.ne: .* integer"):
-        read_tables(file, "case", Entry)
+    tables = '[[case]]\nname = "a"\nrun = {np = 6}\n[[case]]\nname = "b"\n'
+    file.write_text(f'title = "T"\nshared.run = {{ne = 4}}\n{tables}')
+    family = read_family(file, {"run": {"ne": 8, "days": 2.0}})
+    assert (family.name, family.title) == ("cases", "T")
+    assert [dict(case.run) for case in family.cases] == [
+        {"ne": 4, "np": 6, "days": 2.0},
+        {"ne": 4, "days": 2.0},
+    ]
+    file.write_text('title = "T"\n[[trial]]\n')
+    with pytest.raises(ConfigError, match=r"must be tables \[\[case\]\]"):
+        read_family(file)
+    file.write_text('[[case]]\nname = "a"\nrun = "four"\n')
+    with pytest.raises(ConfigError, match=r"cases\.toml: run: .* dict"):
+        read_family(file)
 
 
-@pytest.mark.parametrize(("folder", "names"), [("verify/cases", CASES), ("stress/groups", GROUPS)])
-def test_every_file_of_a_study_is_read(folder, names) -> None:
-    there = Path(configuration.__file__).parent / folder
-    assert sorted(names) == sorted(path.stem for path in there.iterdir())
+@pytest.mark.parametrize("folder", FAMILIES)
+def test_every_file_of_a_study_is_read(folder) -> None:
+    there = Path(module.__file__).parent / folder
+    assert sorted(FAMILIES[folder]) == sorted(path.stem for path in there.iterdir())
+    assert set(FAMILIES[folder]) <= set(families(folder))

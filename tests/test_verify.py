@@ -16,18 +16,32 @@ from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.configuration import Configuration
+from swe_sphere.studies.cases import (
+    Case,
+    Measure,
+    cases_of,
+    choose_verification,
+    families,
+    run_cases,
+    verify,
+)
+from swe_sphere.studies.cases.configuration import Configuration
+from swe_sphere.studies.cases.families import DEFAULTS, read_family
+from swe_sphere.studies.cases.measure import measure
+from swe_sphere.studies.cases.page import verification_page as page
+from swe_sphere.studies.cases.scenes import decay, driven, homme_mountain, homme_wave
 from swe_sphere.studies.record_store import Store, locked
-from swe_sphere.studies.verify import Case, all_cases, choose, page, run_cases, verify
-from swe_sphere.studies.verify.case import read_cases
-from swe_sphere.studies.verify.measure import Measure, measure
-from swe_sphere.studies.verify.scenes import decay, driven, homme_mountain, homme_wave
 from swe_sphere.testcases import SCENES
 
 DOCS = Path(__file__).parents[1] / "docs"
-CASES = all_cases()
+CASES = cases_of(families("verification").values())
 BY_NAME = {case.name: case for case in CASES}
-QUICK = [case for case in CASES if any(level.quick for level in case.levels)]
+QUICK = cases_of(choose_verification(quick=True))
+
+
+def chosen(*names: str) -> list[Case]:
+    """The cases of these names in their quick form."""
+    return cases_of(choose_verification(names, quick=True))
 
 
 @pytest.fixture(scope="module")
@@ -46,18 +60,19 @@ def known() -> dict[str, Measure]:
 def measured_once(known, monkeypatch) -> None:
     """What several tests make rows of is measured for the first of them."""
 
-    def measured(configuration, finer, start, key):
+    def measured(case, level, tick):
+        key = case.fingerprint(level)
         if key not in known:
-            known[key] = measure(configuration, finer, start, key)
+            known[key] = measure(case, level, tick)
         return known[key]
 
-    monkeypatch.setattr("swe_sphere.studies.verify.verdict.measure", measured)
+    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", measured)
 
 
 @pytest.mark.usefixtures("measured_once")
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
 def test_quick_verification_passes(case: Case) -> None:
-    for row in run_cases([case], quick=True):
+    for row in run_cases([case]):
         assert (row.measure.status, row.measure.reason) == ("completed", "")
         assert row.checks
         assert [str(check) for check in row.checks if not check.holds] == []
@@ -77,7 +92,7 @@ def test_every_stepper_is_held_in_a_narrow_band() -> None:
             (case.at(level).config.dt, level.values["l2_v"]) for level in case.levels
         )
         assert np.log(first / second) / np.log(long / short) > kind.order - 0.65, name
-        for bound in (b for level in case.levels for b in case.bounds(level)):
+        for bound in (b for level in case.levels for b in case.all_bounds(level)):
             width = bound.high - bound.low
             assert bound.quantity == "mass_drift" or width <= 4.1e-3 * bound.high, name
 
@@ -86,8 +101,8 @@ def test_every_case_has_a_name_and_every_level_a_bound(scene_of) -> None:
     assert len(BY_NAME) == len(CASES)
     for case in CASES:
         for level in case.levels:
-            assert any(b.quantity != "mass_drift" for b in case.bounds(level)), case.name
-        if not case.start and scene_of[case.name] != "lake-at-rest" and case.along != "dt":
+            assert any(b.quantity != "mass_drift" for b in case.all_bounds(level)), case.name
+        if case.method != "start" and scene_of[case.name] != "lake-at-rest" and case.along != "dt":
             assert all(level.h for level in case.levels), case.name
 
 
@@ -100,7 +115,7 @@ def test_exact_scenes_have_orders_in_ne_and_np(scene_of) -> None:
 
 def test_errors_fall_with_refinement_wherever_an_order_is_asked_for() -> None:
     for case in CASES:
-        for bound in (bound for level in case.levels for bound in case.bounds(level)):
+        for bound in (bound for level in case.levels for bound in case.all_bounds(level)):
             if bound.quantity.startswith("order"):
                 assert bound.low > 0.0, (case.name, bound)
 
@@ -164,7 +179,7 @@ levels = [
 [[case]]
 name = "none"
 run = {stepper = "leapfrog"}
-mass = inf
+bounds.mass_drift = inf
 levels = []
 """
 
@@ -172,15 +187,17 @@ levels = []
 @pytest.fixture
 def easy(tmp_path) -> Case:
     (tmp_path / "cases.toml").write_text(CASE)
-    return read_cases(tmp_path / "cases.toml")[1][0]
+    return read_family(tmp_path / "cases.toml", DEFAULTS["verification"]).cases[0]
 
 
 def test_cases_in_a_file(easy, tmp_path) -> None:
-    title, (_, none) = read_cases(tmp_path / "cases.toml")
-    assert (title, none.name, none.mass) == ("Two", "none", math.inf)
+    family = read_family(tmp_path / "cases.toml", DEFAULTS["verification"])
+    (_, none) = family.cases
+    assert (family.title, none.name) == ("Two", "none")
+    assert none.bounds == {"mass_drift": math.inf} and none.levels == ()
     assert none.base.config.stepper == "leapfrog"
     assert none.base.config.scene == "williamson2"
-    first, second, third = ([str(b) for b in easy.bounds(level)] for level in easy.levels)
+    first, second, third = ([str(b) for b in easy.all_bounds(level)] for level in easy.levels)
     high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
     assert first == [*high, "mass_drift ≤ 1e-13"]
     orders = ["order ≥ 2", "order_v ≥ 1.5"]
@@ -204,7 +221,7 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
 def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) -> None:
     (tmp_path / "cases.toml").write_text(CASE.replace(old, new))
     with pytest.raises(ConfigError, match=re.escape(complaint)):
-        read_cases(tmp_path / "cases.toml")
+        read_family(tmp_path / "cases.toml", DEFAULTS["verification"])
 
 
 def changed(case: Case, **changes: Any) -> Case:
@@ -237,7 +254,7 @@ def test_a_run_that_stops_fails_and_says_why(easy) -> None:
 
 @pytest.mark.usefixtures("measured_once")
 def test_page_has_every_row_and_tells_failures() -> None:
-    rows = list(run_cases(choose(["lake-at-rest", "stepper-rk4"]), quick=True))
+    rows = list(run_cases(chosen("lake-at-rest", "stepper-rk4")))
     text = page(rows, "swe-sphere verify --test")
     assert "swe-sphere verify --test" in text
     assert "All bounds hold" in text
@@ -276,13 +293,13 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     line = ["verify", "--quick", "--scenes", "stepper-rk4,start-lauter", "--out", str(tmp_path)]
     begun: list[float | str] = []
 
-    def interrupted(configuration, *others):
-        begun.append(configuration.config.dt)
+    def interrupted(case, level, tick):
+        begun.append(case.at(level).config.dt)
         if len(begun) == 3:
             raise Interrupted("interrupted by Ctrl-C at day 0")
-        return measure(configuration, *others)
+        return measure(case, level, tick)
 
-    monkeypatch.setattr("swe_sphere.studies.verify.verdict.measure", interrupted)
+    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", interrupted)
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130
@@ -302,12 +319,13 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
 
 def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch) -> None:
     runs = Store(tmp_path, Measure)
-    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], runs=runs)
+    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], keep=runs.add)
     keys = [easy.fingerprint(level) for level in easy.levels]
     assert len({*keys}) == len(keys) and first.measure.fingerprint == keys[0]
     again = changed(easy, tolerance=1e-9, levels=easy.levels[:1])
-    assert [row.measure for row in run_cases([again], runs=runs)] == [first.measure] == runs.records
-    monkeypatch.setattr("swe_sphere.studies.verify.case.code_fingerprint", lambda *_: "other")
+    known = {found.fingerprint: found for found in runs.records}
+    assert [row.measure for row in run_cases([again], known)] == [first.measure] == runs.records
+    monkeypatch.setattr("swe_sphere.studies.cases.case.code_fingerprint", lambda *_: "other")
     assert easy.fingerprint(easy.levels[0]) != keys[0]
 
 
@@ -336,7 +354,7 @@ def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
 def test_no_number_is_cropped(monkeypatch, capsys, columns: int) -> None:
     """Neither on a narrow terminal nor in a pipe, which counts as one of 80 columns."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    rows = list(run_cases([BY_NAME["stepper-rk4"]], quick=True))
+    rows = list(run_cases(chosen("stepper-rk4")))
     with pytest.raises(SystemExit):
         main(["verify", "--quick", "--scenes", "stepper-rk4"])
     lines = capsys.readouterr().out.splitlines()
@@ -364,7 +382,7 @@ def test_command_says_what_is_wrong(arguments, says, capsys) -> None:
 
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(ConfigError, match="scene or case"):
-        choose(["nothing-of-this-kind"])
+        choose_verification(["nothing-of-this-kind"])
 
 
 def test_the_page_in_docs_is_of_these_cases() -> None:

@@ -1,13 +1,10 @@
-"""`swe-sphere stress`: run the stress trials, tell each outcome, keep a page."""
+"""`swe-sphere stress`: run the stability cases, print each outcome, keep a page."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
-from functools import partial
-from itertools import compress
-from operator import not_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,93 +16,104 @@ from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
-    from swe_sphere.studies.stress import Result, Store, Trial
+    from swe_sphere.studies.cases import Case, Measure, Row
+    from swe_sphere.studies.cases.store import StabilityStore
 
 
 def stress(
     quick: Annotated[
-        bool, typer.Option("--quick", help="A short form of some trials, in less than a minute.")
+        bool, typer.Option("--quick", help="A short form of some cases, in less than a minute.")
     ] = False,
     groups: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Only these groups of trials.")
+        str | None, typer.Option(metavar="A,B", help="Only these groups of cases.")
     ] = None,
     steppers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Only trials of these steppers.")
+        str | None, typer.Option(metavar="A,B", help="Only cases of these steppers.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.md", help="Write the page after each trial, and FILE.json."),
+        typer.Option(metavar="FILE.md", help="Write the page after each case, and FILE.json."),
     ] = None,
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Leave out trials whose result FILE.json has, of this code."),
+        typer.Option("--resume", help="Leave out cases whose result FILE.json has, of this code."),
     ] = False,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:
     """Run what is hard to survive, against criteria decided beforehand; fail where one fails."""
+    from swe_sphere.studies.cases import OUTCOMES, cases_of, choose_stability
+    from swe_sphere.studies.cases.store import StabilityStore
     from swe_sphere.studies.jobs import checked_jobs
     from swe_sphere.studies.pages import check_page
-    from swe_sphere.studies.stress import OUTCOMES, Store, choose
 
     checked_jobs(jobs)
     check_resumed(resume, out)
     if out is not None:
         check_page(out, "Stability")
-    chosen = choose(names_in(groups), names_in(steppers), quick)
-    trials = [trial for group in chosen for trial in group.trials]
-    store = None if out is None else Store(out, quick)
-    kept: list[Result] = []
-    if store is not None and resume:
-        known = [store.known(trial.name, trial.fingerprint) for trial in trials]
-        trials = [*compress(trials, (result is None for result in known))]
-        kept = [result for result in known if result is not None]
+    cases = cases_of(choose_stability(names_in(groups), names_in(steppers), quick))
+    store = None if out is None else StabilityStore(out, quick)
+    known = store.known if store is not None and resume else {}
     try:
         with nullcontext() if store is None else store.unfinished():
-            results = kept + _run(trials, store, jobs, quiet=as_json)
+            rows = _run(cases, known, store, jobs, quiet=as_json)
     except Interrupted as error:
-        rest = "" if store is None else "; --resume goes on after the last trial"
+        rest = "" if store is None else "; --resume goes on after the last case"
         raise Stopped(f"{error}{rest}") from None
-    counts = {name: sum(result.outcome == name for result in results) for name in OUTCOMES}
-    plain = [json.loads(result.as_text()) for result in results]  # NaN is null
-    told = ", ".join(f"{count} {name}" for name, count in counts.items())
-    typer.echo(json.dumps({"quick": quick, **counts, "results": plain}) if as_json else told)
+    counts = {name: sum(row.outcome == name for row in rows) for name in OUTCOMES}
+    results = [row.as_result() for row in rows]
+    text = ", ".join(f"{count} {name}" for name, count in counts.items())
+    typer.echo(json.dumps({"quick": quick, **counts, "results": results}) if as_json else text)
     return 1 if counts["failed"] else 0
 
 
-def _run(trials: list[Trial], store: Store | None, jobs: int, quiet: bool) -> list[Result]:
-    """Make them, those that are timed alone and last."""
-    results: list[Result] = []
+def _run(
+    cases: Sequence[Case],
+    known: dict[str, Measure],
+    store: StabilityStore | None,
+    jobs: int,
+    quiet: bool,
+) -> list[Row]:
+    """Return the rows of known cases, then run the others and print their outcomes."""
+    from swe_sphere.studies.cases import run_cases
 
-    def tick(text: str) -> None:
+    left = [case for case in cases if case.fingerprint(case.levels[0]) not in known]
+    rows = [*run_cases((case for case in cases if case not in left), known)]
+    count = 0
+
+    def tick(case: Case, text: str) -> None:
         if not quiet:
-            show_line(f"[{len(results) + 1}/{len(trials)}] {text}")
+            show_line(f"[{count + 1}/{len(left)}] {case.name}: {text}")
 
-    for result in _results(trials, jobs, tick):
-        results.append(result)
-        if store is not None:
-            store.add(result)
+    for row in _made(left, None if store is None else store.add, jobs, tick):
+        count += 1
+        rows.append(row)
         if not quiet:
             show_line("")
-            typer.echo(f"[{len(results)}/{len(trials)}] {result.name}: {_told(result)}")
-    return results
+            typer.echo(f"[{count}/{len(left)}] {row.case.name}: {_in_words(row)}")
+    return rows
 
 
-def _results(trials: list[Trial], jobs: int, tick: Callable[[str], None]) -> Iterator[Result]:
-    from swe_sphere.studies.stress import tried_beside, try_out
+def _made(
+    cases: Sequence[Case],
+    keep: Callable[[Measure], Measure] | None,
+    jobs: int,
+    tick: Callable[[Case, str], None],
+) -> Iterator[Row]:
+    """Run the cases, those that are timed alone and last where there are several processes."""
+    from swe_sphere.studies.cases import Row, measured_beside, run_cases
 
-    alone = [jobs == 1 or trial.timed for trial in trials]
-    yield from tried_beside(jobs, [*compress(trials, map(not_, alone))])
-    for trial in compress(trials, alone):
-        yield try_out(trial, partial(_tick, tick, trial.name))
+    if jobs > 1:
+        by_name = {case.name: case for case in cases}
+        for found in measured_beside(jobs, cases):
+            case = by_name[found.name]
+            yield Row(case, case.levels[0], found if keep is None else keep(found))
+        cases = [case for case in cases if case.is_timed]
+    yield from run_cases(cases, keep=keep, tick=tick)
 
 
-def _tick(tick: Callable[[str], None], name: str, text: str) -> None:
-    tick(f"{name}: {text}")
-
-
-def _told(result: Result) -> str:
-    """The outcome in a line."""
-    seconds = result.numbers.get("seconds") or 0.0
-    reason = f": {result.reason}" if result.reason else ""
-    return f"{result.outcome} ({seconds:.1f} s){reason}"
+def _in_words(row: Row) -> str:
+    """Return the outcome in a line."""
+    seconds = row.quantities.get("seconds", 0.0)
+    reason = f": {row.reason}" if row.reason else ""
+    return f"{row.outcome} ({seconds:.1f} s){reason}"

@@ -1,10 +1,10 @@
-"""`swe-sphere verify`: run the verification cases and judge them."""
+"""`swe-sphere verify`: run the verification cases and compare their numbers with the bounds."""
 
 from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,8 +19,8 @@ from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.interrupt import Interrupted
 
 if TYPE_CHECKING:
+    from swe_sphere.studies.cases import Family, Measure, Row
     from swe_sphere.studies.record_store import Store
-    from swe_sphere.studies.verify import Case, Measure, Row
 
 PAGE = "verification.md"
 NUMBERS = "verification.json"
@@ -49,22 +49,21 @@ def verify(
     as_json: AsJson = False,
 ) -> int:
     """Measure errors, orders and invariants of the scenes; fail where a bound does not hold."""
+    from swe_sphere.studies.cases import choose_verification
     from swe_sphere.studies.jobs import checked_jobs
-    from swe_sphere.studies.verify import choose
 
     checked_jobs(jobs)
     check_resumed(resume, out)
-    changes = {"launch": launch} if launch else {}
-    chosen = {case.name: case.changed(changes) for case in choose(names_in(scenes))}
+    chosen = choose_verification(names_in(scenes), quick, launch)
     files = _files(out)
+    if not chosen:
+        raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
     try:
         with _kept(files, resume) as runs:
-            rows = _run(chosen, quick, as_json, runs, jobs)
-            if not rows:
-                raise ConfigError(f"nothing of {scenes} is in the quick form: leave out --quick")
+            rows = _run(chosen, as_json, runs, jobs)
             result = _result(rows, quick) | ({"jobs": jobs} if jobs > 1 else {})
-            asked = [word for word in context.obj if word != "--resume"]
-            _write(files, rows, result, shlex.join(["swe-sphere", *asked]))
+            words = [word for word in context.obj if word != "--resume"]
+            _write(files, rows, result, shlex.join(["swe-sphere", *words]))
     except Interrupted as error:
         hint = "; --resume goes on after the last run" if files else ""
         raise Stopped(f"{error}{hint}") from None
@@ -83,9 +82,9 @@ def _result(rows: Sequence[Row], quick: bool) -> dict[str, object]:
 
 @contextmanager
 def _kept(files: Sequence[Path], resume: bool) -> Iterator[Store[Measure] | None]:
-    """Where runs are kept until the page is written; resume: whether those there count."""
+    """Hold the folder of measures until the page is written; resume: whether old ones count."""
+    from swe_sphere.studies.cases import Measure
     from swe_sphere.studies.record_store import Store
-    from swe_sphere.studies.verify import Measure
 
     if not files:
         yield None
@@ -98,36 +97,37 @@ def _kept(files: Sequence[Path], resume: bool) -> Iterator[Store[Measure] | None
 
 
 def _write(files: Sequence[Path], rows: Sequence[Row], result: object, command: str) -> None:
-    from swe_sphere.studies.verify import page
+    from swe_sphere.studies.cases.page import verification_page
 
     if files:
-        write_whole(files[0], page(rows, command))
+        write_whole(files[0], verification_page(rows, command))
     for file in files[1:]:
         write_whole(file, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 
 
 def _run(
-    chosen: Mapping[str, Case], quick: bool, quiet: bool, runs: Store[Measure] | None, jobs: int
+    chosen: Sequence[Family], quiet: bool, runs: Store[Measure] | None, jobs: int
 ) -> list[Row]:
-    """All rows, family by family; each family's table as soon as it is there."""
-    from swe_sphere.studies.verify import families, measured_beside, run_cases
+    """Run all cases; print the table of each family as soon as it is complete."""
+    from swe_sphere.studies.cases import cases_of, measured_beside, run_cases
 
-    found: list[Row] = []
-    known = []
-    if jobs > 1:
-        for measure in measured_beside(jobs, [*chosen.values()], quick, runs):
-            known.append(measure)
-            if not quiet:
-                show_line(f"{len(known)} levels measured")
+    rows: list[Row] = []
+    keep = None if runs is None else runs.add
+    known = {found.fingerprint: found for found in (runs.records if runs else ())}
+    beside = measured_beside(jobs, cases_of(chosen), known) if jobs > 1 else ()
+    for count, found in enumerate(beside, 1):
+        known[found.fingerprint] = found if keep is None else keep(found)
+        if not quiet:
+            show_line(f"{count} levels measured")
+    if jobs > 1 and not quiet:
         show_line("")
-    for title, cases in families().items():
-        mine = [chosen[case.name] for case in cases if case.name in chosen]
-        rows = list(run_cases(mine, quick, runs, known))
-        found += rows
-        if rows and not quiet:
-            styles = ["" if row.passed else "bold red" for row in rows]
-            print_table(HEADS, map(_cells, rows), title=title, row_styles=styles)
-    return found
+    for family in chosen:
+        mine = list(run_cases(family.cases, known, keep))
+        rows += mine
+        if not quiet:
+            styles = ["" if row.passed else "bold red" for row in mine]
+            print_table(HEADS, map(_cells, mine), title=family.title, row_styles=styles)
+    return rows
 
 
 HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "")
@@ -136,7 +136,7 @@ HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "
 def _cells(row: Row) -> Iterator[str]:
     numbers, config = row.quantities, row.config
     yield from (row.case.name, str(config.ne), str(config.np))
-    yield "" if row.case.start else f"{row.dt:.4g}"
+    yield "" if row.case.method == "start" else f"{row.dt:.4g}"
     yield from (f"{numbers[name]:.2e}" if name in numbers else "" for name in ("l2_h", "l2_v"))
     yield f"{numbers['order']:.1f}" if "order" in numbers else ""
     yield f"{row.worst.used:.2f}"
@@ -151,7 +151,7 @@ def _conclusion(rows: Sequence[Row], files: Sequence[Path]) -> str:
 
 
 def _files(out: Path | None) -> list[Path]:
-    """The page, and in a folder the numbers; checked before anything is run."""
+    """Return the page, and in a folder the numbers, checked before anything is run."""
     from swe_sphere.studies.pages import check_page
 
     if out is None:

@@ -1,0 +1,54 @@
+"""Cases: runs of scenes with bounds decided beforehand, for `swe-sphere verify` and `stress`."""
+
+from swe_sphere.ranks.parallel import refuse_ranks
+from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.studies.cases.case import Case, Level, Published
+from swe_sphere.studies.cases.families import (
+    Family,
+    cases_of,
+    choose_stability,
+    choose_verification,
+    families,
+)
+from swe_sphere.studies.cases.measure import Measure
+from swe_sphere.studies.cases.verdict import OUTCOMES, Row, measured_beside, run_cases
+from swe_sphere.studies.jobs import checked_jobs
+
+__all__ = [
+    "OUTCOMES", "Case", "Family", "Level", "Measure", "Published", "Row", "cases_of",
+    "choose_stability", "choose_verification", "families", "measured_beside", "run_cases", "verify",
+]  # fmt: skip
+
+
+def verify(
+    *scenes: str, quick: bool = False, launch: str | None = None, jobs: int = 1
+) -> list[Row]:
+    """Measure errors, orders and invariants of scenes, and compare each with its bound.
+
+    Args:
+        scenes: Names of scenes, or of cases; none: all of them.
+        quick: Whether to run only the levels that take less than a second each.
+        launch: Shape of kernel launches; "node" is the shape of GPUs.
+        jobs: Number of processes that measure levels beside each other.
+
+    Returns:
+        A row for each level: its `quantities`, its `checks`, and whether it `passed`.
+
+    Examples:
+        >>> from swe_sphere import verify
+        >>> rows = verify("lake-at-rest", quick=True)
+        >>> all(row.passed for row in rows)
+        True
+
+    Raises:
+        ConfigError: an unknown scene, case or shape.
+        RunFailed: one of several processes has died.
+        KeyboardInterrupt: on Ctrl-C.
+    """
+    refuse_ranks()
+    cases = cases_of(choose_verification(scenes, quick, launch))
+    try:
+        beside = measured_beside(jobs, cases) if checked_jobs(jobs) > 1 else ()
+        return list(run_cases(cases, {found.fingerprint: found for found in beside}))
+    except Interrupted as error:
+        raise KeyboardInterrupt(str(error)) from None

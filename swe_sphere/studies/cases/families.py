@@ -1,0 +1,230 @@
+"""The cases of `swe-sphere verify` and `swe-sphere stress`, by family, from the files beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.settings.values import place_and_complaint, read_toml
+from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
+from swe_sphere.studies.cases.case import CONVERGED, Case, Level
+from swe_sphere.studies.cases.configuration import merged
+from swe_sphere.studies.cases.random_state import random_setting
+
+FAMILIES = {
+    "verification": (
+        "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",
+        "conservation", "dissipation",
+    ),
+    "stability": (
+        "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
+        "precision", "long-steps", "stretched", "planets", "rest", "modons", "guards",
+    ),
+}  # fmt: skip
+"""Folders of files of cases, and the files in the order of the page."""
+
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "verification": {
+        "run": {"ne": 8, "np": 4, "days": 5.0},
+        "bounds": {"mass_drift": 1e-13},
+    },
+    "stability": {"method": "series", "seconds": 900.0},
+}
+"""What all cases of a folder share unless a file says otherwise."""
+
+QUICK_SEEDS = 2
+
+
+class Table(Case):
+    """A table [[case]] of a file; with steppers it is a case for each, called NAME-STEPPER."""
+
+    steppers: tuple[str, ...] = ()
+    """Names, families of steppers, or "all"."""
+    random: int = 0
+    """Number of random states that are dealt out to the steppers."""
+    remedy: Mapping[str, dict[str, Any]] = {}
+    """Settings with which cases are run again, as NAME-STEPPER+EFFECT."""
+    remedied: tuple[str, ...] | None = None
+    """Steppers known to need the remedy; None: all of them."""
+    quick: tuple[str, ...] = ()
+    """Steppers that the quick form runs too, with the changes `quickly`."""
+
+    def cases(self) -> Iterator[Case]:
+        """Yield all cases; one with the remedy, which must pass, after the one that may break."""
+        own = self.model_dump(include=set(Case.model_fields) & self.model_fields_set)
+        if not self.steppers:
+            yield Case.model_validate(own)
+            return
+        names = named_steppers(self.steppers)
+        for index, stepper in enumerate(names):
+            seeds = range(index, self.random, len(names))
+            few = {"seeds": _few(seeds)} if seeds else {}
+            case = Case.model_validate(own | {
+                "name": f"{self.name}-{stepper}",
+                "run": self.run | {"stepper": stepper},
+                "seeds": tuple(seeds),
+                "levels": (Level(quick=stepper in self.quick),),
+                "quickly": self.quickly | few,
+            })  # fmt: skip
+            yield from self._with_remedy(case) if self.remedy else (case,)
+
+    def _with_remedy(self, case: Case) -> Iterator[Case]:
+        is_needed = self.remedied is None or case.stepper in self.remedied
+        usual = "break" if is_needed else "either"
+        yield case.changed(expect=self.expect if "expect" in self.model_fields_set else usual)
+        if is_needed:
+            name = f"{case.name}+{next(iter(self.remedy))}"
+            yield case.changed(name=name, run={"set": self.remedy}, levels=(Level(),))
+
+
+def named_steppers(words: tuple[str, ...]) -> list[str]:
+    """Return steppers by name: all of a family, all of "all", or single ones."""
+    found: dict[str, None] = {}
+    for word in words:
+        family = [name for name, kind in STEPPERS.items() if word in ("all", kind.family)]
+        found |= dict.fromkeys(family or [get_stepper(word).name])
+    return list(found)
+
+
+def _few(seeds: range) -> tuple[int, ...]:
+    """Return the first seeds with np 4: others compile more kernels."""
+    return tuple(s for s in seeds if random_setting(s)[0]["np"] == 4)[:QUICK_SEEDS]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Cases that belong together."""
+
+    name: str
+    title: str
+    text: str = ""
+    """Paragraph of the page: what is run, and what is required."""
+    cases: tuple[Case, ...] = ()
+
+
+@cache
+def families(folder: str) -> Mapping[str, Family]:
+    """Return all families of "verification" or "stability" by name."""
+    place = Path(str(files(__package__))) / folder
+    found = {
+        name: read_family(place / f"{name}.toml", DEFAULTS[folder]) for name in FAMILIES[folder]
+    }
+    if folder == "verification":
+        steppers = [kind for kind in STEPPERS.values() if kind.expected_error]
+        cases = tuple(map(_stepper_case, steppers))
+        found["steppers"] = Family("steppers", "Steppers", cases=cases)
+    return found
+
+
+def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
+    """Return the family in a file: its tables [[case]], each merged with the table [shared].
+
+    Raises:
+        ConfigError: the file cannot be read, or is not as `Table` says.
+    """
+    whole = read_toml(path)
+    shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{path}: there must be tables [[case]]")
+    try:
+        read = [Table.model_validate(merged(shared, table)) for table in tables]
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {place_and_complaint(error)}") from None
+    cases = tuple(case for table in read for case in table.cases())
+    return Family(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
+
+
+def cases_of(chosen: Iterable[Family]) -> list[Case]:
+    """Return the cases of all these families."""
+    return [case for family in chosen for case in family.cases]
+
+
+def choose_verification(
+    names: Sequence[str] = (), quick: bool = False, launch: str | None = None
+) -> list[Family]:
+    """Return the cases of these scenes, or of these names (none: all), with a shape of launches.
+
+    Raises:
+        ConfigError: an unknown name or shape.
+    """
+    known = [*families("verification").values()]
+    if names:
+        own = {case.name: {case.scene, case.name} for case in cases_of(known)}
+        all_names = dict.fromkeys(name for each in own.values() for name in sorted(each))
+        for name in names:
+            if name not in all_names:
+                raise unknown_name("scene or case", name, all_names)
+        known = _kept(known, lambda case: bool(own[case.name] & set(names)))
+    chosen = _quick(known) if quick else known
+    return chosen if launch is None else [_launched(family, launch) for family in chosen]
+
+
+def choose_stability(
+    groups: Sequence[str] = (), steppers: Sequence[str] = (), quick: bool = False
+) -> list[Family]:
+    """Return the groups of these names (none: all) with the cases of these steppers (none: all).
+
+    Raises:
+        ConfigError: an unknown name, or no case is left.
+    """
+    known = families("stability")
+    for name in groups:
+        if name not in known:
+            raise unknown_name("group of cases", name, known)
+    wanted = {get_stepper(name).name for name in steppers}
+    named = [known[name] for name in groups or known]
+    chosen = _kept(named, lambda case: not wanted or case.stepper in wanted)
+    chosen = _quick(chosen) if quick else chosen
+    if not chosen:
+        raise ConfigError("no case is left: ask for other groups or steppers, or not --quick")
+    return chosen
+
+
+def _kept(known: Iterable[Family], condition: Callable[[Case], bool]) -> list[Family]:
+    """Return the families with the cases that meet a condition, without empty ones."""
+    every = [replace(each, cases=tuple(filter(condition, each.cases))) for each in known]
+    return [family for family in every if family.cases]
+
+
+def _quick(known: Iterable[Family]) -> list[Family]:
+    short = [replace(each, cases=tuple(case.quick_form() for case in each.cases)) for each in known]
+    return _kept(short, lambda case: bool(case.levels))
+
+
+def _launched(family: Family, launch: str) -> Family:
+    cases = tuple(case.changed(run={"launch": launch}) for case in family.cases)
+    for case in cases[:1]:
+        _ = case.base.config
+    return replace(family, cases=cases)
+
+
+def _stepper_case(kind: type[Stepper]) -> Case:
+    """Return the case of a stepper's time error, on a mesh where a converged run costs little.
+
+    The error of a scheme is a number like any other: a wrong coefficient, filter or first step
+    changes it even where the order stays.
+    """
+    solves = kind.family != "explicit"
+    levels = tuple(
+        Level.model_validate({"dt": dt, "values": {"l2_h": height, "l2_v": wind}, "quick": True})
+        for dt, height, wind in kind.expected_error
+    )
+    return Case(
+        name=f"stepper-{kind.name}",
+        title=f"{kind.name}, order {kind.order}",
+        run={"scene": "lauter", "ne": 3, "np": 4, "days": 0.125, "stepper": kind.name}
+        | ({"tolerance": 1e-11} if solves else {}),
+        levels=levels,
+        along="dt",
+        against=CONVERGED,
+        bounds=DEFAULTS["verification"]["bounds"],
+        # the residual of the solver, which depends on the order of sums, changes small errors
+        tolerance=2e-3 if solves and kind.order >= 4 else 3e-4,
+    )
