@@ -1,1 +1,1 @@
-"""Many runs judged together: sweeps, verification, stress trials, and their pages."""
+"""Many runs judged together: sweeps, verification, stability cases, and their pages."""

@@ -34,6 +34,7 @@ Begin = Callable[..., Callable[[Any], None]]
 MOST_JOBS = 1024
 IGNORED = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
 """Signals to which only the process that started the others reacts: it then ends them."""
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 LOOK = 0.2
 """Seconds between two checks for results and for an interruption."""
 
@@ -111,11 +112,12 @@ def _started(
 
 
 def _end_of(processes: Sequence[BaseProcess]) -> str:
-    """Return how the process that died came to its end; the pool ends the others by SIGTERM."""
-    codes = [each.exitcode for each in processes if each.exitcode not in (None, 0, -signal.SIGTERM)]
-    if codes and codes[0] is not None and codes[0] < 0:
-        return f"was killed by {signal.Signals(-codes[0]).name}"
-    return f"ended with {codes[0]}" if codes else "has died"
+    """Return how the process that died came to its end, the others being killed or terminated."""
+    codes = {each.exitcode or 0 for each in processes} - {0, -signal.SIGTERM}
+    code = min(codes - {-KILL} or codes, default=0)
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with {code}" if code else "has died"
 
 
 @contextmanager
@@ -158,4 +160,4 @@ def _do(task: object) -> None:
 def _end_with_parent(alive: Connection) -> None:
     """End this process when the other end of the pipe is closed or its process has died."""
     alive.poll(None)
-    os._exit(0)
+    os.kill(os.getpid(), KILL)

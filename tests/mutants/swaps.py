@@ -58,7 +58,7 @@ def _entry(index: int) -> Callable[[Any], Any]:
     return scale
 
 
-MAKE_SCENE = "swe_sphere.studies.configuration:Configuration.make_scene"
+MAKE_SCENE = "swe_sphere.studies.cases.configuration:Configuration.make_scene"
 
 
 def _scene(name: str, cases: tuple[str, ...], field: str, scale: Callable[[Any], Any]) -> Swap:
