@@ -18,12 +18,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import typer
 import warp as wp
+from effect_cost import recorded
 from matplotlib.ticker import FixedLocator, NullFormatter
 from rich.console import Console
 
@@ -114,23 +115,30 @@ def measure(np_: int, precision: str, library: ctypes.CDLL | None, rounds: int) 
 def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
     """All recorded, as in runs.  The part "stage" is a whole step of rk4."""
     state, out, replay = model.initial_state(), model.zeros(), Replay(model.launch)
-    operator = model.component("all").operator
-    kernel, mesh = operator.compiled.kernel, operator.mesh
-    parts: dict[str, Callable[[], None]] = {
-        "local": lambda: model.launch(
-            kernel, mesh.dim, operator.geometry, state, operator.local, out
-        ),
-        "DSS": lambda: operator._assemble(state, out),
+    local, *dss = recorded(model)
+
+    def launch(*launches: tuple[Any, int, tuple[Any, ...]]) -> None:
+        for kernel, threads, arguments in launches:
+            model.launch(kernel, threads, *arguments)
+
+    def repeat(name: str, launches: list[tuple[Any, int, tuple[Any, ...]]]) -> None:
+        if not replay(name):
+            with replay.record(name):
+                launch(*launches)
+
+    return {
+        "local": partial(repeat, "local", [local]),
+        "DSS": partial(repeat, "DSS", dss),
         "whole": lambda: model.tendency(state, 0.0, out),
-    }
-    return {name: partial(replay, name, part) for name, part in parts.items()} | {
-        "stage": stepper.step
+        "stage": stepper.step,
     }
 
 
 def _by_hand(model: Model, library: ctypes.CDLL) -> dict[str, Callable[[], object]]:
     mesh, state, out, stage = model.device_mesh, model.initial_state(), model.zeros(), model.zeros()
-    local, flat = mesh.local(3, model.component("all").operator.compiled.value)
+    (operation,) = model.tendency.operations
+    room = operation.operator.local
+    local, flat = room.values, room.flat
     given = model.parameters
     gravity = np.array([given["gravity"]], dtype=mesh.numpy_real)
     step = np.array([60.0], dtype=mesh.numpy_real)

@@ -88,9 +88,13 @@ def source(kernel: wp.Kernel) -> str:
 
 def code_of(scene, shape: str, component: str = "all") -> Code:
     model = Model(MESH, scene, shape=shape)
-    operator = model.component(component).operator
-    kernels = [operator.compiled.kernel, operator.assembly, *operator._flux_kernels]
+    kernels = operator_of(model, component).kernels
     return Code("\n".join(source(kernel) for kernel in kernels))
+
+
+def operator_of(model: Model, component: str = "all"):
+    """The last operator of a right-hand side: the earlier ones prepare what it reads."""
+    return model.right_hand_side(component).operations[-1].operator
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -172,24 +176,25 @@ def test_dynamics_do_not_know_of_effects_that_are_taken_apart(effects, shape) ->
 @pytest.mark.parametrize("effects", [("pressure",), ("pressure", "rotation"), ("wind",)])
 def test_without_pointwise_effects_the_assembly_is_given_nothing_for_them(effects) -> None:
     """As one that never heard of forcing, drag and relaxation."""
-    operator = Model(MESH, make_scene(*effects)).component("all").operator
-    (read,) = (arg.type for arg in operator.assembly.adj.args if arg.label == "c")
+    _, assembly = operator_of(Model(MESH, make_scene(*effects))).kernels
+    (read,) = (arg.type for arg in assembly.adj.args if arg.label == "c")
     assert {*read.vars} == ({"coriolis"} if "rotation" in effects else set())
 
 
 @pytest.mark.parametrize("effects", [("drag",), ("relaxation",), ("quadratic-drag", "forcing")])
 def test_pointwise_effects_alone_assemble_nothing(effects) -> None:
-    operator = Model(MESH, make_scene(*effects)).component("all").operator
-    code = Code(source(operator.kernel))
+    (kernel,) = operator_of(Model(MESH, make_scene(*effects))).kernels
+    code = Code(source(kernel))
     assert not any(code.has(name) for name in ("places", "inverse_area", "local"))
 
 
 def test_momentum_has_no_arrays_under_a_prescribed_wind() -> None:
     model = Model(MESH, get_scene("williamson1"))
-    operator = model.component("all").operator
+    operator = operator_of(model)
     assert model.zeros().shape == (MESH.size,)
-    assert operator.local.shape[-1] == 1
-    assert Code(source(operator.assembly)).stores == 1
+    assert operator.local.values.shape[-1] == 1
+    _, assembly = operator.kernels
+    assert Code(source(assembly)).stores == 1
 
 
 @pytest.mark.parametrize("shape", SHAPES)

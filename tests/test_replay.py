@@ -69,6 +69,13 @@ def test_recorded_steps_are_the_same_bit_by_bit(plain, name, monkeypatch):
     assert evaluations == others
 
 
+def run(replay, block):
+    """Launch the recording of a block, or run it."""
+    if not replay("key"):
+        with replay.record("key"):
+            block()
+
+
 def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
     """Each time it is launched, and not while it is recorded."""
     x, seen = wp.zeros(1, dtype=wp.float64, device="cpu"), []
@@ -80,7 +87,7 @@ def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
         plain.launch(axpby_kernel(wp.float64), 1, *one)
 
     for _ in range(4):
-        replay("key", twice_with_a_look)
+        run(replay, twice_with_a_look)
     assert seen == [1.0, 3.0, 5.0, 7.0] and x.numpy()[0] == 8.0
 
 
@@ -142,6 +149,25 @@ def test_a_class_with_steps_of_its_own_says_whether_they_repeat():
     assert Own.repeats_from is None
 
 
+def test_a_replay_inside_a_recording_is_part_of_it(plain, monkeypatch):
+    """Its launches are made, and counted, once for each call of the outer one."""
+    x, counters = wp.zeros(1, dtype=wp.float64, device="cpu"), {"blocks": 0}
+    launched, one = graphs(monkeypatch), [wp.float64(1.0), wp.ones_like(x), wp.float64(1.0), x]
+    outer, inner = Replay(plain.launch, counters), Replay(plain.launch)
+
+    def add_one():
+        plain.launch(axpby_kernel(wp.float64), 1, *one)
+
+    def block():
+        counters["blocks"] += 1
+        run(inner, add_one)
+
+    for calls in range(1, 6):
+        run(outer, block)
+        assert x.numpy()[0] == counters["blocks"] == calls
+    assert len(launched) == 4
+
+
 def test_why_a_recording_fails_is_told(plain, monkeypatch):
     """Also where it could not be taken up again behind something that is no launch."""
     begun, begin = [], wp.capture_begin
@@ -153,10 +179,10 @@ def test_why_a_recording_fails_is_told(plain, monkeypatch):
         raise RuntimeError("no room for a graph")
 
     replay = Replay(plain.launch)
-    replay("key", lambda: between("cpu", lambda: None))
+    run(replay, lambda: between("cpu", lambda: None))
     monkeypatch.setattr(wp, "capture_begin", twice)
     with pytest.raises(RuntimeError, match="no room for a graph"):
-        replay("key", lambda: between("cpu", lambda: None))
+        run(replay, lambda: between("cpu", lambda: None))
     monkeypatch.undo()
     seen = []
     between("cpu", lambda: seen.append("at once"))

@@ -1,8 +1,7 @@
-"""A scene on a mesh and a device, what it prescribes in time included: all that components of its
-right-hand side are made of."""
+"""A scene on a mesh and a device: the coefficients and fields of its effects."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -20,46 +19,55 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DiscreteScene:
-    """The scene, where its nodes are, and its coefficients and fields on the device."""
+    """The scene, where its nodes are, and its coefficients and fields on the device.
+
+    Every model and right-hand side of the scene shares these arrays.
+    """
 
     mesh: Mesh
     scene: Scene
     device_mesh: DeviceMesh
     launch: Launcher
+    counters: dict[str, int] = field(
+        default_factory=lambda: {"rhs_evaluations": 0, "tangent_evaluations": 0}
+    )
+    """Evaluations so far."""
 
     @cached_property
     def fluid(self) -> tuple[str, ...]:
         """Names of the blocks (N,) of wind and depth in a state."""
         return ("h",) if self.scene.wind else ("u", "v", "h")
 
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of all blocks (N,) of a state; tracers come behind the fluid."""
-        return (*self.fluid, *(f"hq_{name}" for name in self.scene.tracers or ()))
-
     @property
     def fluid_size(self) -> int:
         """Length of wind and depth in a state."""
         return len(self.fluid) * self.device_mesh.size
 
-    @property
-    def size(self) -> int:
-        """Length of a state."""
-        return len(self.names) * self.device_mesh.size
+    def zeros(self, size: int) -> wp.array:
+        """Return zeros (size,) in the number type of the run."""
+        return wp.zeros(size, dtype=self.device_mesh.real, device=self.device_mesh.device)
 
-    def inviscid(self) -> "DiscreteScene":
-        """This one without effects that diffuse, with the same arrays."""
-        effects = tuple(effect for effect in self.scene.effects if not effect.diffuses)
-        other = replace(self, scene=replace(self.scene, effects=effects))
-        vars(other)["parameters"] = self.parameters
-        return other
+    @cached_property
+    def laplacian(self) -> wp.array:
+        """Room for the Laplacian of wind and depth, which all right-hand sides share."""
+        return self.zeros(self.fluid_size)
 
-    def zeros(self) -> wp.array:
-        """A state of zeros."""
-        real, device = self.device_mesh.real, self.device_mesh.device
-        return wp.zeros(self.size, dtype=real, device=device)
+    @cached_property
+    def difference(self) -> wp.array:
+        """Room for the difference of wind and depth from the base, shared likewise."""
+        return self.zeros(self.fluid_size)
+
+    @cached_property
+    def wind(self) -> "PrescribedFields":
+        """The prescribed wind, if there is one."""
+        return PrescribedFields(self, "wind", "uv", self.scene.steady_wind)
+
+    @cached_property
+    def forcing(self) -> "PrescribedFields":
+        """The prescribed rates of change, if there are any."""
+        return PrescribedFields(self, "forcing", self.fluid, self.scene.steady_forcing)
 
     @cached_property
     def bottom(self) -> Array:

@@ -10,6 +10,7 @@ from swe_sphere.kernels.average import average_kernel
 from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.kernels.vectors import axpby_kernel
 from swe_sphere.operators import TendencyOperator
+from swe_sphere.operators.replay import recorded
 
 NEEDED = ("momentum-advection", "pressure-gradient")
 
@@ -33,7 +34,8 @@ class PoissonTendency:
         terms = Terms(advection=True, pressure=True, poisson=True)
         point = Pointwise(rotation=scene.coriolis is not None, forcing=scene.forcing is not None)
         own = model.parameters | {"base": self._base}
-        self._operator = TendencyOperator(mesh, terms, model.launch, own, point)
+        operator = TendencyOperator(mesh, terms, model.launch, own, point)
+        self._operator = recorded(model.launch, operator)
         self._average = average_kernel(mesh.real, scene.bottom is not None)
         self._constants = self._average.structure()
         self._constants.size, self._constants.gravity = mesh.size, scene.planet.gravity

@@ -24,8 +24,10 @@ class FastWaves:
         self._winds, self._depth = 2 * n, self.state[2 * n : 3 * n]
         self._fields = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         self._geometry = mesh.geometry(self._fields.geometry)
-        self._divergence, self._flat_divergence = mesh.local(1, self._fields.value)
-        self._gradient, self._flat_gradient = mesh.local(2, self._fields.value)
+        self._divergence = mesh.scratch(1, self._fields.value)
+        self._gradient = mesh.scratch(2, self._fields.value)
+        self._sweep_divergence = mesh.sweep_of(model.launch, self._divergence.flat)
+        self._sweep_gradient = mesh.sweep_of(model.launch, self._gradient.flat)
         self._kernels = fast_wave_kernels(mesh.real, model.carried is not None)
         self._add = combine_kernel(mesh.real, 2)
         model.launch.load(
@@ -60,22 +62,22 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
-            launch, self._fields.transport, mesh.dim_of(1), self._flat_divergence, self._geometry,
-            s, rest, self._winds, 1, self._divergence,
+        self._sweep_divergence(
+            self._fields.transport, mesh.dim_of(1), self._geometry, s, rest, self._winds, 1,
+            self._divergence.values,
         )  # fmt: skip
         launch(
             self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
-            self._flat_divergence, tau, rate, s, kept, self._path,
+            self._divergence.flat, tau, rate, s, kept, self._path,
         )  # fmt: skip
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
-            launch, self._fields.gradient, mesh.dim_of(1), self._flat_gradient, self._geometry, s,
-            self._depth, 0, 1, self._gradient,
+        self._sweep_gradient(
+            self._fields.gradient, mesh.dim_of(1), self._geometry, s, self._depth, 0, 1,
+            self._gradient.values,
         )  # fmt: skip
         launch(
             self._kernels.kick, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
-            mesh.size, self._flat_gradient, self._model.scene.planet.gravity, tau, rate, s,
+            mesh.size, self._gradient.flat, self._model.scene.planet.gravity, tau, rate, s,
         )  # fmt: skip

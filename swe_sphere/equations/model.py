@@ -1,27 +1,33 @@
-"""The right-hand side of a scene on a mesh and a device."""
+"""A scene on a mesh and a device: its states and its right-hand sides."""
 
-import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
+from swe_sphere.equations.right_hand_side import RightHandSide, fluid_operations, needs_base
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
-from swe_sphere.equations.tendencies import TendencyComponent, acting
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.limiter_operator import Limiter
+from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.parallel import Alone
 
 SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
+COUNTERS = {
+    "all": "rhs_evaluations", "conservative": "rhs_evaluations", "tangent": "tangent_evaluations",
+}  # fmt: skip
+"""What evaluations of components are counted as; those of dissipation are not counted."""
 LEAST_DEPTH = 1e-30
 """A depth below this [m] is none: one over it does not fit into every number of a run."""
 
@@ -47,45 +53,48 @@ class Model:
         shape: str | None = None,
         jacobian: str = "exact",
         comm: Alone | None = None,
+        discrete: DiscreteScene | None = None,
+        carries_flux: bool = False,
     ) -> None:
-        if precision not in REALS:
-            raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+        """discrete: of another model, whose device, arrays, kernels and counters this one shares.
+
+        `scene` may lack effects of that model's scene.  carries_flux: states have the flux of mass
+        that carries tracers in the place of the tracers.
+        """
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
-        self.mesh, self.scene, self.precision = mesh, scene, precision
-        self.comm = comm or Alone()
+        if discrete is None:
+            discrete = _discretise(mesh, scene, device, precision, shape, comm or Alone())
+        self.mesh, self.scene, self.discrete, self._jacobian = mesh, scene, discrete, jacobian
+        self.device_mesh, self.launch = discrete.device_mesh, discrete.launch
+        self.device, self.shape = self.device_mesh.device, self.device_mesh.shape
+        self.precision = str(self.device_mesh.numpy_real)
+        self.comm = self.device_mesh.comm
         """The ranks that share the mesh."""
-        self.device = find_device(device, self.comm.local)
-        if self.comm.shared:
-            wp.set_device(self.device)  # which MPI takes to be the rank's own
-        self.shape = shape or ("element" if self.device == "cpu" else "node")
-        if self.shape not in SHAPES:
-            raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-        self.launch = Launcher(self.device, self.comm, mesh.np**2)
-        self.device_mesh = DeviceMesh(mesh, self.device, REALS[precision], self.shape, self.comm)
-        made = DiscreteScene(mesh, scene, self.device_mesh, self.launch)
-        self.discrete = made
-        self.names, self.size = made.names, made.size
-        self.fluid_size = made.fluid_size
+        self.fluid_size = discrete.fluid_size
         """Length of wind and depth in a state; tracers come behind them."""
-        self.bottom, self.coriolis = made.bottom, made.coriolis
-        self.parameters = made.parameters
+        self.bottom, self.coriolis = discrete.bottom, discrete.coriolis
+        self.parameters = discrete.parameters
         """Coefficients and fields of the effects, on the device."""
-        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
-        differentiable = all(effect.differentiable for effect in scene.effects)
-        self._exact = jacobian == "exact" and differentiable
-        self._wind = PrescribedFields(made, "wind", "uv", scene.steady_wind)
-        self._forcing = PrescribedFields(made, "forcing", made.fluid, scene.steady_forcing)
+        self.counters = discrete.counters
         self.set_time(0.0)  # a function that fails does so before anything is computed
-        self._components: dict[tuple[object, ...], TendencyComponent] = {}
-        self._stepping: TendencyComponent | None = None
-        if not self.diffusive:  # else a stepper may want it without diffusion
-            self.component("all")
-        self.tracers = TracerEquations(made) if scene.tracers else None
-        self.carried: TracerEquations | MassFlux | None = self.tracers
+        self.tracers: TracerEquations | None = None
+        self.carried: TracerEquations | MassFlux | None = None
         """What a state carries behind wind and depth."""
-        self.limiter = None if self.tracers is None else self.tracers.limiter()
+        if carries_flux:
+            self.carried = MassFlux(discrete)
+        elif scene.tracers:
+            self.carried = self.tracers = TracerEquations(discrete, scene)
+        self.names = (*discrete.fluid, *(self.carried.names if self.carried else ()))
+        """Names of the blocks (N,) of a state."""
+        self.size = len(self.names) * self.device_mesh.size
+        if not self.diffusive:  # else a stepper may want it without diffusion
+            _ = self.tendency
+
+    @cached_property
+    def limiter(self) -> Limiter | None:
         """What steppers have to apply to the state after every step, if anything."""
+        return None if self.tracers is None else self.tracers.limiter()
 
     @property
     def compile_seconds(self) -> float:
@@ -96,7 +105,7 @@ class Model:
     def repeats(self) -> bool:
         """Whether a right-hand side is the same launches at all times, with nothing in between."""
         alone = self.limiter is None or not self.comm.shared  # it adds up on the host
-        return self._wind.steady and self._forcing.steady and alone
+        return self.discrete.wind.steady and self.discrete.forcing.steady and alone
 
     @property
     def dissipative(self) -> bool:
@@ -117,44 +126,28 @@ class Model:
 
     @cached_property
     def inviscid(self) -> "Model":
-        """This model without viscosity and hyperviscosity, which shares all arrays and counts."""
+        """The model without viscosity and hyperviscosity; all arrays and counters are shared."""
         if not self.diffusive:
             return self
-        other = copy.copy(self)
-        other.discrete = self.discrete.inviscid()
-        other.scene, other._components = other.discrete.scene, {}
-        other.tracers = self.tracers and self.tracers.inviscid()
-        other.carried = other.tracers or self.carried
-        return other
+        effects = tuple(effect for effect in self.scene.effects if not effect.diffuses)
+        return self._alike(replace(self.scene, effects=effects), isinstance(self.carried, MassFlux))
 
     @cached_property
     def carrier(self) -> "Model":
-        """This model with what carries tracers in their place, all else shared with it."""
-        _ = self.diffusive and self.diffusion_radius  # which is shared as well
-        other = copy.copy(self)
-        vars(other).pop("inviscid", None)
-        other.tracers, other.carried, other.limiter = None, MassFlux(self.discrete), None
-        other.names = (*self.discrete.fluid, *MassFlux.names)
-        other.size = len(other.names) * self.device_mesh.size
-        return other
+        """The model with the flux of mass in the place of tracers; all else is shared."""
+        return self._alike(self.scene, True)
 
-    def stepping(self, start: wp.array, tau: float) -> "Model":
-        """This model without diffusion, whose `tendency` leaves start + tau rate, tau in [s].
-
-        `start` is a state, `out` may be that too.  All else is shared.
-        """
-        stage = stage_struct(self.device_mesh.real)()
-        stage.on, stage.start, stage.tau = True, start, tau
-        other = copy.copy(self)
-        other._stepping = self.component("all").stepping(stage)
-        other.carried = self.carried and self.carried.stepping(stage)
-        return other
+    def _alike(self, scene: Scene, carries_flux: bool) -> "Model":
+        return Model(
+            self.mesh, scene, jacobian=self._jacobian, discrete=self.discrete,
+            carries_flux=carries_flux,
+        )  # fmt: skip
 
     # --- states
 
     def zeros(self) -> wp.array:
         """A state of zeros."""
-        return wp.zeros(self.size, dtype=self.device_mesh.real, device=self.device)
+        return self.discrete.zeros(self.size)
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
@@ -197,65 +190,100 @@ class Model:
 
     # --- right-hand sides
 
-    def tendency(self, state: wp.array, t: float, out: wp.array) -> None:
-        """out = d state / dt at time t [s], after DSS; counted as one right-hand side."""
-        self.counters["rhs_evaluations"] += 1
-        self.set_time(t)
-        (self._stepping or self.component("all"))(state, out)
-        if self.carried is not None:
-            self.carried.tendency(state, out)
+    def right_hand_side(
+        self,
+        component: str = "all",
+        *,
+        stage: tuple[wp.array, float] | None = None,
+        base: wp.array | None = None,
+        fluid_only: bool = False,
+        counted: bool = True,
+    ) -> RightHandSide:
+        """Return a component of the right-hand side, see `RightHandSide`.
 
-    def conservative_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
-        """The right-hand side without dissipation; counted as one right-hand side."""
-        self.fluid_tendency(state, t, out)
-        if self.carried is not None:
-            self.carried.transport(state, out)
+        stage: (start, tau [s]), where the result is to be start + tau rate; start is a state, and
+        may be the result.  base: a state at which the tangent is taken; its array is kept.
+        fluid_only: the rates of wind and depth alone, also for vectors of nothing else.
+        """
+        step = None
+        if stage is not None:
+            step = stage_struct(self.device_mesh.real)()
+            step.on, (step.start, step.tau) = True, stage
+        discrete = self.discrete
+        operations = fluid_operations(discrete, self.scene, component, base, step)
+        if self.carried is not None and not fluid_only:
+            operations += self.carried.operations(component, base, step)
+        prescribed = {"tangent": [discrete.wind], "dissipative": [], "diffusive": []}
+        fields = prescribed.get(component, [discrete.wind, discrete.forcing])
+        counter = COUNTERS.get(component) if counted else None
+        changing = tuple(each for each in fields if not each.steady)
+        replay = Replay(self.launch)
+        return RightHandSide(tuple(operations), changing, self.counters, counter, replay)
 
-    def fluid_tendency(self, state: wp.array, t: float, out: wp.array) -> None:
-        """That of wind and depth alone, also for vectors that hold nothing else."""
-        self.counters["rhs_evaluations"] += 1
-        self.set_time(t)
-        self.component("conservative")(state, out)
+    @cached_property
+    def tendency(self) -> RightHandSide:
+        """The whole right-hand side: `tendency(state, t, out)`."""
+        return self.right_hand_side()
+
+    @cached_property
+    def conservative_tendency(self) -> RightHandSide:
+        """The right-hand side without dissipation: `conservative_tendency(state, t, out)`."""
+        return self.right_hand_side("conservative")
+
+    @cached_property
+    def fluid_tendency(self) -> RightHandSide:
+        """The same of wind and depth alone, also for vectors that hold nothing else."""
+        return self.right_hand_side("conservative", fluid_only=True)
 
     def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
-        """The dissipation alone, for schemes that step it apart."""
-        self.fluid_dissipation(state, out)
-        if self.carried is not None:
-            self.carried.diffuse(state, out)
+        """Write the dissipation alone to `out`, for schemes that step it apart."""
+        self._dissipation(state, 0.0, out)
 
     def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
-        """That of wind and depth alone, also for vectors that hold nothing else."""
-        self.component("dissipative")(state, out)
+        """Write the dissipation of wind and depth alone, also for vectors of nothing else."""
+        self._fluid_dissipation(state, 0.0, out)
 
     def diffusion(self, state: wp.array, out: wp.array) -> None:
-        """What viscosity and hyperviscosity do; the scene has one of them."""
-        self.component("diffusive")(state, out)
-        if self.carried is not None:
-            self.carried.diffuse(state, out)
+        """Write the rates of viscosity and hyperviscosity to `out`; the scene has one of them."""
+        self._diffusion(state, 0.0, out)
+
+    @cached_property
+    def _dissipation(self) -> RightHandSide:
+        return self.right_hand_side("dissipative")
+
+    @cached_property
+    def _fluid_dissipation(self) -> RightHandSide:
+        return self.right_hand_side("dissipative", fluid_only=True)
+
+    @cached_property
+    def _diffusion(self) -> RightHandSide:
+        return self.right_hand_side("diffusive")
 
     @cached_property
     def diffusion_radius(self) -> float:
-        """Largest rate at which they damp [s-1], the same for all states."""
-        operator = self.component("diffusive")
-        return spectral_radius(self.discrete, self.initial_state(), operator, reach=1.0)
+        """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
+        diffusion = self.right_hand_side("diffusive", fluid_only=True)
+        return spectral_radius(
+            self.discrete, self.initial_state(), lambda x, out: diffusion(x, 0.0, out), reach=1.0
+        )
 
     def jacobian(self) -> Jacobian:
-        """A Jacobian to be kept and brought to one state after the other by its `update`."""
-        if self._exact:
-            tangent = self.component("tangent")
-            return ExactJacobian(self.discrete, tangent, self.tracers, self._wind, self.counters)
-        return DifferenceJacobian(self.discrete, self.tendency, self.counters)
+        """Return a Jacobian to be kept and brought to one state after the other by `update`."""
+        if self._jacobian == "difference" or not all(e.differentiable for e in self.scene.effects):
+            return DifferenceJacobian(self.discrete, self.names, self.tendency)
+        needed = self.tracers is not None or needs_base(self.discrete, self.scene)
+        base = self.zeros() if needed else None
+        return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
     def linearise(self, state: wp.array, t: float) -> Jacobian:
-        """The derivative of the right-hand side at a state and time t [s]."""
+        """Return the derivative of the right-hand side at a state and time t [s]."""
         return self.jacobian().update(state, t)
 
     def spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
-        self.set_time(t)
+        waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
         dissipation = self.fluid_dissipation if self.dissipative else None
-        waves = self.component("conservative")
-        return estimate_spectrum(self.discrete, state, waves, dissipation)
+        return estimate_spectrum(self.discrete, state, lambda x, out: waves(x, t, out), dissipation)
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
@@ -265,21 +293,29 @@ class Model:
 
     def set_time(self, t: float) -> None:
         """Bring the prescribed wind and the forcing to time t [s]."""
-        self._wind.set_time(t)
-        self._forcing.set_time(t)
+        self.discrete.wind.set_time(t)
+        self.discrete.forcing.set_time(t)
 
     def mean_source(self, t: float) -> float:
         """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
-        self._forcing.set_time(t)
-        return self._forcing.mean_of_depth
+        self.discrete.forcing.set_time(t)
+        return self.discrete.forcing.mean_of_depth
 
-    def component(self, name: str) -> TendencyComponent:
-        """The named component of the right-hand side, compiled when first called for."""
-        effects = tuple(effect.name for effect in acting(self.scene, name))
-        key = (name == "tangent", *effects)
-        if key not in self._components:
-            self._components[key] = TendencyComponent(self.discrete, name)
-        return self._components[key]
+
+def _discretise(
+    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Alone
+) -> DiscreteScene:
+    if precision not in REALS:
+        raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+    device = find_device(device, comm.local)
+    if comm.shared:
+        wp.set_device(device)  # which MPI takes to be the rank's own
+    shape = shape or ("element" if device == "cpu" else "node")
+    if shape not in SHAPES:
+        raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+    launch = Launcher(device, comm, mesh.np**2)
+    device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+    return DiscreteScene(mesh, scene, device_mesh, launch)
 
 
 def _check_depth(name: str, flow: State, mesh: Mesh) -> None:

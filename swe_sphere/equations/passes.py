@@ -6,8 +6,8 @@ from typing import Any
 
 import warp as wp
 
+from swe_sphere.equations.effect_terms import element_terms, pointwise_terms
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.tendencies import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, levels_struct
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
@@ -15,7 +15,7 @@ from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.kernels.run_steps import carrying_kernel, run_kernels
 from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.launch import in_runs
-from swe_sphere.operators.pointwise_operator import fill
+from swe_sphere.operators.tendency import fill
 
 Levels = tuple[wp.array, ...]
 """States at several times, the present one first."""
@@ -32,11 +32,11 @@ class Passes:
     """
 
     def __init__(self, model: Model) -> None:
-        self._model, discrete = model, model.discrete
-        self._mesh, self._real = discrete.device_mesh, discrete.device_mesh.real
+        self._model = model
+        self._mesh, self._real = model.device_mesh, model.device_mesh.real
         mesh, np_ = self._mesh, self._mesh.mesh.np
         terms = element_terms(model.scene, "conservative")
-        point = pointwise_terms(discrete, "conservative")
+        point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.wind, terms.unknowns - 1
         flux = model.carried if isinstance(model.carried, MassFlux) else None
         self._masses = 1 if flux is not None else len(model.names) - self._first
@@ -60,8 +60,10 @@ class Passes:
         """Kernels that step what elements have not, their geometry, threads and first nodes."""
         parameters |= {"point": self._runs[0][1].point}
         of_fields = field_kernels(np_, self._real, mesh.shape)
-        self._local_depth, self._flat_depth = mesh.local(self._masses, of_fields.value)
-        self._local_wind, self._flat_wind = mesh.local(2, of_fields.value)
+        self._local_depth = mesh.scratch(self._masses, of_fields.value)
+        self._local_wind = mesh.scratch(2, of_fields.value)
+        self._sweep_depth = mesh.sweep_of(model.launch, self._local_depth.flat)
+        self._sweep_wind = mesh.sweep_of(model.launch, self._local_wind.flat)
         self._transport, self._geometry = None, mesh.geometry(of_fields.geometry)
         if direct:
             carrying = carrying_kernel(np_, terms.unknowns, self._real, point, damped)
@@ -108,13 +110,12 @@ class Passes:
             model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
-            mesh.sweep(
-                model.launch, self._transport, mesh.dim_of(self._masses), self._flat_depth,
-                self._geometry, wind, self.carried, self._first * size, self._masses,
-                self._local_depth,
+            self._sweep_depth(
+                self._transport, mesh.dim_of(self._masses), self._geometry, wind, self.carried,
+                self._first * size, self._masses, self._local_depth.values,
                 *([step] if self._direct else []),
             )  # fmt: skip
-        self._sum("depth", self._flat_depth, step, self._masses)
+        self._sum("depth", self._local_depth.flat, step, self._masses)
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
@@ -126,11 +127,11 @@ class Passes:
         mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
             done = step if self._direct else out
-            mesh.sweep(
-                self._model.launch, self._force, mesh.dim, self._flat_wind, self._force_geometry,
-                self.pushed, self._local_wind, done,
+            self._sweep_wind(
+                self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind.values,
+                done,
             )  # fmt: skip
-        self._sum("wind", self._flat_wind, step)
+        self._sum("wind", self._local_wind.flat, step)
 
     def _sum(self, name: str, flat: wp.array, step: Any, *count: int) -> None:
         """DSS of what elements have left, and the step."""

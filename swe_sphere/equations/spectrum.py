@@ -1,6 +1,5 @@
 """Extent of the spectrum of the discrete operator, from which stable steps follow."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +9,8 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.equations.arnoldi import Product, largest_modulus
 from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
-
-Operator = Callable[[wp.array, wp.array], None]
 
 TOLERANCE = 1e-2
 
@@ -92,9 +90,7 @@ def _scaled_product(
     scale = np.ones(base.size)
     scale[-mesh.size :] = _unit_of_depth(discrete, fluid)
     size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
-    moved, plus, minus = (
-        wp.zeros(discrete.fluid_size, dtype=mesh.real, device=mesh.device) for _ in range(3)
-    )
+    moved, plus, minus = (discrete.zeros(discrete.fluid_size) for _ in range(3))
     room = np.empty(base.size)
 
     def product(d: NDArray[np.floating]) -> Array:

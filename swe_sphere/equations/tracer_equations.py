@@ -1,16 +1,17 @@
 """What a state carries behind wind and depth: the masses hq of tracers, or the flux of mass."""
 
-import copy
-from typing import Any, Self
+from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.effect_terms import element_terms
 from swe_sphere.equations.effects import Tracers
+from swe_sphere.equations.right_hand_side import Operation, term_operations
 from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.tendencies import TermsOperator, element_terms
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.kernels.tracers import pointwise_kernels
@@ -18,15 +19,18 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
 
+TRANSPORT = ("all", "conservative", "tangent")
+"""Components of a right-hand side with transport; the others have dissipation alone."""
+
 
 def mixing_ratios(scene: Scene, mesh: Mesh) -> dict[str, Array]:
-    """The initial mixing ratios (N,) of the scene's tracers by name."""
+    """Return the initial mixing ratios (N,) of the scene's tracers by name."""
     formulas = scene.tracers or {}
     return {name: formula(mesh.lon, mesh.lat) for name, formula in formulas.items()}
 
 
 class TracerEquations:
-    """What the right-hand side does to tracers: d(hq)/dt = -div(hq V) + diffusion.
+    """The equations of tracers: d(hq)/dt = -div(hq V) + diffusion.
 
     The wind V is that of the state, or the prescribed one.  The equation is that of the depth with
     hq in the place of h, term by term and rounding by rounding, so that a constant q stays
@@ -34,129 +38,117 @@ class TracerEquations:
     constant then too.  Sources of fluid bring no tracer with them.
     """
 
-    def __init__(self, discrete: DiscreteScene) -> None:
-        self._discrete = discrete
-        self._launch, self._mesh = discrete.launch, discrete.device_mesh
+    def __init__(self, discrete: DiscreteScene, scene: Scene) -> None:
+        """scene: the effects that act, of those of the discrete scene."""
+        self._discrete, self._scene = discrete, scene
         self.first = discrete.fluid_size
-        """Where the first tracer begins in a state vector."""
-        self.count = len(discrete.names) - len(discrete.fluid)
-        self.depth = self.first - self._mesh.size
-        """Where the depth begins."""
+        """Offset of the first tracer in a state vector."""
+        self.depth = self.first - discrete.device_mesh.size
+        """Offset of the depth."""
+        self.names = tuple(f"hq_{name}" for name in discrete.scene.tracers or ())
+        """Names of the blocks (N,)."""
+        self.count = len(self.names)
         self._wind: wp.array | None = discrete.parameters.get("wind")
-        self._transport = TracerTransport(self._mesh, self._launch, self.count)
-        terms = element_terms(discrete.scene, "dissipative")
+        self._transport = TracerTransport(discrete.device_mesh, discrete.launch, self.count)
+        terms = element_terms(scene, "dissipative")
         self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
 
-    def inviscid(self) -> "TracerEquations":
-        """These equations without diffusion; kernels and work arrays are shared."""
-        other = copy.copy(self)
-        other._diffusion = None
-        return other
+    def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
+        """Return the operations on tracers of a component, see `RightHandSide`.
 
-    def stepping(self, stage: Any) -> Self:
-        """These equations without diffusion, whose `tendency` is what the stage makes of it."""
-        other = copy.copy(self)
-        other._transport, other._diffusion = self._transport.stepping(stage), None
-        return other
-
-    def tendency(self, x: wp.array, out: wp.array) -> None:
-        """What the whole right-hand side does to tracers at the state x."""
-        self.transport(x, out)
-        if self._diffusion is not None:
-            self._diffusion(x, out)
-
-    def transport(self, x: wp.array, out: wp.array) -> None:
-        """Transport alone, by the wind of x."""
-        wind = x if self._wind is None else self._wind
-        self.carry(wind, x, out)
+        Raises NotImplementedError for a stage with diffusion, which is added to rates.
+        """
+        if component not in TRANSPORT:
+            operations = [Operation(partial(_clear, self.first))]
+        elif component == "tangent" and self._wind is None:
+            operations = [Operation(partial(self._transport_tangent, base))]
+        else:
+            operations = [Operation(partial(self._transport_of, stage))]
+        if self._diffusion is None or component == "conservative":
+            return operations
+        if stage is not None:
+            raise NotImplementedError("a stage cannot diffuse tracers")
+        return operations + self._diffusion.operations(base if component == "tangent" else None)
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:
-        """Transport by a wind (2N, ...)."""
+        """Write the rates of transport by a wind (2N, ...) of the masses in x."""
         self._transport(wind, x, self.first, out, self.first)
 
-    def diffuse(self, x: wp.array, out: wp.array) -> None:
-        """Diffusion alone."""
-        out[self.first :].zero_()
-        if self._diffusion is not None:
-            self._diffusion(x, out)
+    def _transport_of(self, stage: Any, x: wp.array, out: wp.array) -> None:
+        wind = x if self._wind is None else self._wind
+        self._transport(wind, x, self.first, out, self.first, stage)
 
-    def tangent(self, base: wp.array, direction: wp.array, out: wp.array) -> None:
-        """The derivative of `tendency` at the state `base` along a direction."""
-        if self._wind is None:
-            self._transport.tangent(base, direction, self.first, out)
-        else:
-            self.transport(direction, out)
-        if self._diffusion is not None:
-            self._diffusion.tangent(base, direction, out)
+    def _transport_tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
+        self._transport.tangent(base, x, self.first, out)
 
     def mixing_ratio(self) -> MixingRatio:
-        """New room for the mixing ratios of a state."""
-        return MixingRatio(self._mesh, self._launch, self.count, self.depth, self.first)
+        """Return new room for the mixing ratios of a state."""
+        discrete = self._discrete
+        offsets = self.count, self.depth, self.first
+        return MixingRatio(discrete.device_mesh, discrete.launch, *offsets)
 
     def limiter(self) -> Limiter | None:
-        """A limiter with the bounds of the initial mixing ratios, if the scene asks for it."""
-        mesh, scene = self._discrete.mesh, self._discrete.scene
-        effect = scene.effect("tracers")
+        """Return a limiter with the bounds of the initial mixing ratios, if the scene has one."""
+        mesh, effect = self._discrete.mesh, self._scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
-        ratios = np.stack([*mixing_ratios(scene, mesh).values()])
-        lower, upper = ratios.min(axis=1), ratios.max(axis=1)
-        return Limiter(self._mesh, self._launch, self.depth, self.first, lower, upper)
+        ratios = np.stack([*mixing_ratios(self._scene, mesh).values()])
+        bounds = ratios.min(axis=1), ratios.max(axis=1)
+        offsets = self.depth, self.first
+        return Limiter(self._discrete.device_mesh, self._discrete.launch, *offsets, *bounds)
+
+
+def _clear(first: int, x: wp.array, out: wp.array) -> None:
+    out[first:].zero_()
 
 
 class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
     def __init__(self, tracers: TracerEquations, discrete: DiscreteScene, terms: Terms) -> None:
-        mesh, size = discrete.device_mesh, discrete.device_mesh.size
-        count, real = tracers.count, mesh.real
-        self._launch, self._kernels = discrete.launch, pointwise_kernels(real)
-        self._dim, self._first = (count, size), tracers.first
-        self._offsets = (tracers.depth, tracers.first, size)
+        mesh, count = discrete.device_mesh, tracers.count
+        self._discrete, self._launch = discrete, discrete.launch
+        self._kernels = pointwise_kernels(mesh.real)
+        self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
+        self._offsets = (tracers.depth, tracers.first, mesh.size)
         raised = discrete.scene.bottom is not None
         self._bottom = mesh.scatter(discrete.bottom) if raised else None
-        self._raised, self._rate = (
-            wp.zeros(count * size, dtype=real, device=mesh.device) for _ in range(2)
-        )
-        blocks = [slice(k * size, (k + 1) * size) for k in range(count)]
-        self._fields = [(self._raised[block], self._rate[block]) for block in blocks]
+        self._raised, self._rate = (discrete.zeros(count * mesh.size) for _ in range(2))
         diffusion, biharmonic = terms.diffusion, terms.biharmonic
-        of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
-        self._operator = TermsOperator(discrete, of_field)
+        self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
 
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        """Add the diffusion at the state x to `out`."""
-        kernels, bottom = self._kernels, self._bottom
-        if bottom is None:
-            wp.copy(self._raised, x, src_offset=self._first, count=self._raised.size)
-        else:
-            self._launch(kernels.raised, self._dim, x, bottom, *self._offsets, self._raised)
-        self._add(out)
+    def operations(self, base: wp.array | None) -> list[Operation]:
+        """Return what adds the diffusion at a state, or its derivative at the state `base`."""
+        raised = self._raise
+        if base is not None and self._bottom is not None:
+            raised = partial(self._raise_tangent, base)
+        operations = [Operation(raised, target=self._raised)]
+        for k in range(0, self._raised.size, self._size):
+            block = slice(k, k + self._size)
+            field, rate = self._raised[block], self._rate[block]
+            operations += term_operations(self._discrete, self._of_field, source=field, target=rate)
+        return [*operations, Operation(self._add, source=self._rate)]
 
-    def tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
-        """Add its derivative at the state `base` along x to `out`."""
+    def _raise(self, x: wp.array, out: wp.array) -> None:
         if self._bottom is None:
-            self(x, out)
-            return
-        self._launch(
-            self._kernels.raised_tangent, self._dim, base, self._bottom, *self._offsets, x,
-            self._raised,
-        )  # fmt: skip
-        self._add(out)
+            wp.copy(out, x, src_offset=self._first, count=out.size)
+        else:
+            self._launch(self._kernels.raised, self._dim, x, self._bottom, *self._offsets, out)
 
-    def _add(self, out: wp.array) -> None:
-        for field, rate in self._fields:
-            self._operator(field, rate)
-        *_, size = self._offsets
-        self._launch(self._kernels.add, self._dim, self._rate, self._first, size, out)
+    def _raise_tangent(self, base: wp.array, x: wp.array, out: wp.array) -> None:
+        raised = self._kernels.raised_tangent
+        self._launch(raised, self._dim, base, self._bottom, *self._offsets, x, out)
+
+    def _add(self, rate: wp.array, out: wp.array) -> None:
+        self._launch(self._kernels.add, self._dim, rate, self._first, self._size, out)
 
 
 class MassFlux:
     """Two blocks G (N,) [m2] in the place of tracers behind wind and depth, with dG/dt = h V.
 
     Without dissipation and sources dh/dt = -div(dG/dt), and every scheme that combines tendencies
-    and states linearly keeps h + div G to round-off: what it has added to G between two times is
-    the mass flux with which tracers have to be carried from one to the other.
+    and states linearly keeps h + div G to round-off: the change of G between two times is the mass
+    flux with which tracers have to be carried from one to the other.  Dissipation is no flux.
     """
 
     names = ("flux_u", "flux_v")
@@ -164,30 +156,25 @@ class MassFlux:
     def __init__(self, discrete: DiscreteScene) -> None:
         self._launch, self._size = discrete.launch, discrete.device_mesh.size
         self.first = discrete.fluid_size
-        """Where G begins in a state vector."""
+        """Offset of G in a state vector."""
         self.depth = self.first - self._size
-        """Where the depth begins."""
+        """Offset of the depth."""
         self._kernel = flux_kernel(discrete.device_mesh.real)
-        self._stage = discrete.device_mesh.stage
+        self._rate = discrete.device_mesh.stage
         self._launch.load(self._kernel)
 
-    def stepping(self, stage: Any) -> Self:
-        """This flux, whose `tendency` is what the stage makes of it."""
-        other = copy.copy(self)
-        other._stage = stage
-        return other
+    def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
+        """Return the operations on G of a component, see `RightHandSide`.
 
-    def tendency(self, x: wp.array, out: wp.array) -> None:
-        """out_G = h V at the state x."""
-        self.carry(x, x, out)
+        Raises NotImplementedError for the tangent, which no stepper with this flux needs.
+        """
+        if component == "tangent":
+            raise NotImplementedError("the mass flux has no tangent")
+        if component not in TRANSPORT:
+            return [Operation(partial(_clear, self.first))]
+        return [Operation(lambda x, out: self.carry(x, x, out, stage))]
 
-    transport = tendency
-
-    def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:
-        """out_G = h V with the wind in front of `wind`."""
-        size = self._size
-        self._launch(self._kernel, size, wind, x, self.depth, size, self.first, self._stage, out)
-
-    def diffuse(self, x: wp.array, out: wp.array) -> None:
-        """Dissipation is no flux: out_G = 0."""
-        out[self.first :].zero_()
+    def carry(self, wind: wp.array, x: wp.array, out: wp.array, stage: Any = None) -> None:
+        """out_G = h V, or the result of a stage, with the wind in front of `wind`."""
+        size, stage = self._size, self._rate if stage is None else stage
+        self._launch(self._kernel, size, wind, x, self.depth, size, self.first, stage, out)

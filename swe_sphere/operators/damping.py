@@ -41,10 +41,9 @@ class Damping:
         self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
         self._ones = mesh.on_elements(np.ones_like(jacobian))
         self._once, self._twice = (mesh.on_elements(np.ones_like(jacobian)) for _ in range(2))
-        self._first, self._east, self._north = (
-            Field(*mesh.local(1, self._mass.dtype)) for _ in range(3)
-        )
-        self._second = Field(*mesh.unshared(1, self._mass.dtype))
+        dtype = self._mass.dtype
+        self._first, self._east, self._north = (mesh.local(1, dtype) for _ in range(3))
+        self._second = mesh.unshared(1, dtype)
         self.state = wp.zeros(3 * mesh.size, dtype=given, device=mesh.device)
         """That of the last call of `damp_wind`."""
         made = self._kernels

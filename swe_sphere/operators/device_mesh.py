@@ -1,7 +1,7 @@
 """Mesh arrays in the order in which the kernels read them."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -180,21 +180,28 @@ class DeviceMesh(Layout):
             setattr(filled, name, known[name] if name in known else getattr(self, name))
         return filled
 
-    def local(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
-        """Room for local tendencies, (groups + 1 ..., np*np, unknowns) of `value`, and a flat view.
+    @functools.cache  # noqa: B019 - lives as long as the mesh, with two or three entries
+    def scratch(self, unknowns: int, value: Any) -> Field:
+        """The room for local tendencies that all operators share: each reads what it has written.
+
+        See `local`.
+        """
+        return self.local(unknowns, value)
+
+    def local(self, unknowns: int, value: Any) -> Field:
+        """Return room for local tendencies, (groups + 1 ..., np*np, unknowns) of `value`.
 
         No element writes to the first group behind the others, which stays zero; those after it
         are for what other ranks send.
         """
-        local, flat = self.unshared(unknowns, value)
-        self.share(flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
-        return local, flat
+        local = self.unshared(unknowns, value)
+        self.share(local.flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
+        return local
 
-    def unshared(self, unknowns: int, value: Any) -> tuple[wp.array, wp.array]:
-        """The same room, of which other ranks get nothing: all of them would make messages."""
-        shape = (self.rows // self.points, self.points, unknowns)
-        local = self.aligned(shape, value)
-        return local, self.flat(local)
+    def unshared(self, unknowns: int, value: Any) -> Field:
+        """Return the same room without messages: other ranks get nothing of it."""
+        local = self.aligned((self.rows // self.points, self.points, unknowns), value)
+        return Field(local, self.flat(local))
 
     @property
     def rows(self) -> int:
@@ -259,18 +266,21 @@ class DeviceMesh(Layout):
         if self._halos:
             self._halos[flat.ptr]()
 
-    def sweep(
-        self, launch: Launcher, kernel: Any, dim: int | tuple[int, ...], flat: wp.array, *given: Any
-    ) -> None:
-        """Launch a kernel over the elements with those arguments, and exchange what it leaves.
+    def sweep_of(self, launch: Launcher, flat: wp.array) -> Callable[..., None]:
+        """Return `launch`, or what exchanges the results in `flat` too where there are other ranks.
 
-        While messages are on their way, elements away from the rim are computed.
+        The function takes a kernel over the elements, its threads and its arguments.  While
+        messages are on their way, elements away from the rim are computed.
         """
-        if self._halos:
+        if not self._halos:
+            return launch
+        halo = self._halos[flat.ptr]
+
+        def sweep(kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
             each = dim[1:] if isinstance(dim, tuple) else ()
-            self._rim.launch(launch, kernel, each, given, self._halos[flat.ptr])
-        else:
-            launch(kernel, dim, *given)
+            self._rim.launch(launch, kernel, each, arguments, halo)
+
+        return sweep
 
     @functools.cached_property
     def _rim(self) -> Rim:

@@ -9,7 +9,8 @@ import warp as wp
 class Field:
     """Values at the nodes of each element, or what elements leave for DSS there.
 
-    `values` (groups + 1, np*np, 1) of SIMD registers, and the same memory as numbers, `flat`.
+    `values` (groups + 1, np*np, unknowns) of SIMD registers, and the same memory as numbers in
+    `flat`.
     """
 
     values: wp.array

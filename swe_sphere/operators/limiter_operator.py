@@ -29,7 +29,8 @@ class Limiter:
         self._across = sphere_limiter(mesh.real, mesh.lanes)
         self._limits = in_runs(self._across.limit_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._inside.geometry)
-        self._local, self._flat = mesh.local(self._count, self._inside.value)
+        self._local = mesh.scratch(self._count, self._inside.value)
+        self._sweep = mesh.sweep_of(launch, self._local.flat)
         self._places = mesh.places(self._count)
         self._add = in_runs(partial(blocks_kernel, mesh.real, True), mesh.lanes, 0, mesh.size)
         area = mesh.restrict(mesh.mesh.area)
@@ -51,14 +52,14 @@ class Limiter:
 
     def _within_elements(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
-        mesh.sweep(
-            self._launch, self._inside.limit, mesh.groups, self._flat, self._geometry, state,
-            *self._offsets, self._count, *self._bounds, self._local,
+        self._sweep(
+            self._inside.limit, mesh.groups, self._geometry, state, *self._offsets, self._count,
+            *self._bounds, self._local.values,
         )  # fmt: skip
         for add, threads, begin in self._add:
             self._launch(
                 add, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                self._count, first, self._flat, mesh.stage, state,
+                self._count, first, self._local.flat, mesh.stage, state,
             )  # fmt: skip
 
     def _over_the_sphere(self, state: wp.array) -> None:

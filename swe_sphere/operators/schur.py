@@ -57,8 +57,10 @@ class SchurOperator:
         self._known_passages: dict[Any, Any] = {}
         self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
         self._f1, self._f2 = self.field(), self.field()
-        self._local = Field(*mesh.local(1, self._kernels.value))
-        (self._east, self._north), self._slopes = mesh.fields(2, self._kernels.value)
+        self._local = mesh.local(1, self._kernels.value)
+        (self._east, self._north), slopes = mesh.fields(2, self._kernels.value)
+        self._sweep_slopes = mesh.sweep_of(launch, slopes)
+        self._sweep_local = mesh.sweep_of(launch, self._local.flat)
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
@@ -70,7 +72,7 @@ class SchurOperator:
 
     def field(self) -> Field:
         """A field of zeros."""
-        return Field(*self.mesh.unshared(1, self._kernels.value))
+        return self.mesh.unshared(1, self._kernels.value)
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
@@ -175,16 +177,18 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        slopes = self._east.values, self._north.values
-        self._sweep(self._kernels.gradient, self._slopes, x.values, *slopes)
+        self._sweep_slopes(
+            self._kernels.gradient, self.dim, self._geometry, x.values, self._east.values,
+            self._north.values,
+        )  # fmt: skip
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
         if self._kernels.together:
-            self._sweep(of_fluxes, self._local.flat, *arguments, *results)
+            self._sweep_local(of_fluxes, self.dim, self._geometry, *arguments, *results)
         else:
             self._launch(of_fluxes, *arguments, *results)
-            self._sweep(self._kernels.divergence, self._local.flat, *results)
+            self._sweep_local(self._kernels.divergence, self.dim, self._geometry, *results)
 
     def _assemble(self, kernel: Any, *arguments: Any) -> None:
         """A step that takes what `_diverge` left."""
@@ -195,9 +199,6 @@ class SchurOperator:
         """(e, np, np) number in the whole mesh of each element node."""
         numbers: NDArray[np.int32] = self.mesh.mesh.nodes[self.mesh.part.elements]
         return numbers
-
-    def _sweep(self, kernel: Any, flat: wp.array, *arguments: Any) -> None:
-        self.mesh.sweep(self.launch, kernel, self.dim, flat, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)

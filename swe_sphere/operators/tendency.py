@@ -1,18 +1,17 @@
-"""A compiled set of terms: local tendencies of the elements, then DSS."""
+"""Compiled terms as operators on state vectors."""
 
-import copy
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from functools import partial
+from typing import Any
 
 import warp as wp
 
 from swe_sphere.kernels import Terms, tendency_kernel
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
+from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
-from swe_sphere.operators.pointwise_operator import fill
-from swe_sphere.operators.replay import recorded
 
 
 class TendencyOperator:
@@ -22,7 +21,8 @@ class TendencyOperator:
     [m4 s-1] and the device arrays bottom (N,) [m], wind (2N,) [m s-1], base, laplacian and forcing
     (unknowns*N,) and coriolis (N,) [s-1]; for each term of `point` a dictionary of its numbers and
     fields (N,) by the name of the term.  The wind that `Pointwise.rotation` turns is that of `base`
-    in the skew form.
+    in the skew form.  With a `stage` (a `stage_struct`), `out` is the result of the stage instead
+    of the rate.
     """
 
     def __init__(
@@ -30,83 +30,95 @@ class TendencyOperator:
         mesh: DeviceMesh,
         terms: Terms,
         launch: Launcher,
-        parameters: dict[str, Any],
+        parameters: Mapping[str, Any],
         point: Pointwise = NO_POINTWISE,
+        stage: Any = None,
     ) -> None:
-        self.mesh, self.terms, self.point, self._launch = mesh, terms, point, launch
+        self.mesh, self.terms, self._launch = mesh, terms, launch
+        self._stage = mesh.stage if stage is None else stage
         inside = terms.dynamics
         if terms.diffuses:
             inside = not terms.dynamics and replace(point, tangent=False) == NO_POINTWISE
         direct = mesh.lanes > 1 and inside
         self.compiled = tendency_kernel(terms, mesh.mesh.np, mesh.real, mesh.shape, direct, point)
-        self._runs = self._made(mesh.lanes).assembly if direct else None
+        self._fluxes = [] if self.compiled.flux_kernel is None else [self.compiled.flux_kernel]
+        value = self.compiled.value
+        parameters = {"base": None, **parameters, "stage": self._stage}
+        if self._fluxes:
+            parameters["fluxes"] = mesh.scratch(4, value).values
+        made = partial(pointwise_kernel, terms.unknowns, mesh.real, point)
+        self._own = fill(made(1).structure, parameters, point)
+        self.geometry = mesh.geometry(self.compiled.geometry, parameters | {"point": self._own})
+        self._turned = self.geometry.base if terms.poisson else None
+        self.local, self._places = mesh.scratch(terms.unknowns, value), mesh.places(terms.unknowns)
+        self._sweep = mesh.sweep_of(launch, self.local.flat)
+        lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
+        self._sums = in_runs(lambda n: made(n).assembly, lanes, begin, mesh.size)
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
-        if "fluxes" in self.compiled.geometry.vars:
-            parameters = parameters | {"fluxes": mesh.unshared(4, self.compiled.value)[0]}
-        self._fill(parameters)
-        self._recorded = recorded(launch, self._evaluate)
-        self.local, self._flat = mesh.local(terms.unknowns, self.compiled.value)
-        self._places = mesh.places(terms.unknowns)
-        runs = () if self._runs is None else (self._runs,)
-        launch.load(self.compiled.kernel, self.assembly, *runs, *self._flux_kernels)
-
-    def at(self, base: wp.array) -> Self:
-        """This derivative at another state (unknowns*N,), whose array is kept.
-
-        Kernels and work arrays are shared with it.
-        """
-        return self._with(base=base)
-
-    def stepping(self, stage: Any) -> Self:
-        """This operator, whose result is what the stage makes of the rate."""
-        return self._with(stage=stage)
-
-    def _with(self, **parameters: Any) -> Self:
-        other = copy.copy(self)
-        other._fill(self._parameters | parameters)
-        other._recorded = recorded(self._launch, other._evaluate)
-        return other
+        self.kernels = [self.compiled.kernel, made(1).assembly, *self._fluxes]
+        """The kernels of one node or one group of elements a thread."""
+        launch.load(*self.kernels, *(kernel for kernel, _, _ in self._sums))
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
-        self._recorded(x, out)
-
-    def _evaluate(self, x: wp.array, out: wp.array) -> None:
-        for flux in self._flux_kernels:
-            self._launch(flux, self.mesh.dim, self.geometry, x)
-        self.mesh.sweep(
-            self._launch, self.compiled.kernel, self.mesh.dim, self._flat, self.geometry, x,
-            self.local, out,
-        )  # fmt: skip
-        self._assemble(x, out)
-
-    def _fill(self, parameters: dict[str, Any]) -> None:
-        """Put the parameters into the arguments of the kernels."""
-        self._parameters, made = parameters, self._made(1)
-        self.assembly, self._own = made.assembly, fill(made.structure, parameters, self.point)
-        self.geometry = self.mesh.geometry(
-            self.compiled.geometry, parameters | {"point": self._own}
-        )
-
-    def _made(self, lanes: int) -> Any:
-        """The kernel for DSS and pointwise terms, and the structure of what these read."""
-        return pointwise_kernel(self.terms.unknowns, self.mesh.real, self.point, lanes)
-
-    def _assemble(self, x: wp.array, out: wp.array) -> None:
-        """DSS, and what acts at a point."""
-        mesh, size = self.mesh, self.mesh.size
-        wind = self.geometry.base if self.terms.poisson else x
-        stage = self._parameters.get("stage", mesh.stage)
-        parts = [(self.assembly, size, 0)]
-        if self._runs is not None:
-            either = {mesh.lanes: self._runs, 1: self.assembly}
-            parts = in_runs(either.__getitem__, mesh.lanes, mesh.inner, size)
-        for kernel, threads, begin in parts:
-            self._launch(
-                kernel, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                self._flat, self._own, wind, stage, out,
+        mesh, launch, local = self.mesh, self._launch, self.local
+        for flux in self._fluxes:
+            launch(flux, mesh.dim, self.geometry, x)
+        self._sweep(self.compiled.kernel, mesh.dim, self.geometry, x, local.values, out)
+        wind = x if self._turned is None else self._turned
+        for kernel, threads, begin in self._sums:
+            launch(
+                kernel, threads, self._places, mesh.inverse_area, mesh.lanes, begin, mesh.size,
+                local.flat, self._own, wind, self._stage, out,
             )  # fmt: skip
 
-    @property
-    def _flux_kernels(self) -> list[Any]:
-        return [] if self.compiled.flux_kernel is None else [self.compiled.flux_kernel]
+
+class PointwiseOperator:
+    """out = the pointwise terms at x, where there is nothing to differentiate or to assemble.
+
+    Arguments as for `TendencyOperator`; state vectors have shape (unknowns*N,).
+    """
+
+    def __init__(
+        self,
+        mesh: DeviceMesh,
+        unknowns: int,
+        launch: Launcher,
+        parameters: Mapping[str, Any],
+        point: Pointwise,
+        stage: Any = None,
+    ) -> None:
+        made = pointwise_kernel(unknowns, mesh.real, point)
+        self._launch, self._size, self.kernels = launch, mesh.size, [made.alone]
+        self._own = fill(made.structure, {"base": None, **parameters}, point)
+        self._stage = mesh.stage if stage is None else stage
+        launch.load(*self.kernels)
+
+    def __call__(self, x: wp.array, out: wp.array) -> None:
+        """Evaluate at the state x; `out` must be another array."""
+        (kernel,), size = self.kernels, self._size
+        self._launch(kernel, size, size, self._own, x, self._stage, out)
+
+
+def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:
+    """Return an instance of the structure, each member the parameter of its name.
+
+    The coefficients of a term are in the parameter that has the name of the term.
+    """
+    filled = structure()
+    for name, member in structure.vars.items():
+        given = parameters.get(name)
+        if name == "terms":
+            given = _fill_terms(member.type, parameters, point.terms)
+        setattr(filled, name, given)
+    return filled
+
+
+def _fill_terms(structure: Any, parameters: Mapping[str, Any], terms: tuple[PointTerm, ...]) -> Any:
+    filled = structure()
+    filled.mine = structure.vars["mine"].type()
+    for name in structure.vars["mine"].type.vars:
+        setattr(filled.mine, name, parameters[terms[0].name][name])
+    if terms[1:]:
+        filled.others = _fill_terms(structure.vars["others"].type, parameters, terms[1:])
+    return filled

@@ -1,8 +1,7 @@
 """Flux-form transport of tracers on the device, DSS included, and their mixing ratios."""
 
-import copy
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import warp as wp
 
@@ -21,42 +20,35 @@ class TracerTransport:
         assembly_of = partial(blocks_kernel, mesh.real, False)
         self._assembly = in_runs(assembly_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._kernels.geometry)
-        self._local, self._flat = mesh.local(count, self._kernels.value)
-        self._places = mesh.places(count)
-        self._stage = mesh.stage
+        self._local, self._places = mesh.scratch(count, self._kernels.value), mesh.places(count)
+        self._sweep = mesh.sweep_of(launch, self._local.flat)
         launch.load(self._kernels.transport, *(kernel for kernel, _, _ in self._assembly))
         self._has_tangent = False
 
-    def stepping(self, stage: Any) -> Self:
-        """This transport, whose results are what the stage makes of the rates."""
-        other = copy.copy(self)
-        other._stage = stage
-        return other
+    def __call__(
+        self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
+        kernel: Any = None,
+    ) -> None:  # fmt: skip
+        """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`.
 
-    def __call__(self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int) -> None:
-        """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`."""
-        self._run(self._kernels.transport, wind, x, first, out, to)
+        With a `stage` (a `stage_struct`), out[to:] is the result of the stage instead of the rate.
+        """
+        mesh, local, count = self.mesh, self._local, self.count
+        kernel, stage = kernel or self._kernels.transport, mesh.stage if stage is None else stage
+        dim, geometry = mesh.dim_of(count), self._geometry
+        self._sweep(kernel, dim, geometry, wind, x, first, count, local.values)
+        for assemble, threads, begin in self._assembly:
+            self._launch(
+                assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, mesh.size,
+                count, to, local.flat, stage, out,
+            )  # fmt: skip
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
         if not self._has_tangent:  # explicit steppers never compile it
             self._launch.load(self._kernels.tangent)
             self._has_tangent = True
-        self._run(self._kernels.tangent, base, x, first, out, first)
-
-    def _run(
-        self, kernel: Any, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int
-    ) -> None:
-        mesh, size = self.mesh, self.mesh.size
-        mesh.sweep(
-            self._launch, kernel, mesh.dim_of(self.count), self._flat, self._geometry, wind, x,
-            first, self.count, self._local,
-        )  # fmt: skip
-        for assemble, threads, begin in self._assembly:
-            self._launch(
-                assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                self.count, to, self._flat, self._stage, out,
-            )  # fmt: skip
+        self(base, x, first, out, first, kernel=self._kernels.tangent)
 
 
 class MixingRatio:

@@ -14,7 +14,8 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Operator, Spectrum, estimate_spectrum
+from swe_sphere.equations.right_hand_side import Operator
+from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
 from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
@@ -76,10 +77,11 @@ class GravityWaves:
             "base": scatter(np.concatenate([np.zeros(2 * n), self.depth])),
             "coriolis": scatter(self.coriolis),
         }
-        self.apply_to_fluid = TendencyOperator(
+        operator = TendencyOperator(
             model.device_mesh, Terms(pressure=True, tangent=True), model.launch, parameters,
             Pointwise(rotation=turning),
         )  # fmt: skip
+        self.apply_to_fluid = recorded(model.launch, operator)
         """out = L d for wind and depth: apply_to_fluid(d, out)."""
         self.tracers: TracerWaves | FluxWaves | None = None
         if isinstance(model.carried, MassFlux):

@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.stability import Complex, largest_step, runge_kutta_growth, tableau
 from swe_sphere.steppers.stepper import Mixer, Stepper
@@ -20,7 +21,7 @@ class _Stage(NamedTuple):
     start: wp.array
     point: wp.array
     offset: float
-    stepping: Model
+    rhs: RightHandSide
     level: wp.array
 
 
@@ -51,16 +52,16 @@ class RungeKutta(Stepper):
         for (weights, share), offset, level in zip(self._sums(), offsets, levels, strict=True):
             mixer = Mixer(model, stack, weights) if alone or weights.any() else None
             start = self.state if mixer is None else mixed if share else model.zeros()
-            stepping = self.model.stepping(start, dt * (share or 1.0))
+            rhs = self.model.right_hand_side(stage=(start, dt * (share or 1.0)))
             where = start if alone else point  # not what is written
-            self._stages.append(_Stage(mixer, start, where, offset, stepping, level))
+            self._stages.append(_Stage(mixer, start, where, offset, rhs, level))
             point = level if share else start
 
     def _advance(self) -> None:
         for stage in self._stages:
             if stage.mixer is not None:
                 stage.mixer(self.state, stage.start)
-            stage.stepping.tendency(stage.point, self.time + stage.offset, stage.level)
+            stage.rhs(stage.point, self.time + stage.offset, stage.level)
 
     @classmethod
     def _sums(cls) -> Iterator[tuple[NDArray[np.float64], float]]:

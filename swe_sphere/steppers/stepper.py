@@ -121,9 +121,11 @@ class Stepper(ABC):
         with users_code():
             if self._replay is None or self.steps < (self.repeats_from or 0):
                 self._launch_step()
+            elif self._replay(key := (self.state.ptr, self._apart is not None and self.steps % 2)):
+                self._turn()
             else:
-                odd = self._apart is not None and self.steps % 2
-                self._replay((self.state.ptr, odd), self._launch_step, self._turn)
+                with self._replay.record(key):
+                    self._launch_step()
         self.steps += 1
 
     @property

@@ -1,0 +1,135 @@
+"""Right-hand sides: fixed sequences of operators, built from a component, a stage and a base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
+from swe_sphere.equations.effect_terms import compiling_formulas, element_terms, pointwise_terms
+from swe_sphere.equations.scene import Scene
+from swe_sphere.kernels import Terms, combine_kernel
+from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
+from swe_sphere.operators import PointwiseOperator, TendencyOperator
+from swe_sphere.operators.replay import Replay
+
+Operator = Callable[[wp.array, wp.array], None]
+"""operator(x, out) writes to `out`, another array, what it makes of the state x."""
+
+
+class Operation(NamedTuple):
+    """One operator of a right-hand side, with the arrays that it reads and writes."""
+
+    operator: Operator
+    source: wp.array | None = None
+    """None: the state."""
+    target: wp.array | None = None
+    """None: the result."""
+
+
+@dataclass(frozen=True, eq=False)
+class RightHandSide:
+    """rhs(x, t, out): out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
+
+    F is one of these components of the right-hand side of a scene:
+
+    * "all", the sum of "conservative" and "dissipative";
+    * "diffusive", the viscosity and hyperviscosity in "dissipative";
+    * "tangent", the derivative of "all" at a base, which is an array of its own; x is a direction.
+
+    In linearised dynamics all components are derivatives at the base of the scene, and are applied
+    to the difference of x from that base.
+    """
+
+    operations: tuple[Operation, ...]
+    """The operations in the order in which they are launched."""
+    prescribed: tuple[PrescribedFields, ...]
+    """The fields that have to be brought to the time t [s]."""
+    counters: dict[str, int]
+    counter: str | None
+    """The counter that each evaluation adds 1 to; None where nothing is counted."""
+    replay: Replay
+
+    def __call__(self, x: wp.array, t: float, out: wp.array) -> None:
+        """Evaluate at the state x and the time t [s]; `out` must be another array."""
+        if self.counter is not None:
+            self.counters[self.counter] += 1
+        for fields in self.prescribed:
+            fields.set_time(t)
+        if not self.replay(key := (x.ptr, out.ptr)):
+            with self.replay.record(key):
+                for operator, source, target in self.operations:
+                    operator(x if source is None else source, out if target is None else target)
+
+
+def fluid_operations(
+    discrete: DiscreteScene, scene: Scene, component: str, base: wp.array | None, stage: Any
+) -> list[Operation]:
+    """Return the operations on wind and depth of a component.
+
+    scene: the effects that act, of those of the discrete scene; base: of a tangent, as for
+    `RightHandSide`; stage: a `stage_struct`, or None.
+    """
+    terms = element_terms(scene, component)
+    point = pointwise_terms(scene, component, discrete.parameters)
+    own_base = discrete.parameters.get("base")
+    if own_base is None:
+        given = {} if base is None else {"base": base}
+        return term_operations(discrete, terms, point, given, stage)
+    if component == "tangent":
+        return term_operations(discrete, terms, point, {}, stage)
+    difference = discrete.difference
+    subtract = Operation(_difference_to(discrete, own_base), target=difference)
+    return [subtract, *term_operations(discrete, terms, point, {}, stage, source=difference)]
+
+
+def needs_base(discrete: DiscreteScene, scene: Scene) -> bool:
+    """Whether the tangent depends on the state at which it is taken."""
+    terms = element_terms(scene, "tangent")
+    point = pointwise_terms(scene, "tangent", discrete.parameters)
+    return "base" not in discrete.parameters and (terms.gradient or point.needs_base)
+
+
+def term_operations(
+    discrete: DiscreteScene,
+    terms: Terms,
+    point: Pointwise = NO_POINTWISE,
+    given: Mapping[str, Any] | None = None,
+    stage: Any = None,
+    source: wp.array | None = None,
+    target: wp.array | None = None,
+) -> list[Operation]:
+    """Return the operations of compiled terms; hyperviscosity takes a Laplacian first.
+
+    given: parameters in the place of those of the discrete scene.
+    """
+    mesh, launch = discrete.device_mesh, discrete.launch
+    parameters = discrete.parameters | dict(given or {})
+    operations: list[Operation] = []
+    if terms.biharmonic:
+        laplacian = parameters["laplacian"] = discrete.laplacian
+        raised = terms.bottom and not terms.tangent
+        once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
+        first = TendencyOperator(mesh, once, launch, discrete.parameters | {"nu": 1.0})
+        operations.append(Operation(first, source, laplacian))
+    operator: Operator
+    with compiling_formulas(discrete.scene, point):
+        if terms.dynamics or terms.diffuses:
+            operator = TendencyOperator(mesh, terms, launch, parameters, point, stage)
+        else:
+            operator = PointwiseOperator(mesh, terms.unknowns, launch, parameters, point, stage)
+    return [*operations, Operation(operator, source, target)]
+
+
+def _difference_to(discrete: DiscreteScene, base: wp.array) -> Operator:
+    """Return what writes x - base."""
+    launch, combine = discrete.launch, combine_kernel(discrete.device_mesh.real, 1)
+    launch.load(combine)
+
+    def subtract(x: wp.array, out: wp.array) -> None:
+        launch(combine, out.size, x, base, -1.0, out)
+
+    return subtract
