@@ -87,8 +87,8 @@ def test_a_run_goes_on_in_its_own_store(whole, tmp_path, behind):
 
 
 def test_a_disk_that_is_full_at_any_write_loses_no_frame(mesh, tmp_path, monkeypatch):
-    """The first frame takes 109 writes of the library, the second 16 with its sample."""
-    put, room = zarr.storage._local._put, 0
+    """At some of the writes of the first frame and of the second with its sample."""
+    put, room = zarr.storage._local._put, 1000
 
     def full(path, *arguments, **options):
         nonlocal room
@@ -100,14 +100,21 @@ def test_a_disk_that_is_full_at_any_write_loses_no_frame(mesh, tmp_path, monkeyp
         return put(path, *arguments, **options)
 
     monkeypatch.setattr(zarr.storage._local, "_put", full)
-    counts = []
-    for given in (3, 60, *range(105, 126, 3), 1000):
-        room, store = given, tmp_path / f"{given}.zarr"
-        frames = 0
+
+    def written(store):
+        """Room after each of two frames that could be written."""
+        left = []
         with FrameWriter(store, mesh, {"scene": "none"}) as writer, suppress(RunFailed):
             for k in range(2):
                 writer.write(60.0 * k, frame(mesh, k), {"mass": 1.0 + k})
-                frames += 1
+                left.append(room)
+        return left
+
+    first, both = (1000 - left for left in written(tmp_path / "all.zarr"))
+    counts = []
+    for given in (3, first // 2, first - 1, *range(first, both, 3), both):
+        room, store = given, tmp_path / f"{given}.zarr"
+        frames = len(written(store))
         counts.append(frames)
         if frames == 0:
             assert not store.exists()

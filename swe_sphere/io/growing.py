@@ -39,10 +39,7 @@ class Growing(ABC):
         self._open, self._in_place = True, False
         self.records = self.samples = 0
         """How many there are."""
-
-    @property
-    @abstractmethod
-    def recorded(self) -> frozenset[str]:
+        self.recorded: frozenset[str] = frozenset()
         """Names of the variables that have records."""
 
     @abstractmethod
@@ -109,17 +106,13 @@ class GrowingFile(Growing):
             self.close()
             raise
 
-    @property
-    def recorded(self) -> frozenset[str]:
-        """As `Growing`."""
-        return frozenset(self._header.recorded)
-
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
         """As `Growing`, by the netCDF library, in the file claimed."""
         with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
             dataset.set_fill_off()
             define(dataset)
         self._header = read_header(self._file)
+        self.recorded = frozenset(self._header.recorded)
         self._length_at = self._header.lengths.get(self._series)
         self._room = 0 if self._length_at is None else self._number(self._length_at)
 

@@ -1,14 +1,12 @@
-"""Zarr stores of runs: written while a run goes on, and read as if they were netCDF files.
+"""Zarr stores of runs: written by xarray during a run, and read as if they were netCDF files.
 
-Zarr 2 (zarr-specs.readthedocs.io) with the names of dimensions in `_ARRAY_DIMENSIONS`, as xarray
-has it, a chunk for each frame of each variable.  The consolidated metadata, one file that is
-replaced at once, say how long everything is: they are written last, so that who reads by them sees
-a frame of all variables or of none.
+Zarr 2 (zarr-specs.readthedocs.io), one chunk for each frame of each variable.  The consolidated
+metadata, a single file that is replaced atomically, hold the length of every variable.  They are
+written last, so that a reader finds a frame of all variables or of none.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,19 +17,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import part_of, write_whole
+from swe_sphere.files.durable import part_of
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.growing import Growing
 
 SUFFIX = ".zarr"
 """What the names of stores end with."""
 DIMENSIONS = "_ARRAY_DIMENSIONS"
-CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
 
 
 def is_store(path: Path) -> bool:
     """Whether there is a folder that holds a Zarr store."""
-    return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
+    return any((path / name).is_file() for name in (".zmetadata", ".zgroup", "zarr.json"))
 
 
 def engine(path: Path) -> Literal["zarr"] | None:
@@ -46,40 +43,36 @@ def check_zarr(path: Path) -> None:
 
 
 class GrowingStore(Growing):
-    """A Zarr store; samples are on the disk from the next record on, or the next text."""
+    """A Zarr store, appended to by xarray; samples are stored with the next record or text."""
 
     def __init__(self, place: Path, series: str, _size: int) -> None:
         check_zarr(place)
         super().__init__(place, series, folder=True)
         self._samples: list[Mapping[str, float]] = []
 
-    @property
-    def recorded(self) -> frozenset[str]:
-        """As `Growing`."""
-        return frozenset(name for name, axes in self._axes.items() if axes[:1] == ("time",))
-
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """As `Growing`: the dataset is made in memory and copied."""
-        import zarr
+        """As `Growing`: the dataset is defined in memory and copied."""
+        import xarray as xr
 
-        group = zarr.open_group(part_of(self._place), mode="a", zarr_format=2)
         with netCDF4.Dataset("layout", "w", diskless=True, format=FORMAT) as dataset:
-            dataset.set_auto_maskandscale(False)
             define(dataset)
-            group.update_attributes(_plain(dataset))
-            self._axes = {name: v.dimensions for name, v in dataset.variables.items()}
-            for variable in dataset.variables.values():
-                _copy(variable, group, self._series)
-        zarr.consolidate_metadata(group.store, zarr_format=2)
-        self._told = json.loads((part_of(self._place) / CONSOLIDATED).read_text())
+            source = xr.backends.NetCDF4DataStore(dataset)  # type: ignore[no-untyped-call]
+            layout = xr.open_dataset(source, decode_cf=False).load()
+        self._attributes = layout.attrs
+        self._axes = {str(name): variable.dims for name, variable in layout.variables.items()}
+        self.recorded = frozenset(n for n, axes in self._axes.items() if "time" in axes)
+        chunks: dict[Any, int] = {**layout.sizes, "time": 1}
+        encoding = {n: {"chunks": [chunks[x] for x in axes]} for n, axes in self._axes.items()}
+        empty = layout.isel({self._series: slice(0)}, missing_dims="ignore")
+        empty.to_zarr(self._root, zarr_format=2, consolidated=True, encoding=encoding)
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
-        """As `Growing`, but that the numbers may still be with the system."""
-        for name, value in values.items():
-            self._put(name, self.records, 1, value)
-        self.records += 1
+        """As `Growing`, but the system may not have written the numbers to the disk yet."""
         if sync:
-            self._commit()
+            self._append_samples()
+        shapes = {name: (1, -1)[: len(self._axes[name])] for name in values}
+        self._append("time", {name: np.reshape(x, shapes[name]) for name, x in values.items()})
+        self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
         """As `Growing`; there is room for any number."""
@@ -87,57 +80,30 @@ class GrowingStore(Growing):
 
     def set_text(self, name: str, text: str) -> None:
         """As `Growing`."""
-        attributes = self._told["metadata"][ATTRIBUTES]
-        attributes[name] = text
-        write_whole(self._root / ATTRIBUTES, json.dumps(attributes))
-        self._commit()
-
-    def _put(self, name: str, begin: int, count: int, values: ArrayLike) -> None:
-        """Numbers in the place of so many from that index on; ValueError if they do not fit."""
         import zarr
 
-        array = zarr.open_array(self._root / name, mode="r+", zarr_format=2)
-        numbers = np.reshape(values, (count, *array.shape[1:]))
-        array.resize((begin + count, *array.shape[1:]))
-        array[begin:] = numbers
+        self._append_samples()
+        self._attributes[name] = text
+        group = zarr.open_group(self._root, mode="r+", zarr_format=2)
+        group.update_attributes({name: text})
+        zarr.consolidate_metadata(group.store, zarr_format=2)
 
-    def _commit(self) -> None:
-        """Make all that was written so far what the store holds."""
-        names = [name for name, axes in self._axes.items() if axes == (self._series,)]
+    def _append_samples(self) -> None:
         if new := self._samples[self.samples :]:
-            for name in names:
-                self._put(name, self.samples, len(new), [sample[name] for sample in new])
+            self._append(self._series, {n: [sample[n] for sample in new] for n in new[0]})
             self.samples += len(new)
-        lengths = dict.fromkeys(self.recorded, self.records) | dict.fromkeys(names, self.samples)
-        for name, length in lengths.items():
-            self._told["metadata"][f"{name}/.zarray"]["shape"][0] = length
-        write_whole(self._root / CONSOLIDATED, json.dumps(self._told))
+
+    def _append(self, axis: str, values: Mapping[str, ArrayLike]) -> None:
+        """Append to all variables along an axis: consolidating makes the new length known."""
+        import xarray as xr
+
+        arrays = {name: (self._axes[name], x) for name, x in values.items()}
+        new = xr.Dataset(arrays, attrs=self._attributes)
+        new.to_zarr(self._root, append_dim=axis, consolidated=True)
 
     @property
     def _root(self) -> Path:
         return self._place if self._in_place else part_of(self._place)
-
-
-def _plain(holder: netCDF4.Dataset | netCDF4.Variable[Any]) -> dict[str, Any]:
-    """The attributes as JSON has them."""
-    found = {name: holder.getncattr(name) for name in holder.ncattrs() if name != "_FillValue"}
-    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in found.items()}
-
-
-def _copy(variable: netCDF4.Variable[Any], group: Any, series: str) -> None:
-    """A variable with its values; none of those that grow."""
-    name, shape, axes = variable.name, variable.shape, variable.dimensions
-    grows = axes[:1] in (("time",), (series,))
-    array = group.create_array(
-        name,
-        shape=(0, *shape[1:]) if grows else shape,
-        chunks=(1, *shape[1:]) if axes[:1] == ("time",) else shape,
-        dtype=variable.dtype.newbyteorder("="),
-        fill_value=getattr(variable, "_FillValue", None),
-        attributes=_plain(variable) | {DIMENSIONS: list(axes)},
-    )
-    if not grows:
-        array[...] = variable[...]
 
 
 class _Stored:
