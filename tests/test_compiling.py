@@ -12,7 +12,8 @@ import warp as wp
 from swe_sphere import compiling
 from swe_sphere.cli.main import main
 from swe_sphere.compiling import COMPILING
-from swe_sphere.operators.launch import TEMPLATES, keep_headers
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.operators.launch import TEMPLATES, Launcher, keep_headers, warp_internals
 
 
 @pytest.fixture
@@ -78,6 +79,50 @@ def test_a_python_program_in_a_terminal_tells_of_it_once():
     assert made.stderr == b""
 
 
+def test_the_installed_warp_has_the_private_methods_that_are_used():
+    """If this fails, adapt `warp_internals` and its callers to the new Warp."""
+    assert warp_internals() is not None
+
+
+def other_headers(self, thread):
+    return None
+
+
+def other_name(self, device):
+    return "object"
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "method"),
+    [
+        ("Runtime", "get_clang_pch_dir", None),
+        ("Runtime", "get_clang_pch_dir", other_headers),
+        ("Module", "_get_compile_output_name", None),
+        ("Module", "_get_compile_output_name", other_name),
+    ],
+)
+def test_another_warp_is_left_as_it_is(monkeypatch, tmp_path, owner, name, method):
+    """Kernels are loaded and launched all the same."""
+    from warp._src import context
+
+    wp.init()
+    with monkeypatch.context() as patched:
+        kept = context.runtime.__dict__.get("get_clang_pch_dir")
+        if method is None:
+            patched.delattr(getattr(context, owner), name)
+        else:
+            patched.setattr(getattr(context, owner), name, method)
+        assert warp_internals() is None
+        patched.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+        keep_headers()
+        assert not [*tmp_path.iterdir()]
+        assert context.runtime.__dict__.get("get_clang_pch_dir") is kept
+        kernel = combine_kernel(wp.float64, 1)
+        assert not Launcher("cpu")._is_cached(kernel.module)
+        (tmp_path / kernel.module.get_module_identifier(1)).mkdir()
+        assert Launcher("cpu")._is_cached(kernel.module)
+
+
 def test_each_installation_has_its_own_compiled_headers(tmp_path, monkeypatch):
     """Those of another one, of the same version, would be found by their paths and do not fit."""
     from warp._src import context
@@ -116,6 +161,7 @@ def test_what_was_compiled_for_another_processor_is_compiled_anew_and_told_of(tm
 
     first = told()
     assert first > 0 and told() == 0
+    assert [*tmp_path.rglob("headers_*/*.pch")]  # Warp has taken the folder
     for made in tmp_path.rglob("*.o"):
         made.rename(made.with_name(f"other_{made.name}"))
     assert told() == first

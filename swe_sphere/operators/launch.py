@@ -1,5 +1,6 @@
 """Cheap repeated launches of Warp kernels."""
 
+import inspect
 import os
 import time
 import zlib
@@ -20,8 +21,6 @@ REMEMBERED = 512
 
 TEMPLATES = "-fpch-instantiate-templates"
 """Flag of Clang for compiled headers."""
-OBJECT = "_get_compile_output_name"
-"""Method of Warp's modules: the file of what is compiled for a device."""
 
 
 class Launcher:
@@ -64,9 +63,9 @@ class Launcher:
     def _is_cached(self, module: Any) -> bool:
         """Whether Warp has compiled the module before, for this processor or GPU."""
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
-        with suppress(AttributeError, TypeError):  # of another Warp
-            device = wp.get_device(self.device)
-            place /= getattr(module, OBJECT)(device, block_dim=self._block_dim)
+        if warp_internals() is not None:  # else for any
+            device, block_dim = wp.get_device(self.device), self._block_dim
+            place /= module._get_compile_output_name(device, block_dim=block_dim)
         return place.exists()
 
     def _compile(self, first: Any, *others: Any) -> None:
@@ -112,23 +111,40 @@ class Launcher:
         return self._commands[key]
 
 
+def warp_internals() -> Any | None:
+    """Return Warp's module `context`; None where its private methods are not those used here.
+
+    With another Warp each process compiles Warp's headers, and a kernel counts as compiled whatever
+    processor it was compiled for; results are the same.
+    """
+    try:
+        from warp._src import context
+
+        headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
+        compiled = inspect.signature(context.Module._get_compile_output_name).parameters
+    except (ImportError, AttributeError):
+        return None
+    return context if [*headers] == ["self"] and {"device", "block_dim"} <= {*compiled} else None
+
+
 def keep_headers() -> None:
     """Keep Warp's own headers, compiled, beside the kernels: every process would take 2 s for them.
 
     Warp has no setting for the place: each thread has a temporary one.  Clang moves a whole file to
     its place, so that processes may share it; another processor needs another one, and so does
     another installation of Warp, even of the same version, as the headers are known by their paths.
-    Their templates are instantiated once, in there, and not anew for each kernel: 0.1 s of it.
+    Their templates are instantiated once, in there, and not for each kernel: 0.1 s of it.
     """
-    with suppress(ImportError, AttributeError, OSError):  # another Warp, a cache of others
-        flags = wp.config.cpu_compiler_flags
-        if flags is not None and TEMPLATES not in flags:
-            wp.config.cpu_compiler_flags = f"{flags} {TEMPLATES}"
-        from warp._src import context
-
-        processor = context.runtime.llvm.wp_get_host_cpu_features()
-        kind = zlib.crc32(os.fsencode(wp.__file__), zlib.crc32(processor))
-        folder = Path(wp.config.kernel_cache_dir, f"headers_{kind:08x}")
+    context = warp_internals()
+    if context is None or context.runtime.llvm is None:
+        return
+    flags = wp.config.cpu_compiler_flags
+    if flags is not None and TEMPLATES not in flags:
+        wp.config.cpu_compiler_flags = f"{flags} {TEMPLATES}"
+    processor = context.runtime.llvm.wp_get_host_cpu_features()
+    kind = zlib.crc32(os.fsencode(wp.__file__), zlib.crc32(processor))
+    folder = Path(wp.config.kernel_cache_dir, f"headers_{kind:08x}")
+    with suppress(OSError):  # a cache that this user must not write to
         folder.mkdir(parents=True, exist_ok=True)
         context.runtime.get_clang_pch_dir = lambda: str(folder)
 
