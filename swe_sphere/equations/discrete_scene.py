@@ -16,7 +16,11 @@ from swe_sphere.equations.scene_functions import fitted
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators import DeviceMesh, Launcher
+from swe_sphere.operators import DeviceMesh, Launcher, find_device
+from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.ranks.parallel import Alone
+
+SHAPES = ("element", "node")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,3 +163,23 @@ class PrescribedFields:
         if "h" in fields:
             self.mean_of_depth = float(np.average(fields["h"], weights=mesh.area))
         return np.concatenate([fields[name] for name in self._blocks])
+
+
+def discretise(
+    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Alone
+) -> DiscreteScene:
+    """Return a scene on a mesh and a device; arguments and errors as for `Model`."""
+    if precision not in REALS:
+        raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+    device = find_device(device, comm.local)
+    if comm.shared:
+        wp.set_device(device)  # which MPI takes to be the rank's own
+    shape = shape or ("element" if device == "cpu" else "node")
+    if shape not in SHAPES:
+        raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+    launch = Launcher(device, comm, mesh.np**2)
+    device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+    discrete = DiscreteScene(mesh, scene, device_mesh, launch)
+    for prescribed in (discrete.wind, discrete.forcing):
+        prescribed.set_time(0.0)  # a function that fails does so before anything is computed
+    return discrete

@@ -7,27 +7,26 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene
+from swe_sphere.equations.discrete_scene import DiscreteScene, discretise
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
-from swe_sphere.equations.right_hand_side import RightHandSide, fluid_operations, needs_base
+from swe_sphere.equations.right_hand_side import (
+    COMPONENTS,
+    Operator,
+    RightHandSide,
+    fluid_operations,
+    needs_base,
+)  # fmt: skip
 from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators import DeviceMesh, Launcher, find_device
-from swe_sphere.operators.device_mesh import REALS
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.parallel import Alone
 
-SHAPES = ("element", "node")
 JACOBIANS = ("exact", "difference")
-COUNTERS = {
-    "all": "rhs_evaluations", "conservative": "rhs_evaluations", "tangent": "tangent_evaluations",
-}  # fmt: skip
-"""What evaluations of components are counted as; those of dissipation are not counted."""
 LEAST_DEPTH = 1e-30
 """A depth below this [m] is none: one over it does not fit into every number of a run."""
 
@@ -64,7 +63,7 @@ class Model:
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         if discrete is None:
-            discrete = _discretise(mesh, scene, device, precision, shape, comm or Alone())
+            discrete = discretise(mesh, scene, device, precision, shape, comm or Alone())
         self.mesh, self.scene, self.discrete, self._jacobian = mesh, scene, discrete, jacobian
         self.device_mesh, self.launch = discrete.device_mesh, discrete.launch
         self.device, self.shape = self.device_mesh.device, self.device_mesh.shape
@@ -77,7 +76,6 @@ class Model:
         self.parameters = discrete.parameters
         """Coefficients and fields of the effects, on the device."""
         self.counters = discrete.counters
-        self.set_time(0.0)  # a function that fails does so before anything is computed
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
         """What a state carries behind wind and depth."""
@@ -205,20 +203,22 @@ class Model:
         may be the result.  base: a state at which the tangent is taken; its array is kept.
         fluid_only: the rates of wind and depth alone, also for vectors of nothing else.
         """
-        step = None
+        step, discrete = None, self.discrete
         if stage is not None:
             step = stage_struct(self.device_mesh.real)()
             step.on, (step.start, step.tau) = True, stage
-        discrete = self.discrete
         operations = fluid_operations(discrete, self.scene, component, base, step)
         if self.carried is not None and not fluid_only:
             operations += self.carried.operations(component, base, step)
-        prescribed = {"tangent": [discrete.wind], "dissipative": [], "diffusive": []}
-        fields = prescribed.get(component, [discrete.wind, discrete.forcing])
-        counter = COUNTERS.get(component) if counted else None
-        changing = tuple(each for each in fields if not each.steady)
-        replay = Replay(self.launch)
-        return RightHandSide(tuple(operations), changing, self.counters, counter, replay)
+        counter, names = COMPONENTS[component]
+        fields = (getattr(discrete, name) for name in names)
+        return RightHandSide(
+            operations=tuple(operations),
+            prescribed=tuple(each for each in fields if not each.steady),
+            counters=self.counters,
+            counter=counter if counted else None,
+            replay=Replay(self.launch),
+        )
 
     @cached_property
     def tendency(self) -> RightHandSide:
@@ -235,37 +235,26 @@ class Model:
         """The same of wind and depth alone, also for vectors that hold nothing else."""
         return self.right_hand_side("conservative", fluid_only=True)
 
-    def dissipative_tendency(self, state: wp.array, out: wp.array) -> None:
-        """Write the dissipation alone to `out`, for schemes that step it apart."""
-        self._dissipation(state, 0.0, out)
-
-    def fluid_dissipation(self, state: wp.array, out: wp.array) -> None:
-        """Write the dissipation of wind and depth alone, also for vectors of nothing else."""
-        self._fluid_dissipation(state, 0.0, out)
-
-    def diffusion(self, state: wp.array, out: wp.array) -> None:
-        """Write the rates of viscosity and hyperviscosity to `out`; the scene has one of them."""
-        self._diffusion(state, 0.0, out)
+    @cached_property
+    def dissipative_tendency(self) -> Operator:
+        """The dissipation alone, for schemes that step it apart: (state, out)."""
+        return self.right_hand_side("dissipative").at_start
 
     @cached_property
-    def _dissipation(self) -> RightHandSide:
-        return self.right_hand_side("dissipative")
+    def fluid_dissipation(self) -> Operator:
+        """The same of wind and depth alone, also for vectors that hold nothing else."""
+        return self.right_hand_side("dissipative", fluid_only=True).at_start
 
     @cached_property
-    def _fluid_dissipation(self) -> RightHandSide:
-        return self.right_hand_side("dissipative", fluid_only=True)
-
-    @cached_property
-    def _diffusion(self) -> RightHandSide:
-        return self.right_hand_side("diffusive")
+    def diffusion(self) -> Operator:
+        """The rates of viscosity and hyperviscosity: (state, out); the scene has one of them."""
+        return self.right_hand_side("diffusive").at_start
 
     @cached_property
     def diffusion_radius(self) -> float:
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
-        diffusion = self.right_hand_side("diffusive", fluid_only=True)
-        return spectral_radius(
-            self.discrete, self.initial_state(), lambda x, out: diffusion(x, 0.0, out), reach=1.0
-        )
+        diffusion = self.right_hand_side("diffusive", fluid_only=True).at_start
+        return spectral_radius(self.discrete, self.initial_state(), diffusion, reach=1.0)
 
     def jacobian(self) -> Jacobian:
         """Return a Jacobian to be kept and brought to one state after the other by `update`."""
@@ -300,22 +289,6 @@ class Model:
         """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
         self.discrete.forcing.set_time(t)
         return self.discrete.forcing.mean_of_depth
-
-
-def _discretise(
-    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Alone
-) -> DiscreteScene:
-    if precision not in REALS:
-        raise ConfigError(f"precision is float64 or float32, not {precision!r}")
-    device = find_device(device, comm.local)
-    if comm.shared:
-        wp.set_device(device)  # which MPI takes to be the rank's own
-    shape = shape or ("element" if device == "cpu" else "node")
-    if shape not in SHAPES:
-        raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-    launch = Launcher(device, comm, mesh.np**2)
-    device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
-    return DiscreteScene(mesh, scene, device_mesh, launch)
 
 
 def _check_depth(name: str, flow: State, mesh: Mesh) -> None:

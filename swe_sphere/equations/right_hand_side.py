@@ -30,18 +30,35 @@ class Operation(NamedTuple):
     """None: the result."""
 
 
+class Component(NamedTuple):
+    """A component of right-hand sides: its counter, and the fields that it reads at the time t."""
+
+    counter: str | None
+    prescribed: tuple[str, ...]
+
+
+_RATES = Component("rhs_evaluations", ("wind", "forcing"))
+
+COMPONENTS: Mapping[str, Component] = {
+    "all": _RATES,
+    "conservative": _RATES,
+    "dissipative": Component(None, ()),
+    "diffusive": Component(None, ()),
+    "tangent": Component("tangent_evaluations", ("wind",)),
+}
+"""The components by name.
+
+"all" is the sum of "conservative" and "dissipative".  "diffusive" is the viscosity and the
+hyperviscosity in "dissipative".  "tangent" is the derivative of "all" at a base along a direction.
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class RightHandSide:
     """rhs(x, t, out): out = F(x, t), or start + tau F(x, t) for a stage (start, tau) of a step.
 
-    F is one of these components of the right-hand side of a scene:
-
-    * "all", the sum of "conservative" and "dissipative";
-    * "diffusive", the viscosity and hyperviscosity in "dissipative";
-    * "tangent", the derivative of "all" at a base, which is an array of its own; x is a direction.
-
-    In linearised dynamics all components are derivatives at the base of the scene, and are applied
-    to the difference of x from that base.
+    F is one of `COMPONENTS`.  In linearised dynamics all components are derivatives at the base of
+    the scene, and are applied to the difference of x from that base.
     """
 
     operations: tuple[Operation, ...]
@@ -63,6 +80,10 @@ class RightHandSide:
             with self.replay.record(key):
                 for operator, source, target in self.operations:
                     operator(x if source is None else source, out if target is None else target)
+
+    def at_start(self, x: wp.array, out: wp.array) -> None:
+        """Evaluate at the time 0: some components are the same at all times."""
+        self(x, 0.0, out)
 
 
 def fluid_operations(
@@ -100,7 +121,6 @@ def term_operations(
     given: Mapping[str, Any] | None = None,
     stage: Any = None,
     source: wp.array | None = None,
-    target: wp.array | None = None,
 ) -> list[Operation]:
     """Return the operations of compiled terms; hyperviscosity takes a Laplacian first.
 
@@ -121,7 +141,7 @@ def term_operations(
             operator = TendencyOperator(mesh, terms, launch, parameters, point, stage)
         else:
             operator = PointwiseOperator(mesh, terms.unknowns, launch, parameters, point, stage)
-    return [*operations, Operation(operator, source, target)]
+    return [*operations, Operation(operator, source)]
 
 
 def _difference_to(discrete: DiscreteScene, base: wp.array) -> Operator:

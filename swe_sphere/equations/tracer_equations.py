@@ -123,10 +123,11 @@ class _Diffusion:
         if base is not None and self._bottom is not None:
             raised = partial(self._raise_tangent, base)
         operations = [Operation(raised, target=self._raised)]
+        of_field = term_operations(self._discrete, self._of_field)
         for k in range(0, self._raised.size, self._size):
-            block = slice(k, k + self._size)
-            field, rate = self._raised[block], self._rate[block]
-            operations += term_operations(self._discrete, self._of_field, source=field, target=rate)
+            field, rate = (room[k : k + self._size] for room in (self._raised, self._rate))
+            for operator, _, target in of_field:
+                operations.append(Operation(operator, field, rate if target is None else target))
         return [*operations, Operation(self._add, source=self._rate)]
 
     def _raise(self, x: wp.array, out: wp.array) -> None:
