@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,8 +11,10 @@ import pytest
 from support import make_scene, random_state, tendency
 
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators import Launcher
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases import get_scene
@@ -196,3 +199,36 @@ def test_more_numbers_than_places_can_tell_are_refused() -> None:
     mesh = Model(Mesh.build(1, 3), get_scene("williamson2")).device_mesh
     with pytest.raises(ConfigError, match=r"fields .* have more than 2\^31 numbers"):
         mesh.places(10**8)
+
+
+@pytest.mark.parametrize("scene", ["williamson5", "matsuno", "williamson4"])
+@pytest.mark.parametrize("launches", ["unrecorded", "recorded"])
+def test_a_right_hand_side_is_two_frames_above_its_launches(small_mesh, scene, launches) -> None:
+    """The function between is an operator; also of a stage of a step."""
+    model = Model(small_mesh, get_scene(scene))
+    rhs = model.right_hand_side(stage=(model.zeros(), 1.0))
+    model.launch.records = launches == "recorded"
+    x, out, names = model.initial_state(), model.zeros(), []
+
+    def trace(frame, event, argument) -> None:
+        if event == "call" and frame.f_code is Launcher.__call__.__code__:
+            path = [frame.f_code.co_qualname]
+            while (frame := frame.f_back).f_code is not RightHandSide.__call__.__code__:
+                path.append(frame.f_code.co_qualname)
+            names.append(path)
+
+    for _ in range(3):
+        sys.setprofile(trace)
+        rhs(x, 0.0, out)
+        sys.setprofile(None)
+    assert names and all(len(path) == 2 for path in names), names
+
+
+def test_models_of_fewer_effects_share_arrays_and_counters(small_mesh) -> None:
+    model = Model(small_mesh, make_scene(*FULL))
+    for other in (model.inviscid, model.carrier, model.carrier.inviscid):
+        assert other.discrete is model.discrete and other.counters is model.counters
+        out, before = other.zeros(), model.counters["rhs_evaluations"]
+        other.conservative_tendency(other.initial_state(), 0.0, out)
+        assert model.counters["rhs_evaluations"] == before + 1
+    assert not model.inviscid.diffusive and model.inviscid.inviscid is model.inviscid
