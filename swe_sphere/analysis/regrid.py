@@ -15,11 +15,9 @@ from swe_sphere.analysis.grids import Grid
 from swe_sphere.analysis.runs import holding
 from swe_sphere.arrays import Array
 from swe_sphere.io.layout import TOPOLOGY
-from swe_sphere.mesh import Interpolator, Mesh, interpolators
+from swe_sphere.mesh import Interpolator, Mesh, Sampler
 from swe_sphere.mesh.sphere import frame
 
-MOST_ENTRIES = 16_000_000
-"""Matrices with no more entries than this are kept (200 MB); others are made anew when needed."""
 FEWEST = 3
 """Gauss points of a cell in either direction, and one more for every node that it spans."""
 
@@ -29,35 +27,20 @@ class Points:
 
     def __init__(self, mesh: Mesh, grid: Grid) -> None:
         self.mesh, self.grid = mesh, grid
-        self._keep = grid.lat.size * grid.lon.size * mesh.np**2 <= MOST_ENTRIES
-        self._kept: list[Interpolator] = []
+        lon, lat = grid.points
+        self._sampler = Sampler(mesh, lon.ravel(), lat.ravel())
 
     def scalar(self, field: Array) -> Array:
         """A field (..., N) at the points: (..., M, K)."""
-        rows = field.reshape(-1, self.mesh.size).T
-        values = np.concatenate([tile.matrix @ rows for tile in self._tiles()])
+        values = self._sampler(field.reshape(-1, self.mesh.size).T)
         return values.T.reshape(*field.shape[:-1], *self.grid.shape)
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
         """Eastward and northward wind at the points, (..., M, K) each, of that at the nodes."""
         pairs = zip(*(x.reshape(-1, self.mesh.size) for x in (u, v)), strict=True)
-        found = np.stack([
-            np.concatenate([tile.wind(*pair) for tile in self._tiles()], axis=-1) for pair in pairs
-        ], axis=1)  # fmt: skip
+        found = np.stack([self._sampler.wind(*pair) for pair in pairs], axis=1)
         east, north = found.reshape(2, *u.shape[:-1], *self.grid.shape)
         return east, north
-
-    def _tiles(self) -> Iterator[Interpolator]:
-        """Interpolators to the points, some of them at a time, in order."""
-        if self._kept:
-            yield from self._kept
-            return
-        lon, lat = (x.ravel() for x in self.grid.points)
-        made = []
-        for tile in interpolators(self.mesh, lon, lat):
-            made += [tile] if self._keep else []
-            yield tile
-        self._kept = made
 
 
 class CellMeans:

@@ -18,6 +18,9 @@ from swe_sphere.mesh.sphere import frame, position
 TILE = 20_000
 """Points whose matrix is made at once, which bounds its memory."""
 
+MOST_ENTRIES = 16_000_000
+"""Largest number of entries of the matrices that a `Sampler` keeps (200 MB)."""
+
 
 class Interpolator:
     """Evaluates nodal fields, as the polynomials they are in each element, at fixed points.
@@ -54,11 +57,38 @@ class Interpolator:
         return np.sum(values * east, axis=-1), np.sum(values * north, axis=-1)
 
 
-def interpolators(mesh: Mesh, lon: Array, lat: Array) -> Iterator[Interpolator]:
-    """Those of points lon, lat (M,) [rad], some of them at a time, in order."""
-    for start in range(0, lon.size, TILE):
-        part = slice(start, start + TILE)
-        yield Interpolator(mesh, lon[part], lat[part])
+class Sampler:
+    """Evaluates nodal fields at any number of points, as `Interpolator` does.
+
+    lon, lat (P,) [rad].  The matrices of a tile of points at a time are built; they are kept for
+    the next field if all of them have at most `MOST_ENTRIES` entries.
+    """
+
+    def __init__(self, mesh: Mesh, lon: Array, lat: Array) -> None:
+        self._mesh, self._lon, self._lat = mesh, lon, lat
+        self._keeps = lon.size * mesh.np**2 <= MOST_ENTRIES
+        self._kept: list[Interpolator] = []
+
+    def __call__(self, fields: Array) -> Array:
+        """Return scalar fields (N, ...) at the points, (P, ...)."""
+        return np.concatenate([tile.matrix @ fields for tile in self._tiles()])
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Return the eastward and northward wind (P,) at the points of the nodal wind u, v (N,)."""
+        east, north = np.concatenate([tile.wind(u, v) for tile in self._tiles()], axis=-1)
+        return east, north
+
+    def _tiles(self) -> Iterator[Interpolator]:
+        if self._kept:
+            yield from self._kept
+            return
+        built = []
+        for start in range(0, self._lon.size, TILE):
+            part = slice(start, start + TILE)
+            tile = Interpolator(self._mesh, self._lon[part], self._lat[part])
+            built += [tile] if self._keeps else []
+            yield tile
+        self._kept = built
 
 
 def _matrix(mesh: Mesh, xyz: Array) -> scipy.sparse.csr_array:

@@ -48,7 +48,7 @@ def animate_file(
     out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
     _check(source, out, rate)
     grid = grid_of(new_map(new_figure(), look), ROWS)
-    pictures = _pictures(Drawing(source, field, look, grid, keep=True), source)
+    pictures = _pictures(Drawing(source, field, look, grid), source)
     part = part_of(out)
     with clear_errors(f"cannot write {out}"):
         try:

@@ -15,10 +15,10 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
-from swe_sphere.mesh import Interpolator, interpolators
+from swe_sphere.mesh import Sampler
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
-from swe_sphere.pictures.maps import Grid, draw_graticule, draw_mesh, draw_winds
+from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
@@ -76,19 +76,15 @@ SEEN = 4e-3
 
 
 class Drawing:
-    """A field of a source, or its difference from another source, at the points of a grid.
-
-    keep: whether the interpolation matrices are stored, for drawings of many times.
-    """
+    """A field of a source, or its difference from another source, at the points of a grid."""
 
     def __init__(
         self,
         source: Source | Nodal,
         field: str,
         look: Look,
-        grid: Grid,
+        grid: MapGrid,
         against: Source | Exact | None = None,
-        keep: bool = False,
     ) -> None:
         self.source, self.field, self.look, self.against = source, field, look, against
         self.grid, kind = grid, describe(field, source.about.get(field))
@@ -99,7 +95,7 @@ class Drawing:
         self.kind = replace(kind, contours=drawn)
         self.colours = look.colour_map(self.kind)
         self._points = grid.lon.ravel(), grid.lat.ravel()
-        self._keep, self._kept = keep, list[Interpolator]()
+        self._sampler = Sampler(source.mesh, *self._points) if isinstance(source, Nodal) else None
         if (look.mesh or look.winds) and not isinstance(source, Nodal):
             raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
 
@@ -111,12 +107,9 @@ class Drawing:
         return found.reshape(self.grid.x.shape)
 
     def _evaluated(self, field: str, time: float | None) -> Array:
-        if not (self._keep and isinstance(self.source, Nodal)):
+        if self._sampler is None or not isinstance(self.source, Nodal):
             return self.source.at(field, *self._points, time)
-        if not self._kept:
-            self._kept = [*interpolators(self.source.mesh, *self._points)]
-        frame = self.source.frame(time)
-        return np.concatenate([evaluate(piece, frame, field) for piece in self._kept])
+        return evaluate(self._sampler, self.source.frame(time), field)
 
     def draw(
         self, axes: GeoAxes, time: float | None, ends: tuple[float, float] | None = None

@@ -38,7 +38,7 @@ STEP = 1e-4
 """Distance [rad] over which directions on a map are measured."""
 
 
-class Grid(NamedTuple):
+class MapGrid(NamedTuple):
     """Points (rows, columns): lon, lat [rad], and x, y in the coordinates of a map."""
 
     lon: Array
@@ -102,7 +102,7 @@ def aspect(axes: GeoAxes) -> float:
     return abs(float(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())))
 
 
-def grid_of(axes: GeoAxes, rows: int) -> Grid:
+def grid_of(axes: GeoAxes, rows: int) -> MapGrid:
     """Return a grid of square cells that covers what the axes show.
 
     Points beyond the edge of the globe have the longitude and latitude of the nearest point on it:
@@ -116,7 +116,7 @@ def grid_of(axes: GeoAxes, rows: int) -> Grid:
     lon, lat = np.radians(degrees[..., 0]), np.radians(degrees[..., 1])
     inside = contains_xy(Polygon(projection.boundary), x, y) & np.isfinite(lon + lat)
     nearest = tuple(distance_transform_edt(~inside, return_distances=False, return_indices=True))
-    return Grid(lon[nearest], lat[nearest], x, y)
+    return MapGrid(lon[nearest], lat[nearest], x, y)
 
 
 def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
@@ -127,7 +127,7 @@ def place(axes: GeoAxes, lon: Array, lat: Array) -> Array:
     return np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, np.nan)
 
 
-def draw_graticule(axes: GeoAxes, grid: Grid) -> None:
+def draw_graticule(axes: GeoAxes, grid: MapGrid) -> None:
     """Draw parallels and labelled meridians; a globe seen from outside has no labels."""
     style, projection = {"size": 7.5, "color": "0.35"}, axes.projection
     labels: Any = ["x", "y", "left", "bottom", "geo"]
@@ -142,7 +142,7 @@ def draw_graticule(axes: GeoAxes, grid: Grid) -> None:
     )  # fmt: skip
 
 
-def _meridians(grid: Grid) -> list[float]:
+def _meridians(grid: MapGrid) -> list[float]:
     """Round longitudes [degrees] on a grid, also on one that crosses the date line."""
     middle = np.degrees(grid.lon[grid.lon.shape[0] // 2, grid.lon.shape[1] // 2])
     away = (np.degrees(grid.lon) - middle + 180.0) % 360.0 - 180.0
@@ -198,7 +198,7 @@ def draw_winds(axes: GeoAxes, mesh: Mesh, fields: dict[str, Array], how: str) ->
     return strongest
 
 
-def _direction(axes: GeoAxes, grid: Grid, u: Array, v: Array) -> tuple[Array, Array]:
+def _direction(axes: GeoAxes, grid: MapGrid, u: Array, v: Array) -> tuple[Array, Array]:
     """Places of the points, and unit vectors (..., 2) along the wind there, on a map.
 
     Directions are measured forwards or backwards, whichever does not leave the map or cross its

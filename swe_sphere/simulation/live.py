@@ -12,7 +12,7 @@ from swe_sphere.io.runfile import Frame
 from swe_sphere.io.scalar_fields import check_field
 from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
-from swe_sphere.pictures.maps import Grid
+from swe_sphere.pictures.maps import MapGrid
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.parallel import Alone
@@ -64,7 +64,7 @@ class LivePicture:
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field
             look = Look(contours=False)
-            self._drawing = Drawing(frame, name, look, _grid(_rows(self._console)), keep=True)
+            self._drawing = Drawing(frame, name, look, _grid(_rows(self._console)))
         self._drawing.source = frame
         values = self._drawing.values(sim.time)
         low, high = limits(values, self._drawing.kind)
@@ -99,11 +99,11 @@ class LivePicture:
         return text
 
 
-def _grid(rows: int) -> Grid:
+def _grid(rows: int) -> MapGrid:
     """Points of a map of longitude by latitude."""
     angles = np.linspace(-np.pi, np.pi, 2 * rows - 1), np.linspace(-0.5 * np.pi, 0.5 * np.pi, rows)
     lon, lat = np.meshgrid(*angles)
-    return Grid(lon, lat, lon, lat)
+    return MapGrid(lon, lat, lon, lat)
 
 
 def _rows(console: Console) -> int:
