@@ -19,7 +19,7 @@ import warp as wp
 
 from swe_sphere import Simulation
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.partition import partition
+from swe_sphere.mesh.partition import Partition
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import slopes
 from swe_sphere.solvers.preconditioners.coarse import SWEEPS
@@ -83,8 +83,9 @@ class Traffic:
     def __init__(self, mesh: Mesh, ranks: int) -> None:
         self.mesh, self.ranks = mesh, ranks
         self.owner, self.neighbours = np.empty(mesh.elements, dtype=int), []
+        partition = Partition(mesh, ranks)
         for rank in range(ranks):
-            part = partition(mesh, rank, ranks)
+            part = partition.part(rank)
             self.owner[part.elements] = rank
             self.neighbours.append(len(part.sends))
 

@@ -11,7 +11,7 @@ from scaling_bytes import Traffic
 
 from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.numbering import BLOCK
-from swe_sphere.mesh.partition import _Dealer, pieces
+from swe_sphere.mesh.partition import Partition, pieces
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.ranks.parallel import Alone
 
@@ -48,8 +48,8 @@ def dealt_out(mesh, monkeypatch):
     assert pieces(NE) == (PIECES, BLOCK)
 
     def deal(ranks):
-        dealer = _Dealer(mesh, ranks)
-        return [dealer.part(rank) for rank in range(ranks)]
+        dealt = Partition(mesh, ranks)
+        return [dealt.part(rank) for rank in range(ranks)]
 
     return deal
 

@@ -22,7 +22,7 @@ from swe_sphere.cli.ranks import PROCESS, start_ranks
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
-from swe_sphere.mesh.partition import curve, partition, whole
+from swe_sphere.mesh.partition import Partition, curve, whole
 from swe_sphere.operators.halo import LEAST
 from swe_sphere.operators.layout import Layout
 from swe_sphere.ranks.parallel import OF_RANKS, SIZES, Alone, started_ranks
@@ -33,6 +33,11 @@ from swe_sphere.testcases import SCENES
 MPIEXEC = [str(Path(sys.executable).with_name("mpiexec")), "-n"]
 
 
+def parts_of(mesh, ranks):
+    partition = Partition(mesh, ranks)
+    return [partition.part(rank) for rank in range(ranks)]
+
+
 @pytest.fixture(scope="module")
 def mesh():
     return Mesh.build(4, 3)
@@ -40,7 +45,7 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def parts(mesh):
-    return [partition(mesh, rank, 5) for rank in range(5)]
+    return parts_of(mesh, 5)
 
 
 def test_the_curve_goes_from_neighbour_to_neighbour(mesh):
@@ -104,7 +109,7 @@ def test_contributors_meet_in_the_order_of_the_whole_mesh(mesh, parts):
 
 def test_elements_away_from_the_rim_stand_in_front():
     mesh = Mesh.build(9, 3)
-    parts = [partition(mesh, rank, 5) for rank in range(5)]
+    parts = parts_of(mesh, 5)
     holders = np.zeros(mesh.size, dtype=int)
     for part in parts:
         holders[part.nodes] += 1
@@ -116,14 +121,14 @@ def test_elements_away_from_the_rim_stand_in_front():
 def test_the_finest_meshes_here_have_elements_to_compute_behind_messages():
     cases = [[*each[4:6], lanes] for each, lanes in ((EXPLICIT[-1], 8), (SUMMING[-1], 16))]
     for ne, np_, lanes in cases:
-        parts = [partition(Mesh.build(ne, np_), rank, 3) for rank in range(3)]
+        parts = parts_of(Mesh.build(ne, np_), 3)
         assert min(part.away // lanes for part in parts) >= LEAST
 
 
 def test_large_meshes_are_dealt_out_in_blocks():
     """Inner nodes of a block of elements stand as they do in the mesh itself."""
     mesh = Mesh.build(14, 3)
-    for part in (partition(mesh, rank, 3) for rank in range(3)):
+    for part in parts_of(mesh, 3):
         inner = part.node_of[: part.elements.size // BLOCK * BLOCK, 1, 1]
         assert inner.size > 0 and np.array_equal(inner, np.arange(inner.size))
 
@@ -214,7 +219,7 @@ def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(
 def test_nothing_is_sent_but_what_others_need(found, ranks):
     """Each element node at a node that others hold goes to each of them: three float64 fields."""
     mesh = Mesh.build(*EXPLICIT[0][4:6])
-    owner = {e: rank for rank in range(ranks) for e in partition(mesh, rank, ranks).elements}
+    owner = {e: rank for rank, part in enumerate(parts_of(mesh, ranks)) for e in part.elements}
     holders = [set() for _ in range(mesh.size)]
     for e, nodes in enumerate(mesh.nodes.reshape(mesh.elements, -1)):
         for node in nodes:

@@ -14,7 +14,7 @@ from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
 from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
-from swe_sphere.mesh.partition import Part, partition, whole
+from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo, Rim
@@ -40,7 +40,7 @@ class DeviceMesh(Layout):
         part: Part | None = None,
     ) -> None:  # fmt: skip
         if part is None:
-            part = partition(mesh, comm.rank, comm.size) if comm.shared else whole(mesh)
+            part = Partition(mesh, comm.size).part(comm.rank) if comm.shared else whole(mesh)
         super().__init__(mesh, part, comm, device, real, shape)
         self.points = mesh.np**2
         self._halos: dict[int, Halo] = {}
