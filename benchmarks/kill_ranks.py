@@ -32,8 +32,6 @@ STEPPERS = {"rk4": 900, "semi-implicit": 1800}
 RUN = ["run", "williamson5", "--ne=2", "--np=4", "--days=1", "--every=1", "--quiet"]
 MARK = "SWE_SPHERE_KILL_RANKS"
 """Environment variable by which the processes of a job are known."""
-YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
-"""Ranks of MPICH that wait leave their core to others: there may be more of them than cores."""
 HEADS = ["kill", "stepper", "rank", "after [s]", "job ended in [s]", "status", "lines on stderr",
          "frames left, all as they should be", "goes on"]  # fmt: skip
 
@@ -41,7 +39,7 @@ HEADS = ["kill", "stepper", "rank", "after [s]", "job ended in [s]", "status", "
 def started(token: str, *arguments: str) -> subprocess.Popen[str]:
     """A job whose processes carry the token."""
     command = [sys.executable, "-m", "swe_sphere", *RUN, *arguments]
-    environment = os.environ | YIELD | {MARK: token}
+    environment = os.environ | {MARK: token}
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
 
 

@@ -33,8 +33,6 @@ from swe_sphere.mesh.partition import pieces
 from swe_sphere.solvers.preconditioners.coarse import SPACING
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
-YIELD = {"MPIR_CVAR_POLLS_BEFORE_YIELD": "10", "MPIR_CVAR_ENABLE_HEAVY_YIELD": "1"}
-"""Ranks of MPICH that wait leave their core to others: there may be more of them than cores."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Of BLAS, as ranks have it."""
 ROUNDS = 6
@@ -66,8 +64,7 @@ def beside(copies: int, ranks: int, job: str, ne: int, pieces: int = PIECES) -> 
     script = str(Path(__file__).with_name("scaling_ranks.py"))
     command = [sys.executable, script, job, str(ne), str(pieces)]
     command = [str(MPIEXEC), "-n", str(ranks), *command] if ranks else command
-    crowd = YIELD if ranks > (os.cpu_count() or 1) else {}
-    environment = ONE_THREAD | os.environ | crowd
+    environment = ONE_THREAD | os.environ
     started = [
         subprocess.Popen(command, text=True, env=environment, stdout=subprocess.PIPE)
         for _ in range(copies)

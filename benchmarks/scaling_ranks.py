@@ -20,7 +20,7 @@ from scaling_bytes import Launches, each_launch, launches
 
 from swe_sphere import Simulation
 from swe_sphere.operators.halo import Halo
-from swe_sphere.ranks.parallel import Alone, world
+from swe_sphere.ranks.communicator import Communicator, world
 
 STEPPERS = {
     "rk4": (200.0, 4),
@@ -114,11 +114,11 @@ def coarse_seconds(sim: Simulation) -> dict[str, float]:
 class Counted:
     """What this rank has sent since it was made, and what it has had a share in."""
 
-    def __init__(self, comm: Alone) -> None:
+    def __init__(self, comm: Communicator) -> None:
         self._sums, self._halos, gather = Counter[str](), [], comm.gather
         build = Halo.__init__
 
-        def kept(halo: Halo, comm: Alone, flat: Any, sends: Any, *more: Any) -> None:
+        def kept(halo: Halo, comm: Communicator, flat: Any, sends: Any, *more: Any) -> None:
             build(halo, comm, flat, sends, *more)
             self._halos.append((halo, len(sends), comm.rank in sends))
 

@@ -13,7 +13,7 @@ import sys
 from contextlib import contextmanager
 
 from swe_sphere import Simulation
-from swe_sphere.ranks.parallel import Ranks, world
+from swe_sphere.ranks.communicator import MpiCommunicator, world
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import implicit
@@ -38,7 +38,7 @@ def as_gpu(reached):
     reach the array.
     """
     return [
-        (Ranks, "reaches", lambda self, device: reached),
+        (MpiCommunicator, "reaches", lambda self, device: reached),
         (
             vector_space,
             "HostVectors",

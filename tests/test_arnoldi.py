@@ -8,7 +8,7 @@ import pytest
 
 from swe_sphere.equations import arnoldi
 from swe_sphere.equations.arnoldi import largest_modulus
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 
 def rotations(frequencies: np.ndarray):
@@ -57,7 +57,7 @@ def test_basis_takes_half_the_memory_of_its_vectors() -> None:
     assert peak < (0.5 * 25 + 6.0) * 8 * size
 
 
-class Thread(Alone):
+class Thread(Communicator):
     """One of several threads in the place of ranks, who leave their numbers for all to read."""
 
     def __init__(self, rank: int, size: int, barrier: threading.Barrier, room: dict) -> None:

@@ -13,7 +13,7 @@ from swe_sphere.mesh import Mesh, partition
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Partition, pieces
 from swe_sphere.operators.chunks import Chunks
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 NE, PIECES = 74, 2054
 """The coarsest mesh of more than 512 pieces has 514; in blocks as small as may be, so many."""
@@ -66,7 +66,7 @@ def test_thousands_of_ranks_have_each_element_and_each_node_once(mesh, dealt_out
     assert sent == sum(sum(part.receives.values()) for part in parts) > 0
 
 
-class OneOfMany(Alone):
+class OneOfMany(Communicator):
     """A rank whose others are told by hand what it sends, in `told`."""
 
     shared = True

@@ -17,7 +17,7 @@ import warp as wp
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import recorded
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 
 comm, n = world(), 1000
 other, places = 1 - comm.rank, np.random.default_rng(1).permutation(n)

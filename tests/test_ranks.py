@@ -25,7 +25,7 @@ from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, whole
 from swe_sphere.operators.halo import LEAST
 from swe_sphere.operators.layout import Layout
-from swe_sphere.ranks.parallel import OF_RANKS, SIZES, Alone, started_ranks
+from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import SCENES
@@ -56,7 +56,7 @@ def test_the_curve_goes_from_neighbour_to_neighbour(mesh):
     assert all(sorted(curve(ne)) == list(range(6 * ne**2)) for ne in (1, 3, 5, 6))
 
 
-class OneOfFive(Alone):
+class OneOfFive(Communicator):
     """The first of five ranks, told by hand what the others have."""
 
     size, shared = 5, True
@@ -338,7 +338,7 @@ def test_a_rank_that_fails_alone_ends_the_job(mpi, tmp_path, deed, said):
     own, out = tmp_path / "own.py", tmp_path / "run.nc"
     own.write_text(f"""
 import os, signal
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 from swe_sphere.simulation.diagnostics import diagnostic
 
 @diagnostic(units="1", long_name="nothing")
@@ -497,7 +497,7 @@ def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
 def test_linear_algebra_of_a_rank_has_one_thread_unless_told_otherwise(mpi, asked, found):
     """Of libraries that are loaded before and after; threads of several ranks spin for cores."""
     code = (
-        "import sys, numpy; from swe_sphere.ranks.parallel import world; world();"
+        "import sys, numpy; from swe_sphere.ranks.communicator import world; world();"
         "import scipy.linalg;"
         "from threadpoolctl import threadpool_info as info;"
         "sys.exit(10 * len(info()) + max(i['num_threads'] for i in info()))"
@@ -513,7 +513,7 @@ def test_linear_algebra_of_a_rank_has_one_thread_unless_told_otherwise(mpi, aske
 def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, status):
     """As the page on processes says; without, the others would wait for ever."""
     (tmp_path / "my.py").write_text(
-        "from swe_sphere.ranks.parallel import world\n"
+        "from swe_sphere.ranks.communicator import world\n"
         f"if world().rank == 1: raise SystemExit({code})\nworld().tell_all('all is well')"
     )
     page = (Path(__file__).parents[1] / "docs" / "parallel.md").read_text()

@@ -11,7 +11,7 @@ from swe_sphere import __version__
 from swe_sphere.cli.ranks import fail
 from swe_sphere.cli.show import explain, show_traceback
 from swe_sphere.compiling import on_compile, tell_of_compiling
-from swe_sphere.ranks.parallel import refuse_ranks
+from swe_sphere.ranks.communicator import refuse_ranks
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",

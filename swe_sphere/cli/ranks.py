@@ -16,7 +16,7 @@ from typing import TextIO
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.ranks.parallel import OF_RANKS, world
+from swe_sphere.ranks.communicator import OF_RANKS, world
 from swe_sphere.ranks.terminal import handed_on
 from swe_sphere.simulation.memory_guard import available_memory
 

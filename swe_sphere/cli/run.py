@@ -11,7 +11,7 @@ from swe_sphere.cli.ranks import start_ranks
 from swe_sphere.cli.show import Stopped, explain, show_summary, terminal
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 from swe_sphere.settings.values import validated
 from swe_sphere.simulation.config import RunConfig, Whole, load_config, make_config
 from swe_sphere.simulation.restart import adopt, read_restart

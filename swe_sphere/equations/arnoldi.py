@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.ranks.blas import one_thread
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 Float32 = NDArray[np.float32]
 Product = Callable[[NDArray[np.floating]], Array]
@@ -21,11 +21,11 @@ INVARIANT = 1e-6
 """Part of a product outside the basis that is no more than rounding."""
 STRIP = 65536
 """Numbers of a vector that a rank has all of or none."""
-ALONE = Alone()
+ALONE = Communicator()
 
 
 def largest_modulus(
-    product: Product, start: Array, tolerance: float, comm: Alone = ALONE
+    product: Product, start: Array, tolerance: float, comm: Communicator = ALONE
 ) -> float | None:
     """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
 
@@ -95,7 +95,7 @@ class Basis:
     Those of `operators.chunks` do on whether there are any, which explicit runs must not show.
     """
 
-    def __init__(self, size: int, comm: Alone) -> None:
+    def __init__(self, size: int, comm: Communicator) -> None:
         self._comm = comm
         edges = np.minimum(STRIP * np.arange(-(-size // STRIP) + 1), size)
         shares = np.arange(comm.size + 1) * (edges.size - 1) // comm.size

@@ -18,7 +18,7 @@ from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 SHAPES = ("element", "node")
 
@@ -166,7 +166,7 @@ class PrescribedFields:
 
 
 def discretise(
-    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Alone
+    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Communicator
 ) -> DiscreteScene:
     """Return a scene on a mesh and a device; arguments and errors as for `Model`."""
     if precision not in REALS:

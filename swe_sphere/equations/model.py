@@ -24,7 +24,7 @@ from swe_sphere.kernels.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.replay import Replay
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 JACOBIANS = ("exact", "difference")
 LEAST_DEPTH = 1e-30
@@ -51,7 +51,7 @@ class Model:
         precision: str = "float64",
         shape: str | None = None,
         jacobian: str = "exact",
-        comm: Alone | None = None,
+        comm: Communicator | None = None,
         discrete: DiscreteScene | None = None,
         carries_flux: bool = False,
     ) -> None:
@@ -63,7 +63,7 @@ class Model:
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
         if discrete is None:
-            discrete = discretise(mesh, scene, device, precision, shape, comm or Alone())
+            discrete = discretise(mesh, scene, device, precision, shape, comm or Communicator())
         self.mesh, self.scene, self.discrete, self._jacobian = mesh, scene, discrete, jacobian
         self.device_mesh, self.launch = discrete.device_mesh, discrete.launch
         self.device, self.shape = self.device_mesh.device, self.device_mesh.shape

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from swe_sphere.kernels.sums import tree_kernel
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 
 class Chunks:
@@ -24,7 +24,7 @@ class Chunks:
     A single process cuts its nodes, in the order of memory, into chunks of equal length.
     """
 
-    def __init__(self, part: Part, comm: Alone, device: str) -> None:
+    def __init__(self, part: Part, comm: Communicator, device: str) -> None:
         size = part.nodes.size
         spans = part.spans if comm.shared else equal_spans(size, math.isqrt(size) + 1)
         self._comm, self.count = comm, spans.shape[1]
@@ -64,7 +64,7 @@ class Chunks:
 class _Tree:
     """Sums of nodes (n, 2) of the binary tree, each given by its first chunk and its size."""
 
-    def __init__(self, nodes: NDArray[Any], width: int, whole: bool, comm: Alone) -> None:
+    def __init__(self, nodes: NDArray[Any], width: int, whole: bool, comm: Communicator) -> None:
         """whole: whether the nodes make up the whole tree, whose root is the total."""
         kernel = tree_kernel()
         Launcher("cpu", comm).load(kernel)

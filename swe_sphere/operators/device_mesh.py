@@ -20,9 +20,9 @@ from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo, Rim
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.layout import Layout
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
-ALONE = Alone()
+ALONE = Communicator()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
@@ -36,7 +36,7 @@ class DeviceMesh(Layout):
     """
 
     def __init__(
-        self, mesh: Mesh, device: str, real: Any, shape: str, comm: Alone = ALONE,
+        self, mesh: Mesh, device: str, real: Any, shape: str, comm: Communicator = ALONE,
         part: Part | None = None,
     ) -> None:  # fmt: skip
         if part is None:

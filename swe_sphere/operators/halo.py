@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.kernels.vectors import packing_kernels
 from swe_sphere.operators.launch import REMEMBERED, Launcher
 from swe_sphere.operators.replay import between
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 Positions = Mapping[int, NDArray[Any]]
 """Positions (...) in an array by the rank that their numbers go to or come from."""
@@ -23,7 +23,7 @@ class Buffer:
     GPU.
     """
 
-    def __init__(self, comm: Alone, array: wp.array, positions: Positions) -> None:
+    def __init__(self, comm: Communicator, array: wp.array, positions: Positions) -> None:
         device, on_cpu = str(array.device), array.device.is_cpu
         places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
         kernels = packing_kernels(array.dtype, not on_cpu)
@@ -74,7 +74,7 @@ class Halo:
     """
 
     def __init__(
-        self, comm: Alone, flat: wp.array, sends: Positions, receives: Positions,
+        self, comm: Communicator, flat: wp.array, sends: Positions, receives: Positions,
         into: wp.array | None = None,
     ) -> None:  # fmt: skip
         """Prepare the messages; a rank may send to itself.

@@ -15,7 +15,7 @@ import warp as wp
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.shared_lines import block_threads
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512
 
@@ -31,9 +31,9 @@ class Launcher:
     steppers reuse all the time.
     """
 
-    def __init__(self, device: str, comm: Alone | None = None, nodes: int = 1) -> None:
+    def __init__(self, device: str, comm: Communicator | None = None, nodes: int = 1) -> None:
         """nodes: of an element, of which blocks of threads hold whole ones."""
-        self.device, self.comm = device, comm or Alone()
+        self.device, self.comm = device, comm or Communicator()
         with self.comm.root_first():
             keep_headers()
         self.compile_seconds = 0.0

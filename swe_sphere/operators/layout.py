@@ -13,7 +13,7 @@ from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.terms import LANE_BYTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Part
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 
 class Layout:
@@ -24,7 +24,7 @@ class Layout:
     """
 
     def __init__(
-        self, mesh: Mesh, part: Part, comm: Alone, device: str, real: Any, shape: str
+        self, mesh: Mesh, part: Part, comm: Communicator, device: str, real: Any, shape: str
     ) -> None:
         self.mesh, self.part, self.comm = mesh, part, comm
         self.device, self.real, self.shape = device, real, shape

@@ -1,1 +1,1 @@
-"""Parallel runs: MPI ranks, their terminals and the threads of BLAS."""
+"""Parallel runs: communication between ranks, their terminals and the threads of BLAS."""

@@ -1,4 +1,4 @@
-"""The libraries of linear algebra behind numpy and scipy, and their threads."""
+"""Threads of the BLAS libraries behind numpy and scipy."""
 
 import os
 import sys
@@ -10,14 +10,14 @@ from threadpoolctl import ThreadpoolController
 
 @cache
 def _libraries(scipy: bool) -> ThreadpoolController:
-    """The BLAS libraries loaded by now: scipy brings its own when it is first needed."""
+    """Return the BLAS libraries loaded so far; scipy loads its own with `scipy.linalg`."""
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Within the block BLAS keeps to one thread; afterwards it has as many as before.
+    """Limit BLAS to one thread within a block.
 
-    numpy's and scipy's BLAS each spin on threads of their own: together fifty times slower.
+    The libraries of numpy and scipy each have threads that spin: together fifty times slower.
     """
     libraries = _libraries("scipy.linalg" in sys.modules)
     limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
@@ -25,10 +25,10 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 def keep_to_one_thread() -> None:
-    """One thread for good, those of libraries that are yet to be loaded too, unless told otherwise.
+    """Limit BLAS to one thread in this process, unless OPENBLAS_NUM_THREADS says otherwise.
 
-    For a process beside others, each of which has a core of its own: spinning threads of all of
-    them would wait for each other.
+    The limit holds for libraries loaded later, too.  Processes that share a machine need it: their
+    spinning threads would wait for each other.
     """
     if os.environ.setdefault("OPENBLAS_NUM_THREADS", "1") == "1":
         ThreadpoolController().limit(limits=1, user_api="blas")

@@ -1,7 +1,7 @@
-"""What is drawn on, bars, pictures and tables: of ranks the terminals of what started them.
+"""Terminals for bars, pictures and tables: ranks draw on the terminals of their launcher.
 
-What ranks write to stdout and stderr comes by pipes; so the first of them opens the terminals
-behind these by name, as long as it is on the same machine.
+Pipes carry stdout and stderr of ranks.  Rank 0 therefore opens the terminals behind the pipes by
+name, if it runs on the same machine.
 """
 
 import os
@@ -10,16 +10,16 @@ from contextlib import suppress
 from functools import cache
 from typing import Literal, TextIO
 
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 
 Stream = Literal["stdout", "stderr"]
 
 HANDED: dict[Stream, str] = {"stdout": "SWE_SPHERE_STDOUT", "stderr": "SWE_SPHERE_STDERR"}
-"""Environment variables that name the terminals behind them, each after its machine."""
+"""Environment variables with the terminal behind each stream, as MACHINE:NAME."""
 
 
 def handed_on() -> dict[str, str]:
-    """The environment in which ranks draw on the terminals of this process."""
+    """Return an environment in which ranks draw on the terminals of this process."""
     environment = dict(os.environ)
     for number in range(3):  # ranks cannot ask the terminal behind a pipe for its size
         with suppress(OSError):
@@ -33,7 +33,7 @@ def handed_on() -> dict[str, str]:
 
 
 def screen(stream: Stream) -> TextIO:
-    """The terminal behind stdout or stderr, where there is one; else the stream itself."""
+    """Return the terminal behind a stream, where there is one, or else the stream itself."""
     named = os.environ.get(HANDED[stream], "") if world().shared else ""
     return _opened(named) or getattr(sys, stream)
 
@@ -43,7 +43,7 @@ def _opened(named: str) -> TextIO | None:
     machine, _, terminal = named.partition(":")
     if machine != os.uname().nodename:
         return None
-    with suppress(OSError):  # as of another user
-        # a rank leads a session, which that terminal must not become the terminal of
+    with suppress(OSError):  # it may belong to another user
+        # a rank leads a session, whose terminal this one must not become
         return os.fdopen(os.open(terminal, os.O_WRONLY | os.O_NOCTTY), "w", buffering=1)
     return None

@@ -15,7 +15,7 @@ from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid
 from swe_sphere.pictures.plot import default_field
 from swe_sphere.planet import DAY
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.running import Running
@@ -38,7 +38,7 @@ class LivePicture:
     draws what all of them have.
     """
 
-    def __init__(self, field: str, comm: Alone) -> None:
+    def __init__(self, field: str, comm: Communicator) -> None:
         from rich.console import Console
 
         self._field = field if field == "auto" else check_field(field, DIAGNOSTICS)

@@ -10,7 +10,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 from swe_sphere.settings.values import convert
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import load_diagnostics

@@ -18,7 +18,7 @@ from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.ranks.parallel import world
+from swe_sphere.ranks.communicator import world
 from swe_sphere.settings.values import SCENE, by_owner
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.memory_guard import check_memory

@@ -31,7 +31,7 @@ from swe_sphere.kernels.vectors import (
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.chunks import equal_spans
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.ranks.parallel import Alone
+from swe_sphere.ranks.communicator import Communicator
 
 Floats = NDArray[np.floating]
 
@@ -46,7 +46,7 @@ class _Summed:
     ) -> None:
         self.real, self.device, self.n = real, device, weights.size
         self._weights = wp.array(weights, dtype=wp.float64, device=device)
-        self._comm, self._shared, self._size = Alone(), None, self.n
+        self._comm, self._shared, self._size = Communicator(), None, self.n
         if mesh is not None and mesh.comm.shared:
             self._comm, self._shared, self._size = mesh.comm, mesh.chunks, mesh.size
             self._spans = mesh.chunks.spans

@@ -23,7 +23,7 @@ from types import ModuleType
 from typing import Any
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
-from swe_sphere.ranks.parallel import leave_ranks
+from swe_sphere.ranks.communicator import leave_ranks
 from swe_sphere.simulation.interrupt import Interruption
 
 Tell = Callable[[Any], None]

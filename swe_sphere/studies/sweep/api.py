@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swe_sphere.ranks.parallel import refuse_ranks
+from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.interrupt import Interrupted
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan

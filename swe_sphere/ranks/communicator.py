@@ -1,7 +1,7 @@
-"""The ranks of a run: one process alone, or those that MPI has started.
+"""Communication between the ranks of a run: a single process, or the processes that MPI started.
 
-Each rank has all of the mesh on the host, and steps its part of it.  What every rank can work out
-for itself from the same numbers, every rank does: their decisions agree because their bits do.
+Each rank holds the whole mesh on the host and steps its part of it.  Every rank computes for itself
+what follows from the same numbers: decisions of all ranks agree because their bits do.
 """
 
 import atexit
@@ -28,21 +28,20 @@ from swe_sphere.ranks.blas import keep_to_one_thread
 T = TypeVar("T")
 
 SIZES = ("OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "PMI_SIZE")
-"""Where those who start the ranks say how many there are."""
+"""Environment variables in which a launcher of ranks states their number."""
 OF_RANKS = "PMI_RANK", "OMPI_COMM_WORLD_RANK", "MV2_COMM_WORLD_RANK", "PMIX_RANK"
-"""And which of them a process is."""
+"""Environment variables in which a launcher states the rank of a process."""
 PATIENCE = 4.0
-"""Seconds that a rank which fails waits for the others to fail too."""
+"""Seconds that a failing rank waits for the others to fail too."""
 HEARD = 0.2
-"""Seconds that mpiexec has to pass on what a rank says, before it is told to end all of them."""
+"""Seconds that mpiexec has to print a last line before it ends all ranks."""
 BRIEFLY = 0.001
 """Seconds during which a waiting rank polls MPI without sleeping."""
 NAP = 0.0001
 """Seconds between later polls.  MPI itself polls without pause and would keep the core from ranks
 that have work to do."""
 WATCH = 1.0
-"""Seconds between looks whether what started a rank is still there."""
-
+"""Seconds between checks whether the launcher of a rank still runs."""
 
 Arrays = Mapping[int, Any]
 """Arrays of this rank by the rank that they go to or come from: of numpy, or of Warp on a GPU."""
@@ -90,58 +89,58 @@ def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
     return True
 
 
-class Alone:
-    """A single process."""
+class Communicator:
+    """The communicator of a single process, in which all communication is trivial."""
 
     rank, size, local = 0, 1, 0
-    """local: which of those on this machine it is."""
+    """Number of this rank, number of ranks, and number of this rank on its machine."""
     shared = False
-    """Whether the mesh is dealt out."""
+    """Whether MPI shares the mesh between ranks, of which there may be one."""
 
     def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
-        """Messages between arrays of this rank and of others; a single process has none."""
+        """Return messages between arrays of this rank and of others; a single process has none."""
         raise NotImplementedError
 
     def reaches(self, device: str) -> bool:
-        """Whether messages come from the memory of that device and go there, with no copies."""
+        """Return whether messages need no copies between a device and the host."""
         return True
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """The arrays of all ranks, of one number type, flat and one after the other.
+        """Return the arrays of all ranks, of one number type, flat and one after the other.
 
-        counts: how many numbers each of them has; out: room for all, of several ranks.
+        counts: the size of the array of each rank; out: room for all of several ranks.
         """
         return mine.ravel()
 
     def of_each(self, mine: float) -> NDArray[Any]:
-        """A number of each rank."""
+        """Return a number of each rank, as an array (size,)."""
         return self.gather(np.array([mine]), [1] * self.size)
 
     def tell_all(self, mine: T) -> list[T]:
-        """What each rank has to say."""
+        """Return an object of each rank."""
         return [mine]
 
     def on_root(self, function: Callable[[], T]) -> T:
-        """What the function returns, or raises, on rank 0; it is called nowhere else."""
+        """Return, or raise, what the function does on rank 0, which alone calls it."""
         return function()
 
     @contextmanager
     def root_first(self) -> Iterator[None]:
-        """The other ranks enter the block when rank 0 has left it."""
+        """Have the other ranks enter the block when rank 0 has left it."""
         yield
 
     def any_lately(self, mine: bool) -> bool:
-        """Whether it held on any rank when they were asked last, or now."""
+        """Return whether `mine` held on any rank in the call before this one, or holds now."""
         return mine
 
     def agree_to_fail(self, line: str) -> None:
-        """Return where all ranks fail; else write the line and end all of them."""
+        """Return where all ranks fail; otherwise print the line and end all of them."""
 
 
-class Ranks(Alone):
-    """The ranks of MPI's world."""
+class MpiCommunicator(Communicator):
+    """The communicator of all ranks that MPI started."""
 
     shared = True
 
@@ -149,7 +148,8 @@ class Ranks(Alone):
         from mpi4py import MPI
 
         keep_to_one_thread()
-        self._mpi, self._comm, self._failures = MPI, cast(Any, MPI.COMM_WORLD), MPI.COMM_WORLD.Dup()
+        self._mpi, self._comm = MPI, cast(Any, MPI.COMM_WORLD)
+        self._failures = self._comm.Dup()
         self.rank, self.size = self._comm.rank, self._comm.size
         machine = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
         self.local = machine.rank
@@ -161,28 +161,29 @@ class Ranks(Alone):
         threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
-        """Messages by persistent requests of MPI."""
+        """Return messages by persistent requests of MPI."""
         return Messages(self._comm, outgoing, incoming)
 
     def reaches(self, device: str) -> bool:
-        """All MPIs reach the memory of CPUs, some that of GPUs."""
+        """Return whether MPI reaches the memory of a device: always of CPUs, in some of GPUs."""
         ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
         return device == "cpu" or (ask is not None and bool(ask()))
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """By one collective message."""
+        """Gather by one collective message."""
         room = np.empty(sum(counts), mine.dtype) if out is None else out
         _complete(self._comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
         return room
 
     def tell_all(self, mine: T) -> list[T]:
-        """By one message of all to all."""
+        """Gather by one collective message."""
+        self._wait_for_all()
         return list(self._comm.allgather(mine))
 
     def on_root(self, function: Callable[[], T]) -> T:
-        """And tell the others."""
+        """Call the function on rank 0 and broadcast its result."""
         value: Any = None
         error: Exception | None = None
         if self.rank == 0:
@@ -190,7 +191,7 @@ class Ranks(Alone):
                 value = function()
             except Exception as raised:
                 error = raised
-        _complete(self._comm.Ibarrier().Test)
+        self._wait_for_all()
         value, error = self._comm.bcast((value, error))
         if error is not None:
             raise error
@@ -198,20 +199,23 @@ class Ranks(Alone):
 
     @contextmanager
     def root_first(self) -> Iterator[None]:
-        """By a barrier."""
+        """Hold back the other ranks by a barrier."""
         if self.rank:
-            _complete(self._comm.Ibarrier().Test)
+            self._wait_for_all()
         try:
             yield
-        finally:  # where it fails here, the others shall see for themselves
+        finally:  # where rank 0 fails, the others enter and fail too
             if not self.rank:
-                _complete(self._comm.Ibarrier().Test)
+                self._wait_for_all()
+
+    def _wait_for_all(self) -> None:
+        _complete(self._comm.Ibarrier().Test)
 
     def any_lately(self, mine: bool) -> bool:
-        """Whether it held when they were asked the last time: the message takes its time."""
+        """Return the answer to the call before: its message travels while ranks compute."""
         known = self._answer is not None
         if known:
-            self._answer.Wait()
+            _complete(self._answer.Test)
         said, heard = self._asked
         found = known and bool(heard[0])
         said[0] = mine and not found
@@ -219,48 +223,48 @@ class Ranks(Alone):
         return found
 
     def _settle(self) -> None:
-        """Leave nothing open for MPI to complain of."""
+        """Complete what is open when the process ends: MPI would complain."""
         if self._answer is not None:
-            self._answer.Wait()
+            _complete(self._answer.Test)
         self._failures.Free()
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
-        """What nobody has caught is the end of all, too: others may wait for this rank."""
+        """End all ranks after an exception that nothing caught: others may wait for this one."""
         self._tell(kind, error, trace)
         self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
-        """By a barrier that is not waited for any longer than a while."""
+        """Wait at a barrier for PATIENCE seconds."""
         if not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             sys.stderr.flush()
             time.sleep(HEARD)
             self._comm.Abort(1)
-            time.sleep(10.0 * PATIENCE)  # the end comes from outside
+            time.sleep(10.0 * PATIENCE)  # until mpiexec ends this process
 
 
 def _end_with(parent: int) -> None:
-    """End this process when that one is its parent no more: nobody else ends ranks left alone."""
+    """End this process when its parent has ended: nothing else ends ranks without a launcher."""
     while os.getppid() == parent:
         time.sleep(WATCH)
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 @functools.cache
-def world() -> Alone:
-    """The ranks that this process is one of.
+def world() -> Communicator:
+    """Return the communicator of this process and the ranks beside it.
 
-    Raises ConfigError where it was started as one of several, and mpi4py is not there, or is that
-    of another MPI.
+    Raises ConfigError where the process was started as one of several and mpi4py is missing, or
+    belongs to another MPI.
     """
     started = started_ranks()
     if started is None:
-        return Alone()
+        return Communicator()
     try:
-        ranks = Ranks()
+        ranks = MpiCommunicator()
     except ImportError:
         if started == 1:
-            return Alone()
+            return Communicator()
         raise ConfigError(
             "several ranks were started, but there is no mpi4py for them: pip install"
             " 'swe-sphere[mpi]'"
@@ -274,9 +278,12 @@ def world() -> Alone:
 
 
 def started_ranks() -> int | None:
-    """Of how many ranks this process is one; 0 if nobody says.  What a rank starts is none."""
+    """Return the number of ranks started with this process; 0 if it is unknown.
+
+    None stands for a process that was not started as a rank, for example by a rank.
+    """
     said = [os.environ[name] for name in SIZES if name in os.environ]
-    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # that of another MPI around
+    socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
     if socket.isdigit() and not _is_socket(int(socket)):
         return None
     if not said and "PMIX_RANK" in os.environ:
@@ -292,12 +299,12 @@ def _is_socket(number: int) -> bool:
 
 
 def leave_ranks() -> None:
-    """Be no rank, in a process that one has started."""
+    """Make this process, which a rank started, no rank itself."""
     for name in (*SIZES, *OF_RANKS, "PMI_FD"):
         os.environ.pop(name, None)
 
 
 def refuse_ranks() -> None:
-    """ConfigError where several ranks were started for what they cannot share."""
+    """Raise ConfigError where several ranks were started for work that they cannot share."""
     if world().size > 1:
         raise ConfigError("only a run of a scene is for several ranks: start this alone")
