@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from swe_sphere.arrays import Array
+
 HOUR = 3600.0
 """One hour [s]."""
 
@@ -19,6 +23,10 @@ class Planet:
     radius: float = 6.37122e6
     gravity: float = 9.80616
     rotation: float = 7.292e-5
+
+    def coriolis(self, lon: Array, lat: Array) -> Array:
+        """Return the Coriolis parameter f = 2 Ω sin θ [s-1] at points [rad]."""
+        return 2.0 * self.rotation * np.sin(lat) + 0.0 * lon
 
 
 EARTH = Planet()

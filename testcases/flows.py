@@ -10,7 +10,6 @@ import numpy as np
 
 from swe_sphere.equations.scene import Array
 from swe_sphere.mesh.sphere import angle, position
-from swe_sphere.planet import EARTH, Planet
 
 
 def at_rest(depth: float) -> Callable[[Array, Array], tuple[Array, Array, Array]]:
@@ -41,11 +40,6 @@ def turned(point: Array, alpha: float, turn: float) -> Array:
     along = along * (1.0 - np.cos(turn))
     result: Array = point * np.cos(turn) + np.cross(axis, point) * np.sin(turn) + along
     return result
-
-
-def coriolis(lon: Array, lat: Array, planet: Planet = EARTH) -> Array:
-    """Coriolis parameter f = 2 Ω sin θ [s-1]."""
-    return 2.0 * planet.rotation * np.sin(lat) + 0.0 * lon
 
 
 def wrapped(angle: Array) -> Array:

@@ -11,8 +11,9 @@ from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import coriolis, wrapped
+from swe_sphere.testcases.flows import wrapped
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.recommended import recommended
 from swe_sphere.testcases.zonal import ZonalJet
 
 PAPER = "Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, doi:10.3402/tellusa.v56i5.14436"
@@ -25,6 +26,7 @@ DEGREE = 20
 """Highest degree of the streamfunction of random winds."""
 
 
+@recommended(ne=12, np=8, dt=150.0, days=6.0)
 def galewsky(
     perturbed: bool = True, speed: float = 80.0, seed: int = 0, noise: float = 0.1
 ) -> Scene:
@@ -68,12 +70,7 @@ def galewsky(
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
         exact=None if perturbed or seed else balanced,
-        coriolis=coriolis,
         report="vorticity at days 4, 5 and 6; unperturbed: growth of the northward wind",
-        ne=12,
-        np=8,
-        dt=150.0,
-        days=6.0,
     )
 
 

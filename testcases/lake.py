@@ -6,7 +6,7 @@ from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.mesh.sphere import position
 from swe_sphere.testcases.flows import cone as conical_mountain
-from swe_sphere.testcases.flows import coriolis
+from swe_sphere.testcases.recommended import recommended
 
 SURFACE = 5960.0
 """Height of the free surface [m]."""
@@ -14,6 +14,7 @@ WIDTH = np.pi / 18.0
 """Width of the smooth mountain [rad]: half the radius of the cone."""
 
 
+@recommended(ne=16, np=4, dt=600.0, days=5.0)
 def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
     """Water at rest over a mountain (exact): nothing may move.
 
@@ -39,12 +40,7 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         bottom=bottom,
-        coriolis=coriolis if rotating else None,
         report="largest wind after 5 days: round-off, below 1e-10 m/s in float64",
-        ne=16,
-        np=4,
-        dt=600.0,
-        days=5.0,
         error_field="surface",
     )
 

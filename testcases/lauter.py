@@ -8,7 +8,8 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import coriolis, solid_body, tilted_latitude
+from swe_sphere.testcases.flows import solid_body, tilted_latitude
+from swe_sphere.testcases.recommended import recommended
 
 PAPER = (
     "Läuter, Handorf & Dethloff (2005), J. Comput. Phys. 210, 535-553, "
@@ -22,6 +23,7 @@ BOTTOM = 10.0
 """The constant k2 in g b [m2 s-2]."""
 
 
+@recommended(ne=8, np=8, dt=200.0, days=5.0)
 def lauter(alpha: float = np.pi / 4.0) -> Scene:
     """Unsteady nonlinear flow over orography (exact).
 
@@ -58,12 +60,7 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         bottom=bottom,
-        coriolis=coriolis,
         report="l2 of h and of the wind after 5 days, against the time step",
-        ne=8,
-        np=8,
-        dt=200.0,
-        days=5.0,
     )
 
 

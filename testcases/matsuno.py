@@ -10,7 +10,8 @@ from swe_sphere.equations.effects import DYNAMICS, Linearised, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, Planet
-from swe_sphere.testcases.flows import at_rest, coriolis
+from swe_sphere.testcases.flows import at_rest
+from swe_sphere.testcases.recommended import recommended
 
 Wave = Literal["rossby", "eig", "wig"]
 PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
@@ -18,6 +19,7 @@ DEPTH = 30.0
 """Depth at rest [m]: so thin that the waves are trapped near the equator."""
 
 
+@recommended(ne=8, np=8, dt=1500.0)
 def matsuno(
     wave: Wave = "rossby",
     k: int = 5,
@@ -59,12 +61,8 @@ def matsuno(
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state,
         base=at_rest(DEPTH) if linear else None,
-        coriolis=lambda lon, lat: coriolis(lon, lat, PLANET),
         planet=PLANET,
         report="speed of the pattern against ω / k; shape after a period",
-        ne=8,
-        np=8,
-        dt=1500.0,
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
     )
 

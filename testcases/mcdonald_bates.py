@@ -5,7 +5,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import coriolis
+from swe_sphere.testcases.recommended import recommended
 
 PAPER = (
     "McDonald & Bates (1989), Mon. Wea. Rev. 117, 130-137, "
@@ -17,6 +17,7 @@ SPEED = 20.0
 """Speed of the wind over the poles [m s-1]."""
 
 
+@recommended(ne=16, np=4, dt=600.0, days=10.0)
 def mcdonald_bates() -> Scene:
     """Cross-polar flow in geostrophic balance.
 
@@ -41,11 +42,6 @@ def mcdonald_bates() -> Scene:
         reference=PAPER,
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        coriolis=coriolis,
         report="depth at days 5 and 10; drift of energy and potential enstrophy; loss of the"
         " symmetry about the planet's centre",
-        ne=16,
-        np=4,
-        dt=600.0,
-        days=10.0,
     )

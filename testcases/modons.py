@@ -6,6 +6,7 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases.flows import distance
+from swe_sphere.testcases.recommended import recommended
 
 PAPER = "Lin, Chen & Yao (2017), J. Adv. Model. Earth Syst. 9, 2483-2492, doi:10.1002/2017MS000965"
 SPEED = 50.0
@@ -14,6 +15,7 @@ WIDTH = 750e3
 """Their width [m]."""
 
 
+@recommended(ne=30, np=4, dt=240.0, days=100.0)
 def modons() -> Scene:
     """Two pairs of vortices that collide, exchange partners and come back.
 
@@ -41,10 +43,6 @@ def modons() -> Scene:
         planet=Planet(EARTH.radius, EARTH.gravity, 0.0),
         report="vorticity and largest wind at day 100; drift of energy and potential enstrophy;"
         " symmetry about the equator",
-        ne=30,
-        np=4,
-        dt=240.0,
-        days=100.0,
     )
 
 

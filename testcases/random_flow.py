@@ -14,8 +14,8 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+from swe_sphere.testcases.recommended import recommended
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,7 @@ DEPTH = 1e4
 """Mean depth [m]."""
 
 
+@recommended(ne=30, np=4, dt=200.0, days=20.0)
 def turbulence(
     rotating: bool = True, speed: float = 20.0, wavenumber: int = 10, seed: int = 1
 ) -> Scene:
@@ -157,13 +158,8 @@ def turbulence(
         reference=PAPER,
         effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
         initial=lambda lon, lat: _deep_enough(flow.state(lon, lat), speed),
-        coriolis=coriolis if rotating else None,
         planet=planet,
         report="vorticity at days 5, 10 and 20; decay of energy and potential enstrophy",
-        ne=30,
-        np=4,
-        dt=200.0,
-        days=20.0,
     )
 
 

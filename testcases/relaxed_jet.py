@@ -6,10 +6,11 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Relaxation, R
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.galewsky import JET, SOUTH_POLE_DEPTH, bump
+from swe_sphere.testcases.recommended import recommended
 
 
+@recommended(ne=16, np=4, dt=300.0, days=60.0)
 def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
     """Barotropically unstable jet whose depth is pulled back to that of the jet.
 
@@ -48,10 +49,5 @@ def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
         effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity()),
         initial=initial,
         equilibrium=equilibrium,
-        coriolis=coriolis,
         report="mean depth against its exponential; zonal mean of the wind, days 20 to 60",
-        ne=16,
-        np=4,
-        dt=300.0,
-        days=60.0,
     )

@@ -6,7 +6,8 @@ from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import coriolis, distance
+from swe_sphere.testcases.flows import distance
+from swe_sphere.testcases.recommended import recommended
 
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
@@ -15,6 +16,7 @@ WIND = 40.0
 """Speed at the equator of the air at rest among the stars, seen from the turning frame [m s-1]."""
 
 
+@recommended(ne=16, np=4, dt=600.0, days=2.0)
 def splash(rotating: bool = False) -> Scene:
     """Heap of water that spreads and meets itself at the antipode.
 
@@ -43,16 +45,11 @@ def splash(rotating: bool = False) -> Scene:
         "doi:10.1016/j.jcp.2007.07.022",
         effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
         initial=initial,
-        coriolis=(lambda lon, lat: -2.0 * spin * np.sin(lat) + 0.0 * lon) if rotating else None,
         bottom=(lambda lon, lat: (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon)
         if rotating
         else None,
         planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
         report="time and height of the crest at the antipode; loss of symmetry about the centre",
-        ne=16,
-        np=4,
-        dt=600.0,
-        days=2.0,
     )
 
 
@@ -67,6 +64,7 @@ BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
 """Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
 
 
+@recommended(ne=16, np=4, dt=300.0, days=1.0)
 def gravity_bumps() -> Scene:
     """Three bumps of different width that radiate gravity waves on the turning planet.
 
@@ -86,15 +84,11 @@ def gravity_bumps() -> Scene:
         "doi:10.5194/gmd-18-4535-2025",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        coriolis=coriolis,
         report="depth at hours 6, 12 and 24 against a run with short steps; drift of energy",
-        ne=16,
-        np=4,
-        dt=300.0,
-        days=1.0,
     )
 
 
+@recommended(ne=16, np=4, dt=600.0, days=1.0)
 def dam_break(width: float = 0.05) -> Scene:
     """Circular dam of 20 degrees radius that breaks, smoothed.
 
@@ -128,8 +122,4 @@ def dam_break(width: float = 0.05) -> Scene:
         planet=STILL,
         report="least and largest depth; depth along a meridian of the dam against a solution in"
         " the distance alone",
-        ne=16,
-        np=4,
-        dt=600.0,
-        days=1.0,
     )

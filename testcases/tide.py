@@ -19,8 +19,9 @@ from swe_sphere.equations.effects import DYNAMICS, Forcing, Linearised, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import at_rest, coriolis
+from swe_sphere.testcases.flows import at_rest
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+from swe_sphere.testcases.recommended import recommended
 
 Constituent = Literal["m2", "s2", "k1", "o1"]
 
@@ -61,6 +62,7 @@ TIDES = {
 """Amplitudes and frequencies as in Arbic et al. (2004), for a rigid Earth."""
 
 
+@recommended(ne=4, np=8, dt=600.0, days=5.0)
 def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = True) -> Scene:
     """Tide in an ocean of even depth over the whole globe (exact).
 
@@ -105,12 +107,7 @@ def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = 
         exact=response.state,
         forcing=forcing,
         base=at_rest(depth) if linear else None,
-        coriolis=coriolis,
         report="elevation and currents after ten tides; phase against the Moon",
-        ne=4,
-        np=8,
-        dt=600.0,
-        days=5.0,
     )
 
 
@@ -204,6 +201,7 @@ HIGHEST = 12
 """Of n - m, so that the series of the wave is right to round-off."""
 
 
+@recommended(ne=8, np=6, dt=600.0, days=15.0)
 def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False) -> Scene:
     """Planetary wave in a deep ocean, at a Froude number of 5e-4.
 
@@ -239,12 +237,7 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         initial=lambda lon, lat: wave.state(lon, lat, 0.0),
         exact=wave.state if linear else None,
         base=at_rest(DEPTH) if linear else None,
-        coriolis=coriolis,
         report="speed of the wave; gravity waves that a step too long leaves out or lets loose",
-        ne=8,
-        np=6,
-        dt=600.0,
-        days=15.0,
     )
 
 

@@ -10,6 +10,7 @@ from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, Unst
 from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import distance, solid_body, turned
+from swe_sphere.testcases.recommended import recommended
 
 PERIOD = 12.0 * DAY
 """Time of one turn of the background, and of the deformation and its undoing [s]."""
@@ -19,6 +20,7 @@ AIR = 1000.0
 """Depth of the air that carries the tracers [m]."""
 
 
+@recommended(ne=20, np=4, dt=1200.0, days=12.0)
 def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
     """Two vortices that roll up a front while they go once around the planet (exact).
 
@@ -62,13 +64,10 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
         exact=exact,
         wind=wind,
         report="l1, l2, linf of h after 12 days",
-        ne=20,
-        np=4,
-        dt=1200.0,
-        days=12.0,
     )
 
 
+@recommended(ne=20, np=4, dt=900.0, days=12.0)
 def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     """Tracers torn to filaments and brought back (exact after 12 days).
 
@@ -98,10 +97,6 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         exact_tracers=_returned(tracers),
         report="l1, l2, linf, minimum and maximum of the tracers after 12 days; filaments and "
         "mixing after 6",
-        ne=20,
-        np=4,
-        dt=900.0,
-        days=12.0,
     )
 
 

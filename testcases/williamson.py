@@ -9,7 +9,8 @@ from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Ro
 from swe_sphere.equations.scene import Array, Scene, Wind
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import cone, coriolis, solid_body, tilted_latitude, turned
+from swe_sphere.testcases.flows import cone, solid_body, tilted_latitude, turned
+from swe_sphere.testcases.recommended import recommended
 from swe_sphere.testcases.zonal import ZonalJet
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
@@ -21,6 +22,7 @@ JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) *
 """The jet of case 3, at latitudes of its own axis; 0.3 is x_e of the paper."""
 
 
+@recommended(ne=16, np=4, dt=1200.0, days=12.0)
 def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
     """Advection of a bell once around the planet (exact).
 
@@ -50,13 +52,10 @@ def williamson1(alpha: float = 0.0, gaussian: bool = False) -> Scene:
         wind=wind,
         steady_wind=True,
         report="l1, l2, linf, minimum and maximum of h after 12 days",
-        ne=16,
-        np=4,
-        dt=1200.0,
-        days=12.0,
     )
 
 
+@recommended(ne=16, np=4, dt=600.0, days=5.0)
 def williamson2(alpha: float = 0.0) -> Scene:
     """Steady solid-body flow in geostrophic balance (exact).
 
@@ -83,13 +82,10 @@ def williamson2(alpha: float = 0.0) -> Scene:
         exact=exact,
         coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
         report="l1, l2, linf of h and of the wind after 5 days",
-        ne=16,
-        np=4,
-        dt=600.0,
-        days=5.0,
     )
 
 
+@recommended(ne=8, np=8, dt=300.0, days=5.0)
 def williamson3(alpha: float = 0.0) -> Scene:
     """Steady jet of compact support in geostrophic balance (exact).
 
@@ -123,13 +119,10 @@ def williamson3(alpha: float = 0.0) -> Scene:
         exact=exact,
         coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
         report="l1, l2, linf of h and of the wind after 5 days",
-        ne=8,
-        np=8,
-        dt=300.0,
-        days=5.0,
     )
 
 
+@recommended(ne=8, np=6, dt=600.0, days=15.0)
 def williamson5(speed: float = 20.0) -> Scene:
     """Zonal flow over an isolated mountain.
 
@@ -158,18 +151,14 @@ def williamson5(speed: float = 20.0) -> Scene:
         effects=(*DYNAMICS, Rotation(), Orography()),
         initial=initial,
         bottom=cone,
-        coriolis=coriolis,
         report="l1, l2, linf of the free surface at days 5, 10, 15 against a reference; "
         "drift of mass, energy and potential enstrophy",
-        ne=8,
-        np=6,
-        dt=600.0,
-        days=15.0,
         error_field="surface",
         sheds_waves=True,
     )
 
 
+@recommended(ne=16, np=4, dt=360.0, days=14.0)
 def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
     """Rossby-Haurwitz wave of zonal wavenumber 4.
 
@@ -194,14 +183,9 @@ def williamson6(perturbation: float = 0.0, omega: float = 7.848e-6) -> Scene:
         reference=f"{PAPER}, case 6",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        coriolis=coriolis,
         report="height at days 7 and 14 against a reference; drift of mass, energy and potential "
         "enstrophy; loss of the fourfold symmetry",
         sheds_waves=True,
-        ne=16,
-        np=4,
-        dt=360.0,
-        days=14.0,
     )
 
 

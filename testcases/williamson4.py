@@ -9,7 +9,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Forcing, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.flows import coriolis
+from swe_sphere.testcases.recommended import recommended
 from swe_sphere.testcases.williamson import PAPER
 from swe_sphere.testcases.zonal import ZonalBalance
 
@@ -25,6 +25,7 @@ FAR = 0.4
 """Cosine of a distance at which ψ is 1e-30 of what it is at the centre."""
 
 
+@recommended(ne=8, np=8, dt=150.0, days=5.0)
 def williamson4(u0: float = 20.0) -> Scene:
     """Low carried along in a jet by a forcing (exact).
 
@@ -48,13 +49,8 @@ def williamson4(u0: float = 20.0) -> Scene:
         effects=(*DYNAMICS, Rotation(), Forcing()),
         initial=lambda lon, lat: flow.state(lon, lat, 0.0),
         exact=flow.state,
-        coriolis=coriolis,
         forcing=flow.forcing,
         report="l1, l2, linf of h and of the wind after 5 days; depth at the centre of the low",
-        ne=8,
-        np=8,
-        dt=150.0,
-        days=5.0,
     )
 
 
@@ -68,7 +64,7 @@ class _Flow:
     def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         """Eastward wind, northward wind [m s-1] and depth [m]."""
         low = _Low.at(lon - self.u0 * t / EARTH.radius, lat)
-        depth = DEPTH - self.balance.drop(lat) + coriolis(lon, lat) * low.psi
+        depth = DEPTH - self.balance.drop(lat) + EARTH.coriolis(lon, lat) * low.psi
         return _jet(self.u0, lat) + low.u, low.v, depth / EARTH.gravity
 
     def forcing(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
@@ -97,7 +93,7 @@ class _Flow:
         east = -speed * low.u_lon - u * low.v_lat + low.v * shear
         north = -speed * low.v_lon + u * low.bend + low.v * low.v_lat
         north += (mean_tan * low.u + spin * low.psi) / a
-        pull = -self.u0 * coriolis(lon, lat) * np.cos(lat)
+        pull = -self.u0 * EARTH.coriolis(lon, lat) * np.cos(lat)
         depth = low.v * (pull + (spin * low.psi - mean * mean_tan) / a)
         return east, north, depth / EARTH.gravity
 

@@ -13,9 +13,9 @@ from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.analysis import read_analysis
-from swe_sphere.testcases.flows import coriolis
 from swe_sphere.testcases.harmonics import Complex, GaussGrid
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.recommended import recommended
 from swe_sphere.testcases.williamson import PAPER
 
 DEPTH = 1e4
@@ -28,6 +28,7 @@ JET, EDDIES = 20.0, 12.0
 """Largest zonal-mean wind and root mean square of the rest, of the synthetic state [m s-1]."""
 
 
+@recommended(ne=12, np=8, dt=150.0, days=5.0)
 def williamson7(
     file: Path | None = None, degree: int = 0, balanced: bool = False, seed: int = 1
 ) -> Scene:
@@ -70,12 +71,7 @@ def williamson7(
         reference=f"{source}{PAPER}, case 7",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        coriolis=coriolis,
         report="height at days 1 to 5 against a reference; drift of energy and potential enstrophy",
-        ne=12,
-        np=8,
-        dt=150.0,
-        days=5.0,
         parameters={"file": "SYNTHETIC"} if file is None else {},
     )
 

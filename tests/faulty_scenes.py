@@ -211,7 +211,7 @@ ATTRIBUTES = (
     "error_field='depth'", "error_field=None", "error_field=[]", "steady_forcing='no'",
     "parameters=None", "parameters=3", "parameters={'a': np.zeros(3)}", "parameters={1: 2}",
     "initial=None", "tracers=None", "tracers={}", "tracers=[tracer]", "tracers={'q': 3.0}",
-    "tracers={'q': None}", "tracers={1: tracer}", "tracers={'q 1': tracer}", "coriolis=None",
+    "tracers={'q': None}", "tracers={1: tracer}", "tracers={'q 1': tracer}",
     "exact_tracers=3", "depth=3", "exact=exact(0.0, 0.0, 0.0)",
 )  # fmt: skip
 """Attributes of a scene that are wrong."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from swe_sphere.equations.effects import (
@@ -21,7 +23,7 @@ from swe_sphere.equations.effects import (
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.planet import EARTH
+from swe_sphere.planet import EARTH, Planet
 from swe_sphere.testcases import SCENES, get_scene
 
 
@@ -166,14 +168,30 @@ def test_functions_and_effects_of_a_scene_go_together() -> None:
     given = dict(
         name="mine", title="", reference="", initial=start, report="", ne=4, np=4, dt=None, days=1.0
     )
-    with fails("mine: effect 'rotation' needs the function 'coriolis'"):
-        Scene(**given, effects=(*DYNAMICS, Rotation()))
+    with fails("mine: effect 'orography' needs the function 'bottom'"):
+        Scene(**given, effects=(*DYNAMICS, Orography()))
+    with fails("mine: 'coriolis' is given without effect 'rotation'"):
+        Scene(**given, effects=DYNAMICS, coriolis=lambda lon, lat: lon)
     with fails("mine: 'bottom' is given without effect 'orography'"):
         Scene(**given, effects=DYNAMICS, bottom=lambda lon, lat: lon)
     with fails("mine: an effect is listed twice"):
         Scene(**given, effects=(*DYNAMICS, Orography(), Orography()), bottom=lambda lon, lat: lon)
     with fails("mine: days must be finite and positive"):
         Scene(**(given | {"days": 0.0}), effects=DYNAMICS)
+
+
+def test_a_scene_needs_a_name_effects_and_an_initial_state() -> None:
+    start = get_scene("williamson2").initial
+    scene = Scene("mine", (*DYNAMICS, Rotation()), start)
+    assert (scene.title, scene.dt, scene.exact) == ("mine", None, None)
+    lon, lat = np.array([0.3, 2.0]), np.array([-1.2, 0.4])
+    for planet in (EARTH, Planet(rotation=1e-4)):
+        turned = replace(scene, planet=planet)
+        f = 2.0 * planet.rotation * np.sin(lat)
+        np.testing.assert_array_equal(turned.coriolis(lon, lat), f)
+        np.testing.assert_array_equal(turned.without_effect("rotation").coriolis or 0.0, 0.0)
+    own = replace(scene, coriolis=lambda lon, lat: 1e-5)
+    assert replace(own, planet=Planet(rotation=1e-4)).coriolis(lon, lat)[0] == 1e-5
 
 
 def test_every_scene_and_parameter_is_on_the_page_of_scenes() -> None:

@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import EFFECTS, Effect
-from swe_sphere.equations.scene_checks import check_scene
+from swe_sphere.equations.scene_checks import check_kinds, check_scene
 from swe_sphere.equations.scene_fields import (
     Parameter,
     Rates,
@@ -22,6 +22,7 @@ from swe_sphere.equations.scene_fields import (
 )  # fmt: skip
 from swe_sphere.equations.scene_functions import checked_functions
 from swe_sphere.errors import ConfigError, unknown_name
+from swe_sphere.planet import Planet
 from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert
 
 __all__ = [
@@ -45,11 +46,10 @@ class Scene(SceneFields):
         >>> from swe_sphere import Scene, Simulation
         >>> from swe_sphere.equations.effects import DYNAMICS
         >>> drop = Scene(
-        ...     name="drop", title="a drop in still water", reference="none", effects=DYNAMICS,
+        ...     name="drop", effects=DYNAMICS,
         ...     initial=lambda lon, lat: (0.0, 0.0, 1000.0 + 10.0 * np.exp(-9.0 * lat**2)),
-        ...     report="depth", ne=3, np=4, dt=None, days=0.25,
         ... )
-        >>> abs(Simulation(drop).run()["mass_drift"]) < 1e-14
+        >>> abs(Simulation(drop, ne=3).run(days=0.25)["mass_drift"]) < 1e-14
         True
 
     Raises:
@@ -58,6 +58,12 @@ class Scene(SceneFields):
     """
 
     def __post_init__(self) -> None:
+        check_kinds(self)
+        object.__setattr__(self, "title", self.title or self.name)
+        rotates = any(effect.needs == "coriolis" for effect in self.effects)
+        given = getattr(self.coriolis, "function", self.coriolis)
+        if rotates and (given is None or getattr(given, "__func__", None) is Planet.coriolis):
+            object.__setattr__(self, "coriolis", self.planet.coriolis)
         check_scene(self)
         for name, function in checked_functions(self).items():
             object.__setattr__(self, name, function)

@@ -29,15 +29,15 @@ FIELDS = ("bottom", "coriolis", "equilibrium")
 
 
 def check_scene(scene: SceneFields) -> None:
-    """ConfigError for the first thing that is wrong."""
-    _check_kinds(scene)
+    """Raise ConfigError for the first thing that is wrong, after `check_kinds`."""
     _check_texts(scene)
     _check_effects(scene)
     _check_tracers(scene)
     _check_numbers(scene)
 
 
-def _check_kinds(scene: SceneFields) -> None:
+def check_kinds(scene: SceneFields) -> None:
+    """Raise ConfigError for an attribute of the wrong type."""
     for name, kind in KINDS.items():
         value = getattr(scene, name)
         if not isinstance(value, kind):

@@ -28,27 +28,28 @@ class SceneFields:
     """The attributes of a `Scene`, not yet checked."""
 
     name: str
-    title: str
-    reference: str
-    """The paper, with its DOI."""
     effects: tuple[Effect, ...]
     initial: State
-    report: str
+    title: str = ""
+    """Title of files and pages; empty: the name."""
+    reference: str = ""
+    """The paper, with its DOI."""
+    report: str = ""
     """What is worth reporting, in words."""
-    ne: int
+    ne: int = 16
     """Recommended number of elements along the edge of a cube face."""
-    np: int
+    np: int = 4
     """Recommended number of nodes along the edge of an element."""
-    dt: float | None
+    dt: float | None = None
     """Recommended time step [s], stable for rk4 at this ne and np; None: chosen by the stepper."""
-    days: float
+    days: float = 5.0
     """Recommended length of the run [days]."""
     planet: Planet = EARTH
     exact: UnsteadyState | None = None
     bottom: Scalar | None = None
     """Height of the bottom [m]; there if and only if the scene has orography."""
     coriolis: Scalar | None = None
-    """Coriolis parameter [s-1]; there if and only if the scene has rotation."""
+    """Coriolis parameter [s-1], only with rotation; None: that of the planet, 2 Ω sin θ."""
     wind: Wind | None = None
     """The wind, if and only if it is prescribed."""
     steady_wind: bool = False

@@ -10,7 +10,7 @@ import numpy as np
 from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import coriolis, distance
+from swe_sphere.testcases.flows import distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 
 SHALLOWEST = 0.2
@@ -76,16 +76,11 @@ def random_scene(seed: int) -> Scene:
     return Scene(
         name="random-state",
         title="random admissible state",
-        reference="none",
         effects=(*DYNAMICS, Rotation(), Orography()),
         initial=initial,
         bottom=hills,
-        coriolis=lambda lon, lat: coriolis(lon, lat, planet),
         planet=planet,
-        report="mass",
         ne=4,
-        np=4,
-        dt=None,
         days=1.0,
     )
 
