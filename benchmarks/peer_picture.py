@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from swe_sphere.studies.report.palette import COLOURS
+from swe_sphere.pictures.panels import COLOURS
 
 MARKERS = "osD^v"
 

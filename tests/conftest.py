@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import plot
-from swe_sphere.studies.report import sweep_page
+from swe_sphere.studies.report import page
 from swe_sphere.studies.sweep import engine
 
 wp.config.log_level = wp.LOG_WARNING
@@ -48,7 +48,7 @@ def coarse_pictures():
 @pytest.fixture
 def blank_figures(monkeypatch):
     """Pages of sweeps have figures in which nothing is drawn: for tests of their words."""
-    monkeypatch.setattr(sweep_page, "render", lambda *_: Figure(figsize=(1.0, 1.0)))
+    monkeypatch.setattr(page, "render", lambda *_: Figure(figsize=(1.0, 1.0)))
 
 
 @pytest.fixture(scope="session")

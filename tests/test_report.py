@@ -14,16 +14,15 @@ from sweeps import make_sweep, plausible_sweep
 
 from swe_sphere.cli.sweep import PAGE, REPORT
 from swe_sphere.errors import ConfigError
+from swe_sphere.studies import words
 from swe_sphere.studies.report import (
     Claim,
     sweep_rankings,
-    words,
     write_markdown,
     write_report,
 )
-from swe_sphere.studies.report.axes import save_svg
-from swe_sphere.studies.report.content import read_sections
-from swe_sphere.studies.report.diagrams import error_diagrams, render
+from swe_sphere.studies.report.figures import error_diagrams, render, save_svg
+from swe_sphere.studies.report.page import read_sections
 from swe_sphere.studies.report.rows import metrics, read_rows
 
 ROOT = Path(__file__).parents[1]

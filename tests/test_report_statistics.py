@@ -13,21 +13,21 @@ from sweeps import make_sweep
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.ended import ENDS
-from swe_sphere.studies.report.answer import rankings
-from swe_sphere.studies.report.palette import STATUS, curves, look
-from swe_sphere.studies.report.rows import Metric, metrics, read_rows
-from swe_sphere.studies.report.statistics import (
+from swe_sphere.studies.report.figures import STATUS, look
+from swe_sphere.studies.report.ranking import (
     candidates,
     cheapest,
     largest_step,
     pareto,
     plateau,
+    rankings,
     smallest,
     targets,
     threshold,
     told_apart,
     with_cost,
 )
+from swe_sphere.studies.report.rows import Metric, curves, metrics, read_rows
 
 TOTAL = Metric("total", "h", "l2", 15.0)
 

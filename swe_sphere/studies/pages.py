@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.durable import clear_errors
+from swe_sphere.studies import words
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 MARK = "<!-- made by swe-sphere sweep -->"
 """In pages of sweeps, which tells them from the user's own of the same name."""
+NUMBERS = (
+    words.number, words.error, words.level, words.seconds, words.step, words.times, words.percent,
+)  # fmt: skip
+"""Filters of all templates."""
 
 
 def rendered(package: str, template: str, *filters: Callable[..., object], **values: object) -> str:
@@ -17,16 +27,32 @@ def rendered(package: str, template: str, *filters: Callable[..., object], **val
 
     package: of the study.  filters: known to the template by their names.
     """
+    made = _environment(package, escape=template.endswith(".html.j2"))
+    made.filters |= {each.__name__.lstrip("_"): each for each in filters}
+    return made.get_template(template).render(values)
+
+
+def prose(name: str, *values: object) -> str:
+    """A sentence: the macro of that name in the templates of all studies."""
+    return str(getattr(_sentences(), name)(*values)).strip()
+
+
+@cache
+def _sentences() -> Any:
+    return _environment(__package__ or "", escape=False).get_template("prose.j2").module
+
+
+def _environment(package: str, escape: bool) -> Environment:
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     places = [PackageLoader(of, "templates") for of in (package, __package__)]
     made = Environment(
-        loader=ChoiceLoader(places), autoescape=template.endswith(".html.j2"),
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+        loader=ChoiceLoader(places), autoescape=escape, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     made.globals["mark"] = MARK
-    made.filters |= {each.__name__.lstrip("_"): each for each in (anchor, in_table, *filters)}
-    return made.get_template(template).render(values)
+    made.filters |= {each.__name__: each for each in (anchor, in_table, *NUMBERS)}
+    return made
 
 
 def check_page(path: Path, title: str) -> None:

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 
 from swe_sphere.arrays import Array
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.studies import words
 from swe_sphere.studies.regimes.points import BASE, OTHERS, Point, Series, ratio
-from swe_sphere.studies.report import words
-from swe_sphere.studies.report.axes import INK, PAPER, STYLE, finish
-from swe_sphere.studies.report.palette import LINES, look
+from swe_sphere.studies.report.figures import INK, PAPER, STYLE, finish, look
+from swe_sphere.studies.report.rows import LINES
 
 COLOURS = "RdBu_r"
 FARTHEST = 3.0

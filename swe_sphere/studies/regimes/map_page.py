@@ -12,6 +12,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from swe_sphere.files.durable import write_whole
+from swe_sphere.studies import words
 from swe_sphere.studies.pages import rendered
 from swe_sphere.studies.regimes.figures import by_error, by_refinement, by_step, slices
 from swe_sphere.studies.regimes.points import (
@@ -25,8 +26,7 @@ from swe_sphere.studies.regimes.points import (
     read_points,
     series,
 )
-from swe_sphere.studies.report import words
-from swe_sphere.studies.report.axes import save_svg
+from swe_sphere.studies.report.figures import save_svg
 from swe_sphere.studies.sweep.record import read_header, runs_of
 
 ERRORS = (1e-2, 3e-3, 1e-3)

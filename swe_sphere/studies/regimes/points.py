@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
-from swe_sphere.studies.report.statistics import FAILED
+from swe_sphere.studies.report.ranking import FAILED
 from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
 
 UNIT = "rk4"

@@ -48,14 +48,19 @@ class Metric:
         return f"{SYMBOLS.get(self.norm, self.norm)}({self.field})"
 
     @property
+    def kind_title(self) -> str:
+        """For example "total error"."""
+        return KINDS.get(self.kind, self.kind)
+
+    @property
     def title(self) -> str:
         """For example "total error, depth"."""
-        return f"{KINDS.get(self.kind, self.kind)}, {QUANTITIES.get(self.field, self.field)}"
+        return f"{self.kind_title}, {QUANTITIES.get(self.field, self.field)}"
 
     @property
     def label(self) -> str:
         """For example "l2(h), total error at day 15"."""
-        return f"{self.symbol}, {KINDS.get(self.kind, self.kind)} at day {self.day:g}"
+        return f"{self.symbol}, {self.kind_title} at day {self.day:g}"
 
     @property
     def name(self) -> str:
@@ -176,3 +181,56 @@ def metrics(rows: Iterable[Row]) -> list[Metric]:
             last[key] = metric
     order = [(kind, quantity) for kind in KINDS for quantity in QUANTITIES]
     return [last[key] for key in order if key in last]
+
+
+LINES = ("-", "--", ":", "-.")
+"""Styles of the variants of a stepper (preconditioner, precision, device, settings)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Rows that differ in their step only, by rising step."""
+
+    label: str
+    stepper: str
+    line: str
+    rows: tuple[Row, ...]
+
+
+def curves(rows: Iterable[Row]) -> list[Curve]:
+    """Rows of one mesh as curves; a label says what tells it from the stepper's other curves."""
+    rows = list(rows)
+    names: set[str] = {row.stepper for row in rows}
+    only = {name: _only([row for row in rows if row.stepper == name]) for name in names}
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        variant = (part or one for part, one in zip(_variant(row), only[row.stepper], strict=True))
+        groups.setdefault((row.stepper, *variant), []).append(row)
+    made = []
+    for key, members in sorted(groups.items()):
+        others = [other for other in sorted(groups) if other[0] == key[0]]
+        label = ", ".join([key[0], *_difference(key, others)])
+        line = LINES[others.index(key) % len(LINES)]
+        made.append(Curve(label, key[0], line, tuple(sorted(members, key=lambda row: row.dt))))
+    return made
+
+
+def _variant(row: Row) -> tuple[str, ...]:
+    return row.preconditioner, row.precision, row.device, row.settings
+
+
+def _only(rows: list[Row]) -> tuple[str, ...]:
+    """What stands for an empty part of a variant: a run that never began may not have noted it."""
+    parts = [set(filter(None, values)) for values in zip(*map(_variant, rows), strict=True)]
+    return tuple(part.pop() if len(part) == 1 else "" for part in parts)
+
+
+PLAIN = {(1, "none"): "no preconditioner"}
+
+
+def _difference(key: tuple[str, ...], others: list[tuple[str, ...]]) -> list[str]:
+    return [
+        PLAIN.get((i, part), part or "default")
+        for i, part in enumerate(key)
+        if i and len({other[i] for other in others}) > 1
+    ]

@@ -1,12 +1,15 @@
-"""Which setting is best: only rows that were measured, never anything between them."""
+"""Which setting is best: only runs that were measured, never anything between them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
-from swe_sphere.studies.report.rows import Metric, Row
+from swe_sphere.studies import words
+from swe_sphere.studies.pages import prose
+from swe_sphere.studies.report.rows import Curve, Metric, Row, curves
 
 Cost = Callable[[Row], float]
 
@@ -21,11 +24,16 @@ BELOW = 0.5
 SLACK = 1.1
 BASELINE = "leapfrog"
 FAILED = ("unstable", "solver-failed")
-"""How runs end whose scheme is to blame."""
+"""Status of runs whose scheme failed."""
+ANSWERED = {"total": ("h", "v", "vorticity"), "time": ("h", "v", "vorticity"),
+            "slow": ("vorticity", "h", "v")}  # fmt: skip
+"""For each kind of error the field that steppers are ranked by: the first one there is."""
+BEST, TIE = "★ ", "≈ "
+"""Marks of the cheapest row for a target, and of those that cannot be told from it."""
 
 
 def cost(row: Row) -> float:
-    """What rows are ranked by [s]."""
+    """Time that rows are ranked by [s]."""
     return row.cost
 
 
@@ -93,6 +101,136 @@ def targets(groups: Iterable[Iterable[Row]], metric: Metric, resolved: float = 0
 
 
 @dataclass(frozen=True)
+class Ranking:
+    """Who reaches which error at which cost, on one mesh."""
+
+    where: str
+    """For example "williamson5, ne16 np4"."""
+    metric: Metric
+    targets: list[float]
+    """Falling."""
+    lines: list[tuple[Curve, list[Row | None]]]
+    """For each stepper the cheapest row for each target, and the row of its smallest error."""
+    plateau: Plateau | None = None
+    notes: list[str] = field(default_factory=list)
+    """What to keep in mind."""
+
+    @property
+    def rows(self) -> list[list[Row | None]]:
+        """Rows of the table, for each stepper."""
+        return [cells for _, cells in self.lines]
+
+    def winners(self, target: int) -> list[Row]:
+        """The cheapest row for a target, by its number, and those that cannot be told from it."""
+        found = [row for cells in self.rows if (row := cells[target]) is not None and row.timed]
+        found.sort(key=cost)
+        return [row for row in found if not told_apart(found[0], row)]
+
+    def next_after(self, target: int) -> Row | None:
+        """The cheapest row for a target that is dearer than the winners."""
+        best = self.winners(target)
+        rows = (row for cells in self.rows if (row := cells[target]) is not None and row.timed)
+        return min((row for row in rows if row not in best), key=cost, default=None)
+
+    def label(self, row: Row) -> str:
+        """The stepper of a row as its line has it."""
+        return next(curve.label for curve, _ in self.lines if row in curve.rows)
+
+    @property
+    def clock(self) -> str:
+        """Name of the time that steppers are ranked by; empty where none was taken."""
+        rows = (row for cells in self.rows for row in cells if row is not None)
+        return next((row.clock for row in rows if row.timed), "")
+
+    @property
+    def smallest_error(self) -> float:
+        """That of any stepper."""
+        return min(cells[-1].error(self.metric) for cells in self.rows if cells[-1] is not None)
+
+    @property
+    def answered(self) -> int | None:
+        """The target of the headline: the smallest that two steppers reach, or else one."""
+        reached = [sum(row is not None for row in cells) for cells in zip(*self.rows, strict=True)]
+        for fewest in (2, 1):
+            if told := [i for i, count in enumerate(reached[:-1]) if count >= fewest]:
+                return told[-1]
+        return None
+
+    @property
+    def heads(self) -> list[str]:
+        """Of the table."""
+        return ["stepper", *(f"≤ {words.level(t)}" for t in self.targets), "smallest error"]
+
+    @cached_property
+    def body(self) -> list[list[str]]:
+        """The lines of the table: names, then step, cost and error, marked where the cheapest."""
+        winners = [*map(self.winners, range(len(self.targets))), []]
+        return [
+            [curve.label, *(self._cell(*pair) for pair in zip(cells, winners, strict=True))]
+            for curve, cells in self.lines
+        ]
+
+    def _cell(self, row: Row | None, best: list[Row]) -> str:
+        if row is None:
+            return words.NOTHING
+        mark = "" if row not in best else BEST if len(best) == 1 else TIE
+        seconds = f" {words.seconds(row.cost)}," if row.timed else ""
+        return f"{mark}{words.step(row.dt)},{seconds} {words.error(row.error(self.metric))}"
+
+    @property
+    def headline(self) -> str:
+        """One sentence on the cheapest stepper."""
+        return prose("headline", self)
+
+    @property
+    def caption(self) -> str:
+        """How to read the table."""
+        return prose("caption", self, BEST, TIE)
+
+
+def rankings(
+    rows: Sequence[Row], found: Sequence[Metric], where: str, own: float = math.nan,
+    levels: Sequence[float] = (),
+) -> list[Ranking]:  # fmt: skip
+    """One for each kind of error that some row has, the one to rank by first.
+
+    That is the first of total, time and slow-flow error, but the slow one where the depth
+    saturates.  rows: of one mesh.  own: time error of the converged run that time errors are taken
+    against.  levels: targets asked for.
+    """
+    by_name = {(metric.kind, metric.field): metric for metric in found}
+    chosen = (
+        next((by_name[kind, field] for field in order if (kind, field) in by_name), None)
+        for kind, order in ANSWERED.items()
+    )
+    made = [_ranking(rows, metric, where, own, levels) for metric in chosen if metric is not None]
+    slow = any(metric.kind == "slow" for metric in found)
+    for ranking in made:
+        if ranking.plateau:
+            ranking.notes.append(prose("plateau", ranking.metric, ranking.plateau, slow))
+    saturates = any(of.plateau is not None and not of.plateau.everywhere for of in made)
+    made.sort(key=lambda ranking: ranking.metric.kind != "slow" and saturates)
+    return [ranking for ranking in made if ranking.lines]
+
+
+def _ranking(
+    rows: Sequence[Row], metric: Metric, where: str, own: float, levels: Sequence[float]
+) -> Ranking:
+    drawn = [curve for curve in curves(rows) if smallest(curve.rows, metric) is not None]
+    # the check of the converged run is on its depth
+    resolved = own if (metric.kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
+    wanted = [level for level in sorted(levels, reverse=True) if level >= resolved]
+    wanted = wanted or targets([curve.rows for curve in drawn], metric, resolved)
+    lines: list[tuple[Curve, list[Row | None]]] = [
+        (c, [*(cheapest(c.rows, metric, t) for t in wanted), smallest(c.rows, metric)])
+        for c in drawn
+    ]
+    lines.sort(key=lambda line: [row.cost if row and row.timed else math.inf for row in line[1]])
+    flat = plateau(rows, metric) if metric.field == "h" and metric.kind != "slow" else None
+    return Ranking(where, metric, wanted, lines, flat)
+
+
+@dataclass(frozen=True)
 class Plateau:
     """Errors of long steps that hardly depend on the step."""
 
@@ -120,26 +258,22 @@ def plateau(rows: Iterable[Row], metric: Metric) -> Plateau | None:
     long = [row for row in rows if row.gravity_multiple >= LONG]
     if best is None or not any(row.gravity_multiple < LONG for row in rows):
         return None
-    steppers = dict.fromkeys(row.stepper for row in long)
-    told = [part for name in steppers if _spans(part := [r for r in long if r.stepper == name])]
-    flat = [part for part in told if _is_flat(part, metric)]
+    each = [[r for r in long if r.stepper == name] for name in {row.stepper for row in long}]
+    told = [part for part in each if _span(r.dt for r in part) >= RANGE]
+    flat = [part for part in told if _span(r.error(metric) for r in part) <= RANGE]
     if 2 * len(flat) <= len(told):
         return None
-    members = [row for part in flat for row in part]
+    members = [row for row in rows if any(row in part for part in flat)]
     lowest, highest = (f(members, key=lambda r: r.error(metric)) for f in (min, max))
     shortest, longest = (f(members, key=lambda r: r.dt) for f in (min, max))
     everywhere = best.error(metric) >= BELOW * lowest.error(metric)
     return Plateau(lowest, highest, shortest, longest, best, everywhere)
 
 
-def _spans(rows: list[Row]) -> bool:
-    steps: list[float] = [row.dt for row in rows]
-    return max(steps) >= RANGE * min(steps)
-
-
-def _is_flat(rows: list[Row], metric: Metric) -> bool:
-    errors = [row.error(metric) for row in rows]
-    return max(errors) <= RANGE * min(errors)
+def _span(values: Iterable[float]) -> float:
+    """Largest value over the smallest."""
+    found = list(values)
+    return max(found) / min(found) if min(found) > 0.0 else math.inf
 
 
 @dataclass(frozen=True)
