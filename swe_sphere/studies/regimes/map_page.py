@@ -56,7 +56,7 @@ def write_map(folder: Path, out: Path | None = None, *, title: str, introduction
         limits=[[of.title, *(_limit(of, *each) for each in shown)] for of in found],
         figures={caption: f"{name}.svg" for name, caption, _ in drawn},
         tables=[(of.title, [_row(point) for point in of.points]) for of in found],
-        families=OTHERS, base=BASE, usual=words.level(USUAL), made=_made(folder),
+        families=OTHERS, base=BASE, unit=UNIT, usual=words.level(USUAL), made=_made(folder),
     )  # fmt: skip
     write_whole(out / PAGE, text)
     return out / PAGE
@@ -95,50 +95,35 @@ def _chosen(found: Sequence[Series]) -> dict[str, Point]:
 def _limit(of: Series, family: str, error: float) -> str:
     """A break-even Froude number in a cell."""
     froude = break_even(of, family, error)
-    if math.isnan(froude):
-        return words.NOTHING
     if froude == 0.0:
         return f"< {words.number(of.points[0].froude, 2)}"
-    last = of.points[-1].froude
-    return f"> {words.number(last, 2)}" if math.isinf(froude) else words.number(froude, 2)
+    return f"> {words.number(of.points[-1].froude, 2)}" if math.isinf(froude) else _two(froude)
 
 
-def _rule(found: Sequence[Series], family: str) -> str:
-    """From how many gravity limits a step on a family is cheaper than explicit steps."""
-    pairs = []
-    for point in (point for of in found for point in of.points):
+def _two(value: float) -> str:
+    """A number with two digits."""
+    return words.number(value, 2)
+
+
+def _rule(found: Sequence[Series], family: str) -> dict[str, Any]:
+    """Ratios of a family to explicit steps and to `UNIT`, and the steps at which it is cheaper."""
+    places = [(of, point) for of in found for point in of.points]
+    steps = {True: list[float](), False: list[float]()}
+    ratios = []
+    for _, point in places:
         offer, value = point.best(family, USUAL), ratio(point, family, USUAL)
         if offer and math.isfinite(value):
-            pairs.append((offer.dt / point.gravity_limit, value))
-    cheap, dear = (
-        sorted(g for g, value in pairs if (value <= 1.0) == is_) for is_ in (True, False)
-    )
-    if not pairs:
-        return f"**{family}**: no such step has the error at a price worth trying."
-    least = words.number(min(value for _, value in pairs), 2)
-    where = f"cheaper at {len(cheap)} of {len(pairs)} places, down to {least} times the price"
-    text = f"**{family}**: {where if cheap else f'dearer everywhere, {least} times and more'}"
-    for spans, what in ((cheap, "cheaper"), (dear, "dearer")):
-        if spans:
-            ends = dict.fromkeys(words.number(g, 2) for g in (spans[0], spans[-1]))
-            text += f"; {what} with steps of {' to '.join(ends)} gravity limits"
-    return f"{text}. {_beside_unit(found, family)}"
-
-
-def _beside_unit(found: Sequence[Series], family: str) -> str:
-    """Where it is cheaper than one explicit stepper that everybody knows."""
-    ratios = {
-        f"{of.title}, U/c = {words.number(point.froude, 2)}": value
-        for of in found
-        for point in of.points
+            ratios.append(value)
+            steps[value <= 1.0].append(offer.dt / point.gravity_limit)
+    beside = {
+        f"{of.title}, U/c = {_two(point.froude)}": value
+        for of, point in places
         if math.isfinite(value := ratio(point, family, USUAL, UNIT))
     }
-    if not ratios:
-        return f"`{UNIT}` alone has nothing to be compared with."
-    cheap = sum(value <= 1.0 for value in ratios.values())
-    best = min(ratios, key=ratios.__getitem__)
-    text = f"Against `{UNIT}` alone: cheaper at {cheap} of {len(ratios)}"
-    return f"{text}, {words.number(ratios[best], 2)} times at best ({best})."
+    return {
+        "family": family, "ratios": ratios, "beside": beside,
+        "cheaper": steps[True], "dearer": steps[False],
+    }  # fmt: skip
 
 
 def _named(point: Point, family: str) -> str:
@@ -151,10 +136,10 @@ def _row(point: Point) -> list[str]:
     """The cheapest of each family at one place."""
     base = point.best(BASE, USUAL)
     cost = math.nan if base is None else base.cost / point.days
-    cells = [words.number(point.froude, 2), f"{_named(point, BASE)}, {words.number(cost)}"]
+    cells = [_two(point.froude), f"{_named(point, BASE)}, {words.number(cost)}"]
     for family in OTHERS:
         value = ratio(point, family, USUAL)
-        told = f"{words.number(value, 2)}, {_named(point, family)}"
+        told = f"{_two(value)}, {_named(point, family)}"
         cells.append(told if math.isfinite(value) else words.NOTHING)
     return cells
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -15,11 +15,14 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Family
-from swe_sphere.studies.report.ranking import FAILED
-from swe_sphere.studies.sweep.record import RUNS, RunRecord, current, read_header, runs_of
+from swe_sphere.studies.report.rows import Row, read_rows
+from swe_sphere.studies.sweep.dataset import build_dataset
+from swe_sphere.studies.sweep.record import RUNS, current, read_header, runs_of
 
 UNIT = "rk4"
 """The stepper whose right-hand sides costs are told in."""
+SLOW = ("slow", "vorticity", "l2")
+"""The error of a run."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,6 @@ class Point:
     advective_limit: float
     """The same, were there no gravity waves [s]."""
     runs: tuple[Run, ...]
-    failures: tuple[tuple[str, float], ...] = ()
-    """Steppers with steps [s] at which they blew up or could not solve."""
 
     @property
     def froude(self) -> float:
@@ -121,79 +122,52 @@ def cheapest_step(runs: Sequence[Run], error: float) -> Offer | None:
 def read_points(folder: Path) -> list[Point]:
     """All places of a map, from the folders of its sweeps.
 
-    Raises ConfigError where there is no sweep.
+    Raises ConfigError where there is no sweep, or one whose runs have no cost.
     """
-    sweeps = {}
+    places = {}
     for path in sorted(path.parent for path in folder.glob(f"*/{RUNS}")):
         header, records = read_header(path), runs_of(path).records
         if header is not None and (of_now := current(records, header.sources)):
-            sweeps[path.name] = of_now
-    if not sweeps:
+            places[path.name] = (of_now[0].config, read_rows(build_dataset(header, records)))
+    if not places:
         raise ConfigError(f"there is no sweep in {folder}: leave report-only out to make one")
-    seconds = {name: _shortest(records) for name, records in sweeps.items()}
-    units: Units = {}
-    for name, records in sweeps.items():
-        _add_units(units, records, seconds[name])
-    return [_point(name, records, seconds[name], units) for name, records in sweeps.items()]
+    units: dict[tuple[object, ...], float] = {}
+    for row in (row for _, rows in places.values() for row in rows):
+        if row.stepper == UNIT and row.completed and row.timed:
+            a_side = row.cost / row.rhs_evaluations
+            units[_size(row)] = min(a_side, units.get(_size(row), math.inf))
+    return [_point(name, config, rows, units) for name, (config, rows) in places.items()]
 
 
-Units = dict[tuple[object, ...], float]
-"""Seconds of a right-hand side of `UNIT`, its part of the update included, by mesh size."""
-
-
-def _shortest(records: Iterable[RunRecord]) -> dict[str, float]:
-    """Shortest time of the repeats of each run [s], by its key."""
-    found: dict[str, float] = {}
-    for record in records:
-        if math.isfinite(record.seconds):
-            found[record.key] = min(record.seconds, found.get(record.key, math.inf))
-    return found
-
-
-def _size(record: RunRecord) -> tuple[object, ...]:
-    of = record.config
-    return of.ne, of.np, of.precision, of.device
-
-
-def _add_units(units: Units, records: Iterable[RunRecord], seconds: Mapping[str, float]) -> None:
-    for record in records:
-        if record.config.stepper == UNIT and record.status == "completed":
-            evaluations = record.numbers["rhs_evaluations"] or math.nan
-            cost = seconds.get(record.key, math.inf) / evaluations
-            units[_size(record)] = min(cost, units.get(_size(record), math.inf))
+def _size(row: Row) -> tuple[object, ...]:
+    return row.ne, row.np, row.precision, row.device
 
 
 def _point(
-    name: str, records: Sequence[RunRecord], seconds: Mapping[str, float], units: Units
+    name: str, config: RunConfig, rows: Sequence[Row], units: Mapping[tuple[object, ...], float]
 ) -> Point:
+    """A place; units: seconds of a right-hand side of `UNIT`, its part of the update included."""
     runs = []
-    for record in records:
-        errors = {error.field: error for error in record.errors if error.kind == "slow"}
-        if record.role != "grid" or record.status != "completed" or not errors:
+    for row in rows:
+        errors = [
+            of
+            for metric, of in row.errors.items()
+            if (metric.kind, metric.field, metric.norm) == SLOW
+        ]
+        if row.role != "grid" or not row.completed or not errors:
             continue
-        stepper, dt, error = record.config.stepper, record.config.dt, errors["vorticity"].l2
-        assert error is not None and isinstance(dt, float)
-        if _size(record) not in units:
-            raise ConfigError(
-                f"{name}: no run of {UNIT} in {record.config.precision} says what a right-hand side"
-                f" costs, in which costs are told: add {UNIT} to the steppers"
-            )
-        if record.key not in seconds:
+        if not row.timed:
             raise ConfigError(
                 f"{name}: it has runs that were not timed: make the sweeps again without jobs"
             )
-        cost = seconds[record.key] / units[_size(record)]
-        runs.append(Run(stepper, dt, record.numbers["steps"] or math.nan, error, cost))
-    limits = records[0].numbers
-    gravity, advective = limits["gravity_limit"], limits["advective_limit"]
-    failures = tuple(
-        (record.config.stepper, float(record.config.dt))
-        for record in records
-        if record.role == "grid" and record.status in FAILED
-    )
-    return Point(
-        name, records[0].config, gravity or math.nan, advective or math.nan, tuple(runs), failures
-    )
+        if _size(row) not in units:
+            raise ConfigError(
+                f"{name}: no run of {UNIT} in {row.precision} says what a right-hand side costs, in"
+                f" which costs are told: add {UNIT} to the steppers"
+            )
+        cost = row.cost / units[_size(row)]
+        runs.append(Run(row.stepper, row.dt, row.steps, errors[-1], cost))
+    return Point(name, config, rows[0].gravity_limit, rows[0].advective_limit, tuple(runs))
 
 
 BASE = "explicit"
