@@ -18,8 +18,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.snapshot import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, engine, runner, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
-from swe_sphere.studies.sweep.discretisation import Discretisations
 from swe_sphere.studies.sweep.record import command_line, runs_of
+from swe_sphere.studies.sweep.runs import Discretisations
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}

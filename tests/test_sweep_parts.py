@@ -13,7 +13,7 @@ from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.time_plan import free_steps
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec, Schedule
+from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.steps import dt_sequence, halved, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import load_recipe, make_plan, recipe_names
 

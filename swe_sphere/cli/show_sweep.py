@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from swe_sphere.studies.report import Ranking
     from swe_sphere.studies.sweep.record import RunRecord
-    from swe_sphere.studies.sweep.runspec import RunSpec
+    from swe_sphere.studies.sweep.runs import RunSpec
 
 
 class SweepTerminal(SweepWatcher):

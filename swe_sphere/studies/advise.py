@@ -27,7 +27,7 @@ from swe_sphere.simulation.config import (
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.report import Ranking, search_rankings
 from swe_sphere.studies.sweep import SweepWatcher, make_plan, run_plan
-from swe_sphere.studies.sweep.discretisation import Discretisation
+from swe_sphere.studies.sweep.runs import Discretisation
 from swe_sphere.studies.sweep.sweep_plan import stepper_names
 
 REPRESENTATIVES = ("forward-backward", "rk4", "semi-implicit", "epi2", "tr-bdf2")

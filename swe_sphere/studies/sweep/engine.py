@@ -13,22 +13,19 @@ from pathlib import Path
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.interrupt import Interruption
 from swe_sphere.studies.jobs import Tell, in_processes
-from swe_sphere.studies.sweep.discretisation import Discretisations
+from swe_sphere.studies.sweep.api import SweepWatcher
+from swe_sphere.studies.sweep.errors import Evaluator, choose_reference, sweep_sources
 from swe_sphere.studies.sweep.record import RunRecord, current, header_of, note_plan, runs_of
-from swe_sphere.studies.sweep.references import choose_reference, sweep_sources
 from swe_sphere.studies.sweep.runner import Runner
-from swe_sphere.studies.sweep.runspec import (
+from swe_sphere.studies.sweep.runs import (
+    Discretisations,
     Integrator,
-    Part,
     RunSpec,
     integrators,
-    parts_of,
     users_methods,
 )
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
-from swe_sphere.studies.sweep.sweep_errors import Evaluator
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""
@@ -48,6 +45,11 @@ SEARCHING = 0.7
 """Part of a budget for searches; the rest is for repeats."""
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
+
+
+Part = tuple[str, int, int, int | None]
+"""Runs that one process makes one after the other: what they are for (grid, search or limit), the
+number of their integrator, and the first and the one after the last of its grid."""
 
 
 class BudgetSpent(Exception):
@@ -122,19 +124,35 @@ class Sweep:
 
     def _beside(self) -> None:
         """Have all runs made by others: from here on they are known."""
-        plan, parts = self._plan, parts_of(self._plan, self._everyone)
-        for record in in_processes(plan.jobs, making_parts, (plan, self._folder), parts):
+        plan = self._plan
+        for record in in_processes(plan.jobs, making_parts, (plan, self._folder), self._parts()):
             self._watcher.beside(self._runner.take(record))
+
+    def _parts(self) -> list[Part]:
+        """All parts; the shortest steps come first, so that nobody is left with them at the end."""
+        found: list[Part] = []
+        for n, integrator in enumerate(self._everyone):
+            if self._plan.find_limit:
+                found.append(("limit", n, 0, None))
+            if self._plan.target_error is not None:
+                found.append(("search", n, 0, None))
+            elif self._plan.enough is not None:  # which runs are needed shows on the way
+                found.append(("grid", n, 0, None))
+            else:
+                grid = integrator.grid(self._plan)
+                found += [("grid", n, i, i + 1) for i in range(len(grid))]
+        return sorted(found, key=lambda part: part[2], reverse=True)
 
     def make(self, part: Part) -> None:
         """Make a part of all runs."""
-        integrator = self._everyone[part.integrator]
-        if part.what == "limit":
+        what, number, first, last = part
+        integrator = self._everyone[number]
+        if what == "limit":
             self._find_limit(integrator)
-        elif part.what == "search":
+        elif what == "search":
             self._search([integrator])
         else:
-            self._grid(integrator.grid(self._plan)[part.first : part.last])
+            self._grid(integrator.grid(self._plan)[first:last])
 
     # --- grid
 

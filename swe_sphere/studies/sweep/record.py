@@ -23,7 +23,7 @@ from swe_sphere.simulation.config import RunConfig
 from swe_sphere.studies.ended import ENDS
 from swe_sphere.studies.jobs import Tell
 from swe_sphere.studies.record_store import Record, Store, read_record
-from swe_sphere.studies.sweep.runspec import Role
+from swe_sphere.studies.sweep.runs import Role
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 HEADER, RUNS = "sweep.json", "runs"

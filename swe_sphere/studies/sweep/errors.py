@@ -2,24 +2,137 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
+from swe_sphere.files.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint, processor
 from swe_sphere.io.norms import Norms
-from swe_sphere.io.reference_solution import OnGrid, Reference
+from swe_sphere.io.reference_solution import OnGrid, Reference, shipped_reference
 from swe_sphere.io.scalar_fields import at_nodes
+from swe_sphere.operators import find_device
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.config import make_config
+from swe_sphere.simulation.setup import make_scene, scene_sources, start_warp
 from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, slow_errors
 from swe_sphere.studies.record_store import as_netcdf
-from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, History
 from swe_sphere.studies.sweep.record import Errors
-from swe_sphere.studies.sweep.references import TotalReference
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner
-from swe_sphere.studies.sweep.runspec import Integrator, RunSpec
+from swe_sphere.studies.sweep.runs import (
+    Discretisation,
+    Discretisations,
+    History,
+    Integrator,
+    RunSpec,
+    users_fingerprint,
+)
+
+SHIPPED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "williamson5": ("williamson5", ()),
+    "williamson6": ("williamson6", ()),
+    "galewsky": ("galewsky", ()),
+    "galewsky_viscous": ("galewsky", ("viscosity.nu=1e5",)),
+}
+"""Solutions that come with the package: the scene and the settings of each."""
+
+CODE, MACHINE = "the code of swe_sphere", "the processor"
+"""Among what rows are made of: times of one machine say nothing of those of another."""
+
+
+@dataclass(frozen=True)
+class TotalReference:
+    """What the total error is taken against, before anything is computed."""
+
+    kind: str
+    """exact, file, finer or none."""
+    files: Mapping[float, Path] = field(default_factory=dict)
+    """Of reference solutions, by report day."""
+    finer: int = 0
+    """ne of the finer run."""
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """Fingerprints of the files, by what they are."""
+        return {
+            f"the reference of day {day:g}": file_fingerprint(path)
+            for day, path in self.files.items()
+        }
+
+    @property
+    def name(self) -> str:
+        """The reference in words, the contents of files included as a fingerprint."""
+        if self.kind == "file":
+            return str(self.sources)
+        return f"finer run, ne {self.finer}" if self.kind == "finer" else self.kind
+
+
+def sweep_sources(spaces: Discretisations, total: TotalReference) -> dict[str, str]:
+    """Fingerprints of all that every row of a sweep is made of but its settings, by what it is.
+
+    Scenes of one name are told apart by where they come from: the package, a file or an object.
+    """
+    files = scene_sources(spaces.plan.scene, spaces.scene)
+    place = "a file" if SCENE_FILE in files else "the package"
+    origin = place if spaces.own is None else users_fingerprint(spaces.own.initial)
+    start_warp()
+    made = {CODE: code_fingerprint(), MACHINE: processor(find_device(spaces.plan.device))}
+    return {**made, "the scene": origin, **files, **total.sources}
+
+
+def choose_reference(spaces: Discretisations) -> TotalReference:
+    """Files of the user, else the exact solution, else files of the package, else a finer run.
+
+    The finer run has the ne that the plan says, else, where nothing else is known, twice the
+    largest one of the sweep.  Raises ConfigError for a file that cannot be read or is of no report
+    day.
+    """
+    plan, scene, report_days = spaces.plan, spaces.scene, spaces.schedule.report_days
+    if plan.reference:
+        return TotalReference("file", dict(_of_user(path, report_days) for path in plan.reference))
+    if plan.finer:
+        return TotalReference("finer", finer=plan.finer)
+    if scene.exact is not None:
+        return TotalReference("exact")
+    if files := _shipped(scene, report_days):
+        return TotalReference("file", files)
+    kind = "finer" if plan.finer is None else "none"
+    return TotalReference(kind, finer=2 * max(spaces.ne))
+
+
+def _of_user(path: Path, report_days: tuple[float, ...]) -> tuple[float, Path]:
+    time = Reference(path).time
+    if time is None:
+        return report_days[-1], path
+    near = [day for day in report_days if abs(day * DAY - time) < 1.0]
+    if not near:
+        days = ", ".join(f"{day:g}" for day in report_days)
+        raise ConfigError(
+            f"reference: {path} is of day {time / DAY:g}, errors are taken at day {days}: add it to"
+            " report-days"
+        )
+    return near[0], path
+
+
+def _shipped(scene: Scene, report_days: tuple[float, ...]) -> dict[float, Path]:
+    """Files of the package by report day, where the scene is just that of the files."""
+    files: dict[float, Path] = {}
+    for label, (name, settings) in SHIPPED.items():
+        if scene.name != name:
+            continue
+        original = make_scene(make_config({"scene": name, "settings": settings}))
+        if (original.effects, original.parameters, original.planet) == (
+            scene.effects, scene.parameters, scene.planet
+        ):  # fmt: skip
+            found = {day: shipped_reference(label, day) for day in report_days}
+            files |= {day: path for day, path in found.items() if path is not None}
+    return files
+
 
 LONGEST = 2.8
 """Step, in gravity limits, that stands for the stability limit of an implicit converged run."""

@@ -1,4 +1,4 @@
-"""The runs of a sweep: settings, keys, those of a stepper on a mesh, what can be made beside."""
+"""The runs of a sweep: a scene on its meshes, steppers on these, steps; settings and keys."""
 
 from __future__ import annotations
 
@@ -6,23 +6,180 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from fractions import Fraction
+from functools import cached_property, reduce
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.files.fingerprints import file_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import code_fingerprint, file_fingerprint, fingerprint
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.time_plan import TimePlan, free_steps, stepper_options
+from swe_sphere.simulation.setup import identity, make_mesh
+from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.snapshot import Fields, state_integrals
+from swe_sphere.simulation.supplied import Supplied
+from swe_sphere.simulation.time_plan import (
+    TimePlan,
+    common_measure,
+    free_steps,
+    stepper_options,
+    time_plan,
+)
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.sweep.discretisation import Discretisation, Discretisations, Schedule
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+
+if TYPE_CHECKING:
+    from swe_sphere.equations.model import Model
+    from swe_sphere.equations.spectrum import Spectrum
+    from swe_sphere.steppers import Stepper
+
+History = dict[float, Fields]
+"""Fields by report day."""
+
+
+class Discretisation:
+    """A scene on a mesh: its initial state, limits, and fresh simulations.
+
+    config: of any run on it; its stepper does not matter.  own: a scene in the place of the one
+    that is named there.  Raises ConfigError where scene or mesh
+    cannot be made.
+    """
+
+    def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
+        self.config, self._own = config, own
+        self.scene = Supplied(own).scene_of(config)
+        self.mesh = make_mesh(config, self.scene)
+        self._radii: dict[object, Spectrum] = {}
+
+    @property
+    def label(self) -> str:
+        """The mesh and the precision in words."""
+        return f"ne{self.mesh.ne} np{self.mesh.np} {self.config.precision}"
+
+    @cached_property
+    def identity(self) -> str:
+        """The same for all discretisations of the same settings, files and code."""
+        device, launch = self.config.device, self.config.launch
+        same = identity(self.config, self.scene, self.mesh) | {"device": device, "launch": launch}
+        same |= {"stepper": None, "code": code_fingerprint()}
+        if self._own is not None:  # its functions may hang on more than its parameters
+            same |= {name: str(values.tobytes()) for name, values in self.start.items()}
+        return fingerprint(same)
+
+    def simulation(self, config: RunConfig) -> Simulation:
+        """A simulation with a model of its own: nothing of one run is left to the next.
+
+        Raises:
+            ConfigError: the stepper does not suit the scene, or takes no such option.
+        """
+        return Simulation.from_config(config, Supplied(self._own, self.mesh))
+
+    @cached_property
+    def _sim(self) -> Simulation:
+        return self.simulation(self.config)
+
+    @property
+    def model(self) -> Model:
+        """A model at hand, with no stepper's traces; not that of any run."""
+        return self._sim.model
+
+    @cached_property
+    def start(self) -> Fields:
+        """All fields at the start, bottom and Coriolis parameter included; each (N,)."""
+        return self._sim.start
+
+    @cached_property
+    def limits(self) -> dict[str, float]:
+        """Steps [s] that the start allows.
+
+        gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
+        same, were there no gravity waves.
+        """
+        gravity = self._sim.gravity_limit
+        at_start = state_integrals(self.model, self.start)
+        wind, wave = at_start["max_wind"], at_start["max_wave"]
+        if self.scene.effect("pressure-gradient") is None:
+            wave = 0.0
+        advective = gravity * ((wind + wave) / wind) if wind > 0.0 else np.inf
+        return {"gravity_limit": gravity, "advective_limit": advective}
+
+    @property
+    def gravity_limit(self) -> float:
+        """The longest step of leapfrog [s], about."""
+        return self.limits["gravity_limit"]
+
+    def stable_dt(self, kind: type[Stepper]) -> float:
+        """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
+        how = kind.spectrum.__func__  # type: ignore[attr-defined]
+        if how not in self._radii:
+            spectrum = kind.spectrum(self.model, self.model.initial_state())
+            self._radii[how] = spectrum
+        return kind.limit(self._radii[how])
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Length of the runs and times at which their errors are taken [days]; the last is the end."""
+
+    days: float
+    report_days: tuple[float, ...]
+
+    @classmethod
+    def of(cls, days: float, report_days: tuple[float, ...]) -> Schedule:
+        """The schedule with the end among its report days."""
+        return cls(days, tuple(sorted({*report_days, days})))
+
+    @cached_property
+    def interval(self) -> float:
+        """The longest time [s] of which all report times are multiples, to the millisecond."""
+        times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
+        return float(reduce(common_measure, times))
+
+    def steps(self, dt: float) -> TimePlan:
+        """Steps of at most dt [s] that meet all report times.
+
+        Raises:
+            ConfigError: no step near dt does.
+        """
+        return time_plan(self.days, self.interval / 3600.0, dt)
+
+
+class Discretisations:
+    """The meshes and precisions of a plan, each made when it is first asked for.
+
+    own: a scene in the place of the one that the plan names.
+    """
+
+    def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
+        self.plan, self.own = plan, own
+        self._known: dict[tuple[int, int, str], Discretisation] = {}
+        self.scene = scene = Supplied(own).scene_of(plan.run_config())
+        self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
+        days = scene.days if plan.days is None else plan.days
+        self.schedule = Schedule.of(days, plan.report_days)
+
+    def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
+        """The one of that mesh and precision."""
+        key = (ne, np, precision)
+        if key not in self._known:
+            config = self.plan.run_config(ne=ne, np=np, precision=precision)
+            self._known[key] = Discretisation(config, self.own)
+        return self._known[key]
+
+    def all(self) -> list[Discretisation]:
+        """Those that the plan asks for."""
+        precisions = self.plan.precision
+        return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]
+
 
 SESSION = uuid.uuid4().hex
 """In the place of the fingerprint of code that is in no file: nothing of it is known later."""
@@ -218,29 +375,3 @@ def users_fingerprint(item: object) -> str:
     """That of the file that a function or class stands in; where there is none, of this process."""
     file = getattr(sys.modules.get(item.__module__), "__file__", None)
     return SESSION if file is None else file_fingerprint(Path(file))
-
-
-@dataclass(frozen=True)
-class Part:
-    """Runs of an integrator, by its number, that one process makes one after the other."""
-
-    what: Literal["grid", "search", "limit"]
-    integrator: int
-    first: int = 0
-    last: int | None = None
-    """Which of its grid, the last excluded."""
-
-
-def parts_of(plan: SweepPlan, everyone: Sequence[Integrator]) -> list[Part]:
-    """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-    found: list[Part] = []
-    for n, integrator in enumerate(everyone):
-        if plan.find_limit:
-            found.append(Part("limit", n))
-        if plan.target_error is not None:
-            found.append(Part("search", n))
-        elif plan.enough is not None:  # which runs are needed shows on the way
-            found.append(Part("grid", n))
-        else:
-            found += [Part("grid", n, i, i + 1) for i in range(len(integrator.grid(plan)))]
-    return sorted(found, key=lambda part: part.first, reverse=True)
