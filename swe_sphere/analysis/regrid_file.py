@@ -20,8 +20,7 @@ from swe_sphere.files.durable import clear_errors, part_of, refuse_to_replace, r
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.zarr_store import check_zarr, engine
-from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.cells import CORNERS, cell_corners
+from swe_sphere.mesh.cells import cell_corners
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
@@ -134,32 +133,27 @@ def write_scrip(path: Path, out: Path, overwrite: bool = False) -> Path:
     """
     mesh = RunFile(path).mesh
     _check_other(path, out, overwrite)
+    lon, lat = map(np.degrees, cell_corners(mesh))
+    cells, corners, degrees = "grid_size", ("grid_size", "grid_corners"), {"units": "degrees"}
+    ones, size = np.ones(mesh.size, np.int32), np.array([mesh.size], np.int32)
+    variables = {
+        "grid_center_lat": (cells, np.degrees(mesh.lat), degrees),
+        "grid_center_lon": (cells, np.degrees(mesh.lon), degrees),
+        "grid_corner_lat": (corners, lat, degrees),
+        "grid_corner_lon": (corners, lon, degrees),
+        "grid_area": (cells, mesh.area / mesh.radius**2, {"units": "radians^2"}),
+        "grid_imask": (cells, ones, {"units": "unitless"}),
+        "grid_dims": ("grid_rank", size, {"units": "unitless"}),
+    }
+    about = {"title": f"nodes of {mesh!r}", "history": history(f"scrip {path.name}")}
+    encoding = {name: {"_FillValue": None} for name in variables}
     part = part_of(out)
     with clear_errors(f"cannot write {out}"):
         try:
-            with netCDF4.Dataset(part, "w", format="NETCDF3_64BIT_OFFSET") as file:
-                _fill(file, mesh, path)
+            xr.Dataset(variables, attrs=about).to_netcdf(
+                part, format="NETCDF3_64BIT", encoding=encoding
+            )
             part.replace(out)
         finally:
             part.unlink(missing_ok=True)
     return out
-
-
-def _fill(file: netCDF4.Dataset, mesh: Mesh, path: Path) -> None:
-    file.setncatts({"title": f"nodes of {mesh!r}", "history": history(f"scrip {path.name}")})
-    for name, size in {"grid_size": mesh.size, "grid_corners": CORNERS, "grid_rank": 1}.items():
-        file.createDimension(name, size)
-    lon, lat = map(np.degrees, cell_corners(mesh))
-    cells, corners = ("grid_size",), ("grid_size", "grid_corners")
-    for name, dimensions, values, units in (
-        ("grid_center_lat", cells, np.degrees(mesh.lat), "degrees"),
-        ("grid_center_lon", cells, np.degrees(mesh.lon), "degrees"),
-        ("grid_corner_lat", corners, lat, "degrees"),
-        ("grid_corner_lon", corners, lon, "degrees"),
-        ("grid_area", cells, mesh.area / mesh.radius**2, "radians^2"),
-        ("grid_imask", cells, np.ones(mesh.size, dtype=np.int32), "unitless"),
-        ("grid_dims", ("grid_rank",), np.array([mesh.size], dtype=np.int32), "unitless"),
-    ):
-        variable = file.createVariable(name, values.dtype, dimensions)
-        variable.units = units
-        variable[:] = values
