@@ -10,7 +10,6 @@ grows in the same way into the room that its variables had when the file was mad
 import io
 import os
 import struct
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -26,11 +25,11 @@ from swe_sphere.io.classic import FORMAT, RECORDS_AT, read_header
 _COUNT = struct.Struct(">I")
 
 
-class Growing(ABC):
-    """What frames and samples are added to, made at `part_of(place)` until it is put in place.
+class Growing:
+    """A file or folder that grows, built at `part_of(place)` until it is put in place.
 
     series: the dimension of the series.  folder: whether it is a folder.  Raises ConfigError if
-    another program writes it.  The methods raise OSError as the system does.
+    another program writes it.
     """
 
     def __init__(self, place: Path, series: str, folder: bool = False) -> None:
@@ -41,29 +40,6 @@ class Growing(ABC):
         """How many there are."""
         self.recorded: frozenset[str] = frozenset()
         """Names of the variables that have records."""
-
-    @abstractmethod
-    def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """Make all that does not grow: what `define` makes in a dataset, without a record.
-
-        As long as the dimension of the series is, as many samples there is room for.
-        """
-
-    @abstractmethod
-    def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
-        """Add a record, given every variable that has records, and put it on the disk.
-
-        sync: wait until it is there, which a file that nobody looks at yet need not.  Raises
-        ValueError for values of other lengths than those of the records.
-        """
-
-    @abstractmethod
-    def add_sample(self, values: Mapping[str, float]) -> None:
-        """Add a number to each series; ValueError if their room is used up."""
-
-    @abstractmethod
-    def set_text(self, name: str, text: str) -> None:
-        """Put a text in the place of a global attribute that is at least as long, and sync."""
 
     def put_in_place(self) -> None:
         """It takes its name, unless it has it already."""
@@ -92,9 +68,9 @@ class Growing(ABC):
 
 
 class GrowingFile(Growing):
-    """A netCDF classic file; size: bytes that it must be able to have.
+    """A netCDF classic file, whose variables that grow are of float64.
 
-    All variables that grow are of float64.
+    size: bytes that the file must be able to have.  The methods raise OSError as the system does.
     """
 
     def __init__(self, place: Path, series: str, size: int) -> None:
@@ -107,7 +83,10 @@ class GrowingFile(Growing):
             raise
 
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """As `Growing`, by the netCDF library, in the file claimed."""
+        """Write everything that does not grow: what `define` makes in a dataset.
+
+        The length of the dimension of the series is the number of samples for which there is room.
+        """
         with netCDF4.Dataset(part_of(self._place), "w", format=FORMAT) as dataset:
             dataset.set_fill_off()
             define(dataset)
@@ -117,7 +96,11 @@ class GrowingFile(Growing):
         self._room = 0 if self._length_at is None else self._number(self._length_at)
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
-        """As `Growing`."""
+        """Add a record, given every variable that has records, and put it on the disk.
+
+        sync: wait until the disk has it, which a file that is not in its place yet does not need.
+        Raises ValueError for values of other lengths than those of the records.
+        """
         if {name: 8 * np.size(value) for name, value in values.items()} != self._header.recorded:
             raise ValueError(f"the values do not fit the records of {self._place}")
         done = self.records * self._header.record_bytes
@@ -134,7 +117,7 @@ class GrowingFile(Growing):
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
-        """As `Growing`."""
+        """Add a number to each series; ValueError if their room is used up."""
         if self._length_at is None or self.samples == self._room:
             raise ValueError(f"there is room for {self._room} samples only")
         for name, value in values.items():
@@ -143,7 +126,7 @@ class GrowingFile(Growing):
         self.samples += 1
 
     def set_text(self, name: str, text: str) -> None:
-        """As `Growing`."""
+        """Replace a global attribute, which is at least as long, by a text, and sync."""
         place, size = self._header.texts[name]
         data = text.encode("ascii")
         if len(data) > size:
@@ -156,7 +139,7 @@ class GrowingFile(Growing):
         os.fsync(self._file.fileno())
 
     def check(self, path: Path) -> None:
-        """As `Growing`."""
+        """As `Growing.check`, also for a file that is cut short or changed."""
         super().check(path)
         size = os.fstat(self._descriptor).st_size
         if self._in_place and (size < self._end or self._number(RECORDS_AT) != self.records):

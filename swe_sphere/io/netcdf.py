@@ -18,7 +18,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, unknown_name
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.io.checkpoint import Checkpoint, checkpoint_path, write_checkpoint
-from swe_sphere.io.growing import Growing, GrowingFile
+from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
@@ -94,7 +94,7 @@ class FrameWriter:
         size += 0 if self._earlier is None else self._earlier.all_bytes
         kind = GrowingStore if self.path.suffix == SUFFIX else GrowingFile
         with clear_errors(f"cannot write {self.path}"):
-            self._growing: Growing = kind(self._place, SERIES, size)
+            self._growing: GrowingFile | GrowingStore = kind(self._place, SERIES, size)
         self._begun = False
 
     @property
@@ -242,7 +242,7 @@ class EarlierFrames:
         self.all_bytes = path.stat().st_size
         self.attributes = {k: run.attributes[k] for k in KEPT if k in run.attributes}
 
-    def copy(self, target: Growing, series: Sequence[str]) -> None:
+    def copy(self, target: GrowingFile | GrowingStore, series: Sequence[str]) -> None:
         """Write all into a file that has none yet; NaN for samples of a series that is new.
 
         Raises ConfigError if that file has other fields, and OSError as the system does.

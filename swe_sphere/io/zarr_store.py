@@ -43,7 +43,10 @@ def check_zarr(path: Path) -> None:
 
 
 class GrowingStore(Growing):
-    """A Zarr store, appended to by xarray; samples are stored with the next record or text."""
+    """A Zarr store with the methods of `GrowingFile`, appended to by xarray.
+
+    Samples are stored with the next record or text; there is room for any number of them.
+    """
 
     def __init__(self, place: Path, series: str, _size: int) -> None:
         check_zarr(place)
@@ -51,7 +54,7 @@ class GrowingStore(Growing):
         self._samples: list[Mapping[str, float]] = []
 
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """As `Growing`: the dataset is defined in memory and copied."""
+        """As `GrowingFile`; the dataset is defined in memory and copied."""
         import xarray as xr
 
         with netCDF4.Dataset("layout", "w", diskless=True, format=FORMAT) as dataset:
@@ -67,7 +70,7 @@ class GrowingStore(Growing):
         empty.to_zarr(self._root, zarr_format=2, consolidated=True, encoding=encoding)
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
-        """As `Growing`, but the system may not have written the numbers to the disk yet."""
+        """As `GrowingFile`, but the system may not have written the numbers to the disk yet."""
         if sync:
             self._append_samples()
         shapes = {name: (1, -1)[: len(self._axes[name])] for name in values}
@@ -75,11 +78,11 @@ class GrowingStore(Growing):
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
-        """As `Growing`; there is room for any number."""
+        """As `GrowingFile`."""
         self._samples.append(dict(values))
 
     def set_text(self, name: str, text: str) -> None:
-        """As `Growing`."""
+        """As `GrowingFile`."""
         import zarr
 
         self._append_samples()
