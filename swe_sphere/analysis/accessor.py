@@ -149,7 +149,7 @@ class Analysis:
             return spectra(*at.wind(u, v), degree, self.mesh.radius)
 
         sizes = {"kind": len(SPECTRA), "wavenumber": degree + 1}
-        found = on_nodes(transformed, sizes, *holding(self._data, "u", "v"))
+        found: xr.DataArray = on_nodes(transformed, sizes, *holding(self._data, "u", "v"))
         parts = {
             name: found.isel(kind=k).assign_attrs(long_name=text, units=units)
             for k, (name, (text, units)) in enumerate(SPECTRA.items())
@@ -166,7 +166,7 @@ class Analysis:
     def streamfunction(self) -> xr.DataArray:
         """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes."""
         u, v = holding(self._data, "u", "v")
-        found = on_nodes(Poisson(self.mesh), {"node": self.mesh.size}, u, v)
+        found: xr.DataArray = on_nodes(Poisson(self.mesh), {"node": self.mesh.size}, u, v)
         about = {"standard_name": "atmosphere_horizontal_streamfunction", "units": "m2 s-1",
                  "long_name": "streamfunction"}  # fmt: skip
         return found.rename("streamfunction").assign_attrs(about)

@@ -126,13 +126,15 @@ LEFT_OUT = ("area",)
 def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
     """All fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
     names = [name for name in fields_of(data) if name not in LEFT_OUT]
+    sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))
     found: dict[Any, xr.DataArray] = {}
     if {"u", "v"} & set(names):
         pair = holding(data, "u", "v")
-        found |= dict(zip("uv", _applied(bring.wind, bring, *pair), strict=True))
+        winds = on_nodes(bring.wind, sizes, *pair, results=2, at_once=True)
+        found |= dict(zip("uv", winds, strict=True))
     for name in names:
         if name not in found:
-            (found[name],) = _applied(bring.scalar, bring, data[name])
+            found[name] = on_nodes(bring.scalar, sizes, data[name], at_once=True)
     for name in names:
         found[name].attrs = _attributes(data[name].attrs, isinstance(bring, CellMeans))
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": bring.grid.name}
@@ -146,25 +148,23 @@ def fields_of(data: xr.Dataset) -> list[str]:
     return [name for name in names if name not in TOPOLOGY]
 
 
-def on_nodes(function: Any, sizes: dict[str, int], *arrays: xr.DataArray) -> xr.DataArray:
-    """A function of fields (N,) at one time, applied at all; it returns an array of those sizes."""
-    result: xr.DataArray = xr.apply_ufunc(
+def on_nodes(
+    function: Any,
+    sizes: dict[str, int],
+    *arrays: xr.DataArray,
+    results: int = 1,
+    at_once: bool = False,
+) -> Any:
+    """Apply a function of fields on the nodes at all times; return its results as arrays.
+
+    sizes: the dimensions of each result, in the place of the nodes.  at_once: whether the function
+    takes fields (..., N) of several times, and not only (N,) of one.
+    """
+    return xr.apply_ufunc(
         function, *arrays, input_core_dims=[["node"]] * len(arrays),
-        output_core_dims=[list(sizes)], vectorize=True, dask="parallelized",
-        output_dtypes=[np.float64], dask_gufunc_kwargs={"output_sizes": sizes},
+        output_core_dims=[[*sizes]] * results, vectorize=not at_once, dask="parallelized",
+        output_dtypes=[np.float64] * results, dask_gufunc_kwargs={"output_sizes": sizes},
     )  # fmt: skip
-    return result
-
-
-def _applied(function: Any, bring: Regridder, *arrays: xr.DataArray) -> tuple[xr.DataArray, ...]:
-    count = len(arrays)
-    sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))
-    found = xr.apply_ufunc(
-        function, *arrays, input_core_dims=[["node"]] * count,
-        output_core_dims=[[*sizes]] * count, dask="parallelized",
-        output_dtypes=[np.float64] * count, dask_gufunc_kwargs={"output_sizes": sizes},
-    )  # fmt: skip
-    return found if isinstance(found, tuple) else (found,)
 
 
 def _attributes(attributes: dict[Any, Any], conservative: bool) -> dict[Any, Any]:
