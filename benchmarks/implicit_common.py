@@ -15,10 +15,10 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import RunFailed
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.execution import step_through
-from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.diagnostics import Snapshot
+from swe_sphere.simulation.observers import Observer
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.time_plan import TimePlan
 
 DAYS = 15.0
 MOUNTAIN = (270.0, 30.0)
@@ -59,9 +59,9 @@ def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: An
     """Run a stepper from the scene's initial state; the time for the energies does not count."""
     steps = math.ceil(days * DAY / dt - 1e-9)
     sim = Simulation(scene, mesh=mesh, stepper=name, options=options)
-    sim.begin(TimePlan(dt, steps, steps, dt))
+    sim.begin(RunPlan(dt, steps, steps, dt))
     rhs, daily = [_rhs_seconds(sim.model)], Energies(max(1, round(DAY / dt)))
-    outcome = step_through(sim, [daily])
+    outcome = sim.advance([daily])
     if not outcome.completed:
         raise RunFailed(outcome.reason)
     rhs.append(_rhs_seconds(sim.model))
@@ -69,7 +69,7 @@ def run(scene: str, mesh: Mesh, name: str, dt: float, days: float, **options: An
 
 
 @dataclass
-class Energies:
+class Energies(Observer):
     """Keeps the relative change of energy about every day, and at the end."""
 
     every: int
@@ -79,9 +79,9 @@ class Energies:
         """Once a day."""
         return step % self.every == 0
 
-    def observe(self, sim: Running) -> None:
+    def observe(self, snapshot: Snapshot) -> None:
         """Keep it."""
-        self.drifts.append(sim.diagnostics["energy_drift"])
+        self.drifts.append(snapshot.diagnostics["energy_drift"])
 
 
 def _rhs_seconds(model: Model) -> float:

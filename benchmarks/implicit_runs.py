@@ -60,7 +60,7 @@ def _race_on(label: str, mesh: Mesh, implicit: list[tuple[str, float]]) -> list[
         except RunFailed as failure:
             rows.append([*head, str(failure).split(":")[0] + " failed", *[""] * 8])
             continue
-        rk4 = rk4 or result.sim.cpu_seconds
+        rk4 = rk4 or result.sim.clock.cpu_seconds
         rows.append([*head, *_outcome(result, rk4)])
         print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
     return rows
@@ -76,8 +76,8 @@ def _outcome(result: Run, rk4: float) -> list[str]:
     )
     return [
         f"{depth:.2e}", f"{_near(sim.mesh, fields):.2e}", f"{vorticity:.2e}", result.counts,
-        f"{sim.wall_seconds:.1f}", f"{sim.cpu_seconds:.1f}", f"{sim.cpu_seconds / rk4:.2f}",
-        f"{sim.cpu_seconds / result.rhs_seconds:.0f}",
+        f"{sim.clock.wall_seconds:.1f}", f"{sim.clock.cpu_seconds:.1f}",
+        f"{sim.clock.cpu_seconds / rk4:.2f}", f"{sim.clock.cpu_seconds / result.rhs_seconds:.0f}",
     ]  # fmt: skip
 
 

@@ -31,7 +31,7 @@ from swe_sphere.cli.main import main as program
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 
 SCENE = {"scene": "williamson2", "ne": 4, "np": 4, "dt": 600.0, "days": 1.0, "every": 1 / 6}
 """Frames after every step: most of the time goes into writing."""

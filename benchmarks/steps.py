@@ -21,9 +21,8 @@ from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.execution import step_through
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.time_plan import TimePlan
 from swe_sphere.testcases import get_scene
 
 ROUNDS = 2
@@ -89,9 +88,9 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
         for name, dt in steps.items():
             count = round(days * DAY / dt)
             sim = Simulation(scene, mesh=mesh, stepper=name)
-            sim.begin(TimePlan(dt, count, count, dt))
-            if step_through(sim, []).completed:
-                seconds[name].append(sim.cpu_seconds)
+            sim.begin(RunPlan(dt, count, count, dt))
+            if sim.advance().completed:
+                seconds[name].append(sim.clock.cpu_seconds)
                 kept[name] = sim
     error = {name: _error(scene, days, sim) for name, sim in kept.items()}
     best = {name: min(times) for name, times in seconds.items() if times}
@@ -113,7 +112,7 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
 def _automatic(scene: str, mesh: Mesh, name: str, days: float) -> float:
     """The automatic step [s], shortened so that the end falls on a step."""
     sim = Simulation(scene, mesh=mesh, stepper=name, days=days)
-    return days * DAY / np.ceil(days * DAY / (sim.stepper.safety * sim.stable_dt))
+    return days * DAY / np.ceil(days * DAY / (sim.setup.kind.safety * sim.stable_dt()))
 
 
 def _error(scene: str, days: float, sim: Simulation) -> float:
@@ -169,7 +168,7 @@ def _substepped(name: str, scene: str | Scene, mesh: Mesh, days: float) -> list[
     for _ in range(ROUNDS):
         for stepper, dt in steps.items():
             last[stepper] = _run(scene, mesh, stepper, dt, days)
-            seconds[stepper].append(last[stepper].cpu_seconds)
+            seconds[stepper].append(last[stepper].clock.cpu_seconds)
     rows = []
     for stepper, sim in last.items():
         fields, area = sim.snapshot.with_constants, mesh.area
@@ -187,8 +186,8 @@ def _substepped(name: str, scene: str | Scene, mesh: Mesh, days: float) -> list[
 def _run(scene: str | Scene, mesh: Mesh, stepper: str, dt: float, days: float) -> Simulation:
     count = round(days * DAY / dt)
     sim = Simulation(scene, mesh=mesh, stepper=stepper)
-    sim.begin(TimePlan(dt, count, count, dt))
-    if not step_through(sim, []).completed:
+    sim.begin(RunPlan(dt, count, count, dt))
+    if not sim.advance().completed:
         raise SystemExit(f"{sim.scene.name}: {stepper} blew up with steps of {dt:.0f} s")
     return sim
 

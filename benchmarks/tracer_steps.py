@@ -51,7 +51,7 @@ class Case:
         summary = sim.run(progress=False)
         if summary.status != "completed":
             raise SystemExit(f"{self.scene} {self.stepper} {steps}: {summary.reason}")
-        self.seconds.setdefault(steps, []).append(sim.wall_seconds)
+        self.seconds.setdefault(steps, []).append(sim.clock.wall_seconds)
         self.last[steps] = sim
 
     def row(self, steps: int | str) -> list[str]:

@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.adaptive import AdaptiveStepper, PIController
 from swe_sphere.testcases import get_scene

@@ -17,7 +17,8 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.simulation.progress import LogLines
+from swe_sphere.simulation.observers import LogLines
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases import get_scene
 
 PROGRAM = Path(sys.executable).parent / "swe-sphere"
@@ -321,13 +322,11 @@ def test_a_run_out_of_time_says_how_it_goes_on(swe):
 def test_a_log_has_a_line_now_and_then(monkeypatch, capsys):
     """The first after a while only, so that short runs tell nothing."""
     now = iter([0.0, 1.0, 31.0, 32.0, 400.0])
-    monkeypatch.setattr("swe_sphere.simulation.progress.time.perf_counter", lambda: next(now))
-    plan = SimpleNamespace(steps=100, time=lambda step: 864.0 * step)
-    lines, sim = LogLines(), SimpleNamespace(plan=plan, time=0.0)
-    lines.begin(sim)
-    for day in (0.1, 0.25, 0.3, 0.8):
-        sim.time = 86400.0 * day
-        lines.tick(sim)
+    monkeypatch.setattr("swe_sphere.simulation.observers.time.perf_counter", lambda: next(now))
+    lines = LogLines()
+    lines.begin(RunPlan(864.0, 100, 100, 864.0), SimpleNamespace(time=0.0))
+    for step in (10, 25, 30, 80):
+        lines.tick(step)
     told = capsys.readouterr().err.splitlines()
     assert told == [
         "swe-sphere: day 0.25 of 1 after 31 s, 0.484 days a minute, 93 s to go",

@@ -140,7 +140,7 @@ def test_a_moved_folder_keeps_its_members(tmp_path):
 
 
 def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path, capsys):
-    from swe_sphere.simulation.interrupt import Interruption
+    from swe_sphere.simulation.loop import Interruption
 
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
     line += ["--seeds", "1,2", "--folder", str(tmp_path / "members")]

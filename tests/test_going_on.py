@@ -8,12 +8,10 @@ from swe_sphere.analysis.accessor import open_run
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.reference_solution import shipped_reference
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation import progress
-from swe_sphere.simulation.callbacks import every
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.observers import LogLines, every
+from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.testcases import get_scene
 
 
@@ -151,7 +149,9 @@ def test_a_mesh_of_another_planet_is_refused():
     [{"effects": {"viscosity.nu": 1e5}}, {"scene": "williamson5"}, {"mesh": Mesh.build(3, 4)}],
 )
 def test_a_stepper_on_a_model_of_its_own_brings_all(more):
-    stepper = small("williamson2").stepper
+    sim = small("williamson2")
+    sim.step()
+    stepper = sim.stepper
     with pytest.raises(ConfigError, match="the stepper has a model of its own, of williamson2"):
         Simulation(**{"scene": "williamson2", "stepper": stepper} | more)
 
@@ -203,8 +203,21 @@ def test_a_diagnostic_that_fails_is_told_each_time(tmp_path, out):
 
 
 def test_to_look_at_a_simulation_does_not_begin_it():
+    """Its state is the initial one, and it has neither steps nor their lengths."""
     sim = small("williamson2", dt=1e9)
+    assert (sim.time, sim.steps, sim.summary["dt"], sim.summary["stable_dt"]) == (
+        0.0,
+        0,
+        None,
+        None,
+    )
+    assert float(sim.state.h.max()) == sim.start["h"].max()
+    assert sim.diagnostics["l2_h"] == 0.0 and "courant_gravity" not in sim.diagnostics
+    assert ("result", "not begun at day 0 after 0 steps") in sim.summary.rows()
     assert "not begun" in sim._repr_html_() and "not begun" in repr(sim)
+    for name in ("stepper", "plan"):
+        with pytest.raises(ConfigError, match="the simulation has not begun: call begin"):
+            getattr(sim, name)
 
 
 def test_a_time_limit_leaves_no_step_uncalled():
@@ -238,10 +251,10 @@ class Gone:
 
 
 def test_log_lines_that_nobody_reads_do_not_end_the_run(monkeypatch):
-    monkeypatch.setattr(progress.LogLines, "PATIENCE", 0.0)
+    monkeypatch.setattr(LogLines, "PATIENCE", 0.0)
     monkeypatch.setattr(sys, "stderr", Gone())
     config = make_config({"scene": "williamson6", "ne": 2, "np": 4, "dt": 60.0, "days": 0.25})
-    assert run(config, progress.LogLines()).status == "completed"
+    assert run(config, [LogLines()]).status == "completed"
 
 
 def test_a_run_without_depth_has_a_picture(tmp_path):

@@ -10,7 +10,7 @@ from swe_sphere.equations.effects import Hyperviscosity, Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Snapshot
+from swe_sphere.simulation.diagnostics import Snapshot
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.testcases import get_scene
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import netCDF4
 import numpy as np
@@ -11,9 +12,10 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.time_plan import accurate_step
+from swe_sphere.simulation.planning import automatic_step
+from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.steppers import RECOMMENDED, STEPPERS
+from swe_sphere.testcases import get_scene
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0, "stepper": "tr-bdf2", "dt": 7200.0}
 
@@ -77,16 +79,18 @@ def test_explicit_runs_tell_that_they_solve_nothing():
 
 
 def test_an_automatic_step_follows_the_wind():
-    mesh = Mesh.build(8, 4)
-    u = np.full(mesh.size, 3.0)
-    wind = {"u": 100.0 * u, "v": -400.0 / 3.0 * u}
+    def automatic(name, part):
+        scene = replace(
+            get_scene("williamson2"), initial=lambda lon, lat: (300.0 * part, -400.0 * part, 3e3),
+            exact=None,
+        )  # fmt: skip
+        sim = Simulation(scene, ne=8, np=4, stepper=name)
+        return automatic_step(sim.setup, 10.0)[0] / sim.mesh.spacing()[0]
+
     for name, courant, longest in (("bdf2", 2.0, 3600.0), ("epi4", 0.25, 10800.0)):
-        fast, slow, none = (
-            accurate_step(STEPPERS[name], mesh, {key: part * wind[key] for key in wind}).dt
-            for part in (1.0, 1e-3, 0.0)
-        )
-        assert fast == pytest.approx(courant * mesh.spacing()[0] / 500.0)
-        assert slow == none == longest
+        fast, slow, none = (automatic(name, part) for part in (1.0, 1e-3, 0.0))
+        assert fast == pytest.approx(courant / 500.0)
+        assert slow == none == longest / Mesh.build(8, 4).spacing()[0]
     summary = small(dt="auto")
     assert summary["stable_dt"] is None and summary["dt"] == 3600.0
     assert "Courant number 2" in summary["dt_rule"]

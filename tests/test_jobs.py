@@ -16,7 +16,7 @@ from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.simulation.diagnostics import diagnostic, forget
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies import cases
 from swe_sphere.studies.jobs import in_processes

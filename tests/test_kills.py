@@ -19,7 +19,7 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 
 HERE = Path(__file__).parent
 

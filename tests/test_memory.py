@@ -10,17 +10,16 @@ import pytest
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.simulation import memory_guard
+from swe_sphere.simulation import build
+from swe_sphere.simulation.build import PROGRAM, check_memory, make_scene, needed_memory
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.memory_guard import PROGRAM, check_memory, needed_memory
-from swe_sphere.simulation.setup import make_scene
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.testcases import get_scene
 
 MEASURE = """
 import json, sys
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 given = json.loads(sys.argv[1])
@@ -53,7 +52,7 @@ def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
 
 
 def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None:
-    monkeypatch.setattr(memory_guard, "available_memory", lambda: 2.0 * 2**30)
+    monkeypatch.setattr(build, "available_memory", lambda: 2.0 * 2**30)
     config = make_config({"scene": "williamson5", "stepper": "fully-implicit"})
     scene = make_scene(config)
     check_memory(config, scene, 30, 4)

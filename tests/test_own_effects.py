@@ -19,7 +19,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.setup import scene_sources
+from swe_sphere.simulation.restart import scene_sources
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)

@@ -15,7 +15,7 @@ from swe_sphere.cli.main import main
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -57,7 +57,7 @@ def test_the_configuration_file_is_valid(tmp_path):
     block = README.split("can say all of them:\n")[1].split("* **Mesh")[0]
     (tmp_path / "run.toml").write_text(textwrap.dedent(block))
     config = make_config(load_config(tmp_path / "run.toml"))
-    assert (config.ne, config.settings) == (16, ("hyperviscosity.nu=default",))
+    assert (config.ne, config.settings) == (16, (("hyperviscosity", "nu", "default"),))
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])

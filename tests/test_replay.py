@@ -12,7 +12,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import Unstable
 from swe_sphere.kernels.vectors import axpby_kernel
 from swe_sphere.operators.replay import Replay, between
-from swe_sphere.simulation.loop import HealthCheck
+from swe_sphere.simulation.observers import HealthCheck
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import get_stepper
@@ -125,15 +125,15 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
     monkeypatch.setattr(vector_space, "HostVectors", on_device)
     sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
     sim.begin()
-    check, numpy = HealthCheck(sim), wp.array.numpy
+    check, numpy = HealthCheck(sim.snapshot, sim.plan, sim.stable_dt), wp.array.numpy
     monkeypatch.setattr(wp.array, "numpy", lambda array: pytest.fail("read"))
-    check.observe(sim)
+    check.observe(sim.snapshot)
     monkeypatch.setattr(wp.array, "numpy", numpy)
     state = sim.stepper.state.numpy()
     for values, complaint in ((np.nan, "is NaN"), (-1.0, "depth is negative"), (1e6, "has grown")):
         sim.stepper.state.assign(np.where(np.arange(state.size) == state.size - 1, values, state))
         with pytest.raises(Unstable, match=complaint):
-            check.observe(sim)
+            check.observe(sim.snapshot)
 
 
 def test_what_changes_in_time_is_not_recorded(small_mesh):

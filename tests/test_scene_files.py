@@ -12,7 +12,7 @@ import pytest
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.user_scenes import checked
 

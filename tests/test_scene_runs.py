@@ -12,7 +12,7 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.io.norms import by_name, field_errors
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Snapshot
+from swe_sphere.simulation.diagnostics import Snapshot
 from swe_sphere.testcases import get_scene
 
 

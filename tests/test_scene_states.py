@@ -19,7 +19,7 @@ from swe_sphere.equations.scene import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.simulation.snapshot import Snapshot
+from swe_sphere.simulation.diagnostics import Snapshot
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.harmonics import GaussGrid, synthesis
 from swe_sphere.testcases.random_flow import (

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import threading
+from types import SimpleNamespace
 
 import netCDF4
 import numpy as np
@@ -16,12 +17,11 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation.build import Inputs
 from swe_sphere.simulation.config import load_config, make_config
-from swe_sphere.simulation.loop import HealthCheck
-from swe_sphere.simulation.progress import Watcher
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.time_plan import StepChoice, choose_step, continued_plan, time_plan
+from swe_sphere.simulation.observers import HealthCheck, Observer
+from swe_sphere.simulation.planning import automatic_step, continued_plan, time_plan
+from swe_sphere.simulation.simulation import Simulation, run
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
 
@@ -52,26 +52,42 @@ def test_steps_are_equal_and_frames_and_end_fall_on_them(days, every, dt):
         assert plan.frame_steps * plan.dt == pytest.approx(every * HOUR, rel=1e-12)
 
 
+def stand_in(limit, family="explicit", u=(0.0,), v=(0.0,), **kind):
+    """What an automatic step is chosen by: a stepper, its limit [s], winds [m s-1], 1 km."""
+    kind = {"name": "a", "family": family, "safety": 0.9, "courant": 2.0, "longest": 3000.0, **kind}
+    return SimpleNamespace(
+        kind=SimpleNamespace(**kind),
+        stable_dt=lambda: limit,
+        initial=SimpleNamespace(fields={"u": np.array(u), "v": np.array(v)}),
+        mesh=SimpleNamespace(spacing=lambda: (1000.0, 1000.0)),
+    )
+
+
 def test_automatic_step_stays_within_the_safe_part_of_the_limit():
-    accurate = StepChoice(5000.0, "accurate")
-    choice = choose_step(None, 1.0, stable_dt=1000.0, safety=0.9, accurate=accurate)
-    assert (choice.dt, choice.rule) == (900.0, "0.9 of the stability limit")
-    plan = time_plan(1.0, None, choice.dt)
+    dt, rule = automatic_step(stand_in(1000.0, longest=5000.0), 1.0)
+    assert (dt, rule) == (900.0, "0.9 of the stability limit")
+    plan = time_plan(1.0, None, dt)
     assert plan.dt == 900.0 and plan.steps == 96 and plan.frame_steps == 96
 
 
 def test_automatic_step_without_a_limit_is_the_accurate_one():
-    accurate = StepChoice(3000.0, "accurate")
-    assert choose_step(None, 1.0, np.inf, 0.9, accurate) == accurate
-    assert choose_step(None, 1e-3, np.inf, 0.9, accurate).dt == pytest.approx(86.4)
-    assert choose_step(7.0, 1.0, 1000.0, 0.9, accurate).dt == 7.0
+    assert automatic_step(stand_in(np.inf), 1.0)[0] == 3000.0
+    assert automatic_step(stand_in(np.inf), 1e-3)[0] == pytest.approx(86.4)
+    dt, rule = automatic_step(stand_in(np.inf, u=(0.0, 3.0), v=(0.0, -4.0)), 1.0)
+    assert (dt, rule) == (400.0, "advective Courant number 2, at most 3000 s")
+    assert automatic_step(stand_in(np.inf, u=(5e-3,)), 1.0)[0] == 3000.0
 
 
-def test_a_cautious_step_is_an_accurate_one_within_the_limit():
-    accurate = StepChoice(3000.0, "accurate")
-    assert choose_step(None, 1.0, 9000.0, 0.9, accurate, cautious=True) == accurate
-    assert choose_step(None, 1.0, 2000.0, 0.9, accurate, cautious=True).dt == 1800.0
-    assert choose_step(None, 1.0, 9000.0, 0.9, accurate).dt == 8100.0
+def test_an_automatic_step_from_rest_is_an_accurate_one_within_the_limit():
+    assert automatic_step(stand_in(9000.0, "imex"), 1.0)[0] == 3000.0
+    assert automatic_step(stand_in(2000.0, "imex"), 1.0)[0] == 1800.0
+    assert automatic_step(stand_in(9000.0, "imex", u=(1.0,)), 1.0)[0] == 8100.0
+    assert automatic_step(stand_in(9000.0), 1.0)[0] == 8100.0
+
+
+def test_an_automatic_step_needs_a_limit():
+    with pytest.raises(ConfigError, match="the stability limit of a is nan s: choose a step"):
+        automatic_step(stand_in(np.nan), 1.0)
 
 
 def test_frames_come_about_daily_where_nothing_is_said():
@@ -139,7 +155,7 @@ def test_a_file_says_all_that_flags_can(tmp_path):
         "[set.viscosity]\nnu = 1e5\n[set.scene]\nperturbed = false\n"
     )
     config = make_config(load_config(file))
-    assert config.settings == ("viscosity.nu=100000.0", "scene.perturbed=False")
+    assert config.settings == (("viscosity", "nu", 1e5), ("scene", "perturbed", False))
     assert (config.centre_lon, config.as_json, config.dt) == (30.0, True, "auto")
 
 
@@ -176,17 +192,10 @@ def test_settings_reach_scene_and_effects():
 
 
 def test_too_long_a_step_is_warned_of_and_found_out():
-    class Notes(Watcher):
-        def __init__(self):
-            self.texts = []
-
-        def warn(self, text):
-            self.texts.append(text)
-
-    notes = Notes()
+    texts = []
     values = {"scene": "williamson2", **SMALL, "days": 20.0, "dt": 28800.0}
-    summary = run(make_config(values), notes)
-    assert re.search(r" 3\.3\d times the stability limit", notes.texts[0])
+    summary = run(make_config(values), warn=texts.append)
+    assert re.search(r" 3\.3\d times the stability limit", texts[0])
     assert not summary.completed and summary.exit_status == 1
     assert "take a smaller dt" in summary.reason
     assert summary["l2_h"] is None and summary["steps"] < 60
@@ -269,15 +278,15 @@ def test_a_restart_of_another_run_is_refused(tmp_path, monkeypatch, values, word
 def test_an_interrupted_run_can_be_restarted(tmp_path, number):
     """The signal comes after the first tick; what is left is a whole state, and goes on."""
 
-    class Stop(Watcher):
-        def tick(self, sim):
+    class Stop(Observer):
+        def tick(self, step):
             os.kill(os.getpid(), number)
 
     file = tmp_path / "stopped.nc"
     handler = signal.default_int_handler  # under nohup hangups are ignored, also by runs
     before = signal.signal(number, handler)
     values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "out": file}
-    summary = run(make_config(values), Stop())
+    summary = run(make_config(values), [Stop()])
     assert signal.signal(number, before) is handler
     assert summary.exit_status == 130 and not summary.completed
     assert summary.reason.startswith("interrupted by ")
@@ -291,24 +300,24 @@ def test_an_interrupted_run_can_be_restarted(tmp_path, number):
 def test_a_run_goes_on_where_hangups_are_ignored():
     """As nohup asks for."""
 
-    class HangUp(Watcher):
-        def tick(self, sim):
+    class HangUp(Observer):
+        def tick(self, step):
             os.kill(os.getpid(), signal.SIGHUP)
 
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        assert run(make_config({"scene": "williamson6", **SMALL}), HangUp()).completed
+        assert run(make_config({"scene": "williamson6", **SMALL}), [HangUp()]).completed
     finally:
         signal.signal(signal.SIGHUP, before)
 
 
-class Harm(Watcher):
+class Harm(Observer):
     """Does something to the file of a run, at its first step or after its last."""
 
     def __init__(self, harm, moment):
         self.harm, self.moment = harm, moment
 
-    def tick(self, sim):
+    def tick(self, step):
         if self.moment == "tick":
             self.harm()
 
@@ -323,7 +332,7 @@ def test_a_run_whose_file_is_deleted_or_cut_has_failed(tmp_path, harm, moment):
     file = tmp_path / "gone.nc"
     does = {"deleted": file.unlink, "cut short": lambda: os.truncate(file, 1000)}[harm]
     values = {"scene": "williamson6", **SMALL, "days": 2.0, "dt": 1800.0, "every": 24.0}
-    summary = run(make_config({**values, "out": file}), Harm(does, moment))
+    summary = run(make_config({**values, "out": file}), [Harm(does, moment)])
     assert (summary.completed, summary.exit_status) == (False, 1)
     assert f"{file} was {harm}" in summary.reason and "\n" not in summary.reason
     assert summary["steps"] == {"tick": 1, "end": 96}[moment]
@@ -332,9 +341,9 @@ def test_a_run_whose_file_is_deleted_or_cut_has_failed(tmp_path, harm, moment):
 def test_a_run_interrupted_at_a_frame_writes_it_once(tmp_path, monkeypatch):
     look = HealthCheck.observe
 
-    def stop_and_look(self, sim):
-        look(self, sim)
-        if sim.steps == 4:
+    def stop_and_look(self, snapshot):
+        look(self, snapshot)
+        if snapshot.steps == 4:
             monkeypatch.setattr(HealthCheck, "observe", look)  # a second signal would end pytest
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -368,6 +377,6 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone():
 def test_a_fluid_at_rest_does_not_get_a_step_as_long_as_the_run(stepper: str) -> None:
     """Split steppers are limited by the wind alone, and there is none when the dam breaks."""
     config = make_config({"scene": "dam-break", "stepper": stepper, "ne": 4, "days": 0.5})
-    sim = Simulation.from_config(config)
+    sim = Simulation(Inputs(config))
     sim.begin()
     assert sim.plan.dt == 3600.0

@@ -1,5 +1,6 @@
 """`Simulation` in Python: objects for names, callbacks, diagnostics, state, checkpoints."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -15,11 +16,10 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.callbacks import every
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.simulation import Simulation
+from swe_sphere.simulation.observers import Observer, every
+from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 
@@ -68,6 +68,24 @@ def test_effects_by_name_and_as_objects():
     added = small("williamson2", effects=[Drag(linear=1e-5)]).run(days=0.25)
     assert by_name["energy_drift"] == added["energy_drift"] < -0.01
     assert small("williamson2").run(days=0.25)["energy_drift"] > -1e-3
+
+
+def test_an_effect_may_be_set_to_its_default():
+    none, word = (
+        small("williamson2", effects={"hyperviscosity.nu": nu}) for nu in (None, "default")
+    )
+    assert none.scene.effect("hyperviscosity") == word.scene.effect("hyperviscosity")
+    assert none.scene.effect("hyperviscosity") is not None
+    assert none.config.settings_of("hyperviscosity") == {"nu": None}
+
+
+def test_values_stay_what_they_are():
+    """Numbers do not go through text; those of numpy and paths are stored as JSON can hold them."""
+    sim = small("williamson2", effects={"viscosity.nu": np.float32(0.1), "drag.linear": 1 / 3})
+    assert sim.scene.effect("viscosity").nu == float(np.float32(0.1))
+    assert sim.scene.effect("drag").linear == 1 / 3
+    again = make_config(json.loads(json.dumps(sim.config.model_dump(mode="json"))))
+    assert again == sim.config
 
 
 def test_options_reach_the_stepper():
@@ -217,6 +235,28 @@ def test_a_callback_must_be_callable():
         small().run(days=0.1, callbacks=print)
 
 
+def test_an_observer_may_be_among_the_callbacks():
+    class Heights(Observer):
+        seen = ()
+
+        def begin(self, plan, snapshot):
+            self.seen = [(plan.steps, snapshot.steps)]
+
+        def due(self, step):
+            return step % 5 == 0
+
+        def observe(self, snapshot):
+            self.seen.append((snapshot.steps, snapshot.fields["h"].shape))
+
+        def end(self):
+            self.seen.append("end")
+
+    heights = Heights()
+    nodes = (small().mesh.size,)
+    small().run(days=0.25, callbacks=[heights])
+    assert heights.seen == [(12, 0), (5, nodes), (10, nodes), (12, nodes), "end"]
+
+
 def test_callbacks_may_be_a_generator():
     times = []
     looks = (lambda sim: times.append(sim.time) for _ in range(2))
@@ -311,6 +351,27 @@ def test_no_diagnostic_takes_a_name_that_files_and_summaries_have(scene, values,
     for name in {*found, *data.variables, *data.dims, *data.attrs, *FIELDS, "wind"}:
         with pytest.raises(ConfigError, match="needs another name"):
             diagnostic(name=name)(lambda sim: 0.0)
+
+
+def test_a_diagnostic_does_not_replace_an_option_of_the_stepper():
+    """Summaries have both by their names."""
+    rk4 = STEPPERS["rk4"]
+
+    class Damped(rk4):
+        def __init__(self, model, dt, beta: float = 0.5):
+            super().__init__(model, dt)
+
+    class Vague(rk4):
+        def __init__(self, model, dt, energy: float = 0.5):
+            super().__init__(model, dt)
+
+    assert small(stepper=Damped).run(days=0.125)["beta"] == 0.5
+    diagnostic(name="beta")(lambda sim: 2.0)
+    with pytest.raises(ConfigError, match="'beta' needs another name: stepper rk4 has an option"):
+        small(stepper=Damped).run(days=0.125)
+    DIAGNOSTICS.clear()
+    with pytest.raises(ConfigError, match="its option 'energy' needs another name"):
+        small(stepper=Vague).run(days=0.125)
 
 
 def test_a_diagnostic_registered_again_is_replaced():

@@ -10,9 +10,8 @@ from imports import sources
 from swe_sphere.errors import ConfigError
 from swe_sphere.files import fingerprints
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.progress import Watcher
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.setup import scene_sources
+from swe_sphere.simulation.restart import scene_sources
+from swe_sphere.simulation.simulation import run
 from swe_sphere.testcases import get_scene
 
 # --- fingerprints of sources
@@ -134,14 +133,6 @@ def part(tmp_path, monkeypatch):
     return make_config({"scene": "flow.toml", "days": 0.5, "restart": "part.nc"})
 
 
-class Warnings(Watcher):
-    def __init__(self):
-        self.told = []
-
-    def warn(self, text):
-        self.told.append(text)
-
-
 @pytest.mark.parametrize(
     ("file", "name"), [("flow.toml", "the scene's file"), ("base.toml", "base.toml")]
 )
@@ -162,9 +153,9 @@ def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
 
 
 def test_a_restart_with_other_code_is_told(part, monkeypatch):
-    same, other = Warnings(), Warnings()
-    run(part, same)
+    same, other = [], []
+    run(part, warn=same.append)
     monkeypatch.setattr("swe_sphere.simulation.restart.code_fingerprint", lambda: "other")
-    assert run(part, other)["days"] == 0.5
-    assert same.told == []
-    assert len(other.told) == 1 and "part.nc was written by other code" in other.told[0]
+    assert run(part, warn=other.append)["days"] == 0.5
+    assert same == []
+    assert len(other) == 1 and "part.nc was written by other code" in other[0]

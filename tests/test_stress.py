@@ -13,7 +13,7 @@ import pytest
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,

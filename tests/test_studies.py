@@ -71,7 +71,7 @@ def test_changes_go_into_tables() -> None:
 
 def test_a_configuration_is_that_of_a_run() -> None:
     run = Configuration({"scene": "williamson1", "set": {"scene": {"gaussian": True}}, "np": 6})
-    assert (run.config.np, run.config.settings) == (6, ("scene.gaussian=True",))
+    assert (run.config.np, run.config.settings) == (6, (("scene", "gaussian", True),))
     assert run.make_scene().parameters["gaussian"] is True
     damped = run.changed({"set": {"hyperviscosity": {"nu": "default"}}}).make_scene()
     assert damped.effect("hyperviscosity") is not None

@@ -15,7 +15,7 @@ import xarray as xr
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.simulation.snapshot import slow_errors
+from swe_sphere.simulation.diagnostics import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, engine, runner, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.record import command_line, runs_of
@@ -161,7 +161,7 @@ def test_the_converged_run_tells_its_own_error(lauter):
 
 def test_total_errors_are_those_of_a_plain_run(lauter):
     from swe_sphere.simulation.config import make_config
-    from swe_sphere.simulation.run import run
+    from swe_sphere.simulation.simulation import run
 
     row = rows(lauter[0], role="grid", stepper="tr-bdf2").isel(run=1)
     config = {"scene": "lauter", "ne": 2, "np": 4, "days": 0.5, "stepper": "tr-bdf2"}

@@ -11,7 +11,7 @@ from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import write_whole
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.time_plan import free_steps
+from swe_sphere.simulation.planning import free_steps
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Schedule
 from swe_sphere.studies.sweep.steps import dt_sequence, halved, longest_accurate, longest_working

@@ -14,7 +14,7 @@ from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
 from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep, symbol
-from swe_sphere.simulation.time_plan import time_plan
+from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
 from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth, tracer_limit

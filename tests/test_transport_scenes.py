@@ -15,7 +15,7 @@ from swe_sphere.io.norms import norms
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.testcases import get_scene
 

@@ -18,7 +18,7 @@ from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.run import run
+from swe_sphere.simulation.simulation import run
 
 SMALL = {"scene": "williamson6", "ne": 2, "np": 4, "dt": 1800.0, "every": 3.0}
 

@@ -8,9 +8,8 @@ import warp as wp
 
 from swe_sphere import __version__
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.simulation.execution import step_through
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.time_plan import TimePlan
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -27,12 +26,12 @@ class Model:
         """A simulation that stands before its first step."""
         case = self.case
         sim = Simulation(case.scene, mesh=self.mesh, stepper=case.stepper, precision=case.precision)
-        sim.begin(TimePlan(case.dt, steps, steps, case.dt))
+        sim.begin(RunPlan(case.dt, steps, steps, case.dt))
         return sim
 
     def run(self, state: Simulation, steps: int) -> Simulation:
         """All steps, with the checks that every run has."""
-        step_through(state, [])
+        state.advance()
         return state
 
     def surface(self, state: Simulation) -> np.ndarray:

@@ -13,7 +13,7 @@ from swe_sphere.cli.show_sweep import SweepTerminal, show_rankings
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import validated
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Advice, Question
 from swe_sphere.studies.advise import advise as advice_on
 

@@ -15,7 +15,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 
 WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")
 

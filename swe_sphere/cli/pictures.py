@@ -72,8 +72,8 @@ def _against(file: Path, other: str) -> Source | Exact:
         return open_source(other)
     from swe_sphere.io.runfile import RunFile
     from swe_sphere.pictures.exact import Exact
+    from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
-    from swe_sphere.simulation.setup import make_scene
 
     run = RunFile(file)
     told = run.attributes.get("configuration")

@@ -17,8 +17,8 @@ from typing import TextIO
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import OF_RANKS, world
+from swe_sphere.ranks.memory import available_memory
 from swe_sphere.ranks.terminal import handed_on
-from swe_sphere.simulation.memory_guard import available_memory
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",

@@ -1,6 +1,5 @@
 """`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,15 +7,15 @@ import typer
 
 from swe_sphere.cli.options import given, with_flags
 from swe_sphere.cli.ranks import start_ranks
-from swe_sphere.cli.show import Stopped, explain, show_summary, terminal
+from swe_sphere.cli.show import Stopped, explain, progress, show_summary, show_warning
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.communicator import world
 from swe_sphere.settings.values import validated
+from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, Whole, load_config, make_config
 from swe_sphere.simulation.restart import adopt, read_restart
-from swe_sphere.simulation.run import run as run_scene
-from swe_sphere.simulation.setup import make_scene
+from swe_sphere.simulation.simulation import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
 
@@ -73,7 +72,9 @@ def _run(asked: RunConfig) -> Summary:
     if world().rank:
         return run_scene(asked)
     try:
-        with on_compile(lambda: None) if asked.quiet else nullcontext():
-            return run_scene(asked, terminal(asked))
+        if asked.quiet:
+            with on_compile(lambda: None):
+                return run_scene(asked)
+        return run_scene(asked, progress(asked), show_warning)
     except KeyboardInterrupt:
         raise Stopped("interrupted by Ctrl-C") from None

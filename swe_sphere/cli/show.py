@@ -15,7 +15,7 @@ import typer
 from swe_sphere.errors import SweError, in_one_line
 from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.progress import LogLines, ProgressBar, Watcher
+from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
 from swe_sphere.simulation.summary import Summary
 
 GOES_ON = ("interrupted", "timed-out")
@@ -24,15 +24,15 @@ UNBOUNDED = 10_000
 """Columns that no table has."""
 
 
-def terminal(config: RunConfig) -> Watcher:
-    """Warnings on stderr, and how far the run is: as a bar in a terminal, in lines elsewhere."""
-    kind: type[Watcher] = ProgressBar if screen("stderr").isatty() else LogLines
+def progress(config: RunConfig) -> list[Observer]:
+    """Return what shows the progress of a run: a bar in a terminal, lines elsewhere."""
     if config.quiet or config.as_json or config.live:
-        kind = Watcher
-    return kind(None if config.quiet else _warn)
+        return []
+    return [ProgressBar() if screen("stderr").isatty() else LogLines()]
 
 
-def _warn(text: str) -> None:
+def show_warning(text: str) -> None:
+    """Print a warning on stderr."""
     with suppress(OSError):  # nobody reads it any more
         sys.stderr.write(f"swe-sphere: warning: {text}\n")
 

@@ -13,7 +13,7 @@ import typer
 from swe_sphere.cli.options import AsJson, Jobs, check_resumed
 from swe_sphere.cli.show import Stopped, show_line
 from swe_sphere.settings.values import names_in
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 
 if TYPE_CHECKING:
     from swe_sphere.studies.cases import Case, Measure, Row

@@ -16,7 +16,7 @@ from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.settings.values import place_and_complaint
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe

@@ -16,7 +16,7 @@ from swe_sphere.cli.show import Stopped, print_table, show_line
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.settings.values import names_in
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 
 if TYPE_CHECKING:
     from swe_sphere.studies.cases import Family, Measure, Row

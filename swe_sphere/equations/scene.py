@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
 from typing import Any, get_type_hints
@@ -23,7 +23,7 @@ from swe_sphere.equations.scene_fields import (
 from swe_sphere.equations.scene_functions import checked_functions
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.planet import Planet
-from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert
+from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert, read_settings
 
 __all__ = [
     "Array", "Parameter", "Rates", "Scalar", "Scene", "State", "UnsteadyState", "UnsteadyTracers",
@@ -135,13 +135,13 @@ def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:
     return initial(lon, lat)[2]
 
 
-def apply_settings(scene: Scene, settings: Iterable[str]) -> Scene:
-    """The scene with the parameters of its effects as settings "effect.parameter=value" say.
+def apply_settings(scene: Scene, settings: object) -> Scene:
+    """Return the scene with the parameters of its effects from settings.
 
-    Settings of the scene itself and of the stepper are for others.  Raises ConfigError as
-    `with_parameters` does.
+    settings: what `read_settings` reads; settings of the scene itself and of the stepper are
+    skipped.  Raises ConfigError as `with_parameters` does.
     """
-    owners = by_owner(settings)
+    owners = by_owner(read_settings(settings))
     return with_parameters(scene, {k: v for k, v in owners.items() if k not in (SCENE, STEPPER)})
 
 

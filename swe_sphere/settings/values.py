@@ -4,11 +4,12 @@ Settings read "owner.parameter=value"; the owner is an effect, the scene or the 
 """
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown
@@ -30,20 +31,74 @@ def names_in(text: str | None) -> list[str]:
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
-def by_owner(settings: Iterable[str]) -> dict[str, dict[str, str]]:
-    """Values, as text, by the names of owners and of their parameters.
+class Setting(NamedTuple):
+    """A value for one parameter of an effect, of the scene or of the stepper."""
+
+    owner: str
+    """Name of an effect, `SCENE` or `STEPPER`."""
+    parameter: str
+    value: Any
+    """The value, or text that can be read as such; None where the default is meant."""
+
+    def __str__(self) -> str:
+        value = _DEFAULT if self.value is None else self.value
+        return f"{self.owner}.{self.parameter}={value}"
+
+
+def read_settings(given: object) -> tuple[Setting, ...]:
+    """Return the settings in texts "owner.parameter=value", or in a table by owner.
+
+    Args:
+        given: one text, a list of texts and settings, or a mapping: {"owner": {"parameter": value}}
+            as TOML has it, or {"owner.parameter": value}.
 
     Raises:
-        ConfigError: a setting that cannot be read.
+        ConfigError: a text does not have that form.
+        ValueError: a mapping holds something else.
     """
-    values: dict[str, dict[str, str]] = {}
-    for setting in settings:
-        key, _, value = setting.partition("=")
-        owner, _, parameter = (part.strip() for part in key.partition("."))
-        if not (owner and parameter and value.strip()):
-            known = owner if owner in (SCENE, STEPPER) else "effect"
-            raise ConfigError(f"a setting reads {known}.parameter=value, not {setting!r}")
-        values.setdefault(owner, {})[parameter] = value.strip()
+    if isinstance(given, Mapping):
+        return tuple(_settings_in(given))
+    try:
+        items: Iterable[Any] = [given] if isinstance(given, str) else iter(given)  # type: ignore[call-overload]
+        return tuple(_setting(item) for item in items)
+    except TypeError:
+        raise ValueError("must be a list of EFFECT.PARAMETER=VALUE") from None
+
+
+def _settings_in(table: Mapping[str, object]) -> Iterator[Setting]:
+    for key, value in table.items():
+        owner, dot, parameter = str(key).partition(".")
+        if isinstance(value, Mapping):
+            yield from (Setting(str(key), name, _plain(of)) for name, of in value.items())
+        elif dot:
+            yield Setting(owner, parameter, _plain(value))
+        else:
+            raise ValueError("must be tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE")
+
+
+def _setting(item: Any) -> Setting:
+    if not isinstance(item, str):
+        return Setting(*item)
+    key, _, value = item.partition("=")
+    owner, _, parameter = (part.strip() for part in key.partition("."))
+    if not (owner and parameter and value.strip()):
+        known = owner if owner in (SCENE, STEPPER) else "effect"
+        raise ConfigError(f"a setting reads {known}.parameter=value, not {item!r}")
+    return Setting(owner, parameter, value.strip())
+
+
+def _plain(value: object) -> object:
+    """Return a value that JSON can hold where the value is one of numpy's, or a path."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return str(value) if isinstance(value, Path) else value
+
+
+def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
+    """Return values by the names of owners and of their parameters; the last of a name counts."""
+    values: dict[str, dict[str, Any]] = {}
+    for owner, parameter, value in settings:
+        values.setdefault(owner, {})[parameter] = value
     return values
 
 

@@ -1,4 +1,4 @@
-"""What a run is asked to be: one frozen object, from flags, a TOML file, or Python."""
+"""The configuration of a run: one frozen object, from flags, a TOML file, or Python."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,11 +12,18 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
-    field_validator,
 )
 
 from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
-from swe_sphere.settings.values import by_field, names_in, read_toml, validated
+from swe_sphere.settings.values import (
+    Setting,
+    by_field,
+    by_owner,
+    names_in,
+    read_settings,
+    read_toml,
+    validated,
+)
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:
@@ -136,7 +143,7 @@ class RunConfig(SharedConfig):
     """Nodes along an edge of an element."""
     precision: Literal["float64", "float32"] = "float64"
     """Number type of the state."""
-    settings: tuple[str, ...] = ()
+    settings: Annotated[tuple[Setting, ...], BeforeValidator(read_settings)] = ()
     """Change an effect (viscosity.nu=1e5), the scene (scene.alpha=0.5) or an option of the stepper
     (stepper.tolerance=1e-4); repeatable."""
     diagnostics: tuple[FileName, ...] = ()
@@ -164,15 +171,9 @@ class RunConfig(SharedConfig):
     quiet: bool = False
     """Print errors only."""
 
-    @field_validator("settings", mode="before")
-    @classmethod
-    def _flatten(cls, value: object) -> object:
-        """A TOML table [set.effect] says the same as strings."""
-        if not isinstance(value, Mapping):
-            return value
-        if not all(isinstance(values, Mapping) for values in value.values()):
-            raise ValueError("must be tables [set.EFFECT] of parameters, or a list of strings")
-        return tuple(f"{e}.{p}={v}" for e, values in value.items() for p, v in values.items())
+    def settings_of(self, owner: str) -> dict[str, Any]:
+        """Return the values set for an effect, for the scene or for the stepper, by parameter."""
+        return by_owner(self.settings).get(owner, {})
 
     def given(self) -> dict[str, Any]:
         """The values that were asked for, without the defaults."""

@@ -1,18 +1,248 @@
-"""Diagnostics of the user's own: a function of the simulation, named and registered."""
+"""States between two steps, and the numbers that describe them: integrals, errors, diagnostics.
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
+`@diagnostic` registers a user-defined function of the simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.files.user_file import guarded, load_file
+from swe_sphere.io.integrals import (
+    courant_numbers,
+    drifts,
+    integrals,
+    tracer_errors,
+    tracer_masses,
+    tracer_numbers,
+)
+from swe_sphere.io.norms import Norms, area_mean, by_name, field_errors, norms
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.snapshot import Fields
+
+if TYPE_CHECKING:
+    import warp as wp
+
+    from swe_sphere.equations.model import Model
+
+Fields = dict[str, Array]
+Numbers = dict[str, float]
+
+
+class Snapshot:
+    """A state between two steps, whose fields and numbers are computed when first requested.
+
+    Args:
+        model: that of the state.
+        state: flat array of the model, on its device.
+        time: since the start [s].
+        steps: since the start.
+        evaluate: computes the numbers of a snapshot.
+        own: the registered diagnostics.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        state: wp.array,
+        time: float,
+        steps: int = 0,
+        evaluate: Evaluator | None = None,
+        own: OwnDiagnostics | None = None,
+    ) -> None:
+        self.model, self.state, self.time, self.steps = model, state, time, steps
+        self._evaluate, self._own = evaluate, own
+        self._own_found: tuple[Numbers, Fields] | None = None
+        self._own_registered: dict[str, Diagnostic] = {}
+
+    @cached_property
+    def fields(self) -> Fields:
+        """u, v [m s-1] and h [m], and of each tracer hq_NAME [m] and q_NAME, each (N,)."""
+        return self.model.fields(self.state, self.time)
+
+    @cached_property
+    def all_fields(self) -> Fields:
+        """The fields with vorticity and divergence [s-1], each (N,)."""
+        from swe_sphere.operators.diagnose import divergence, vorticity  # imports Warp
+
+        mesh, u, v = self.model.mesh, self.fields["u"], self.fields["v"]
+        return self.fields | {
+            "vorticity": vorticity(mesh, u, v), "divergence": divergence(mesh, u, v),
+        }  # fmt: skip
+
+    @cached_property
+    def with_constants(self) -> Fields:
+        """All fields with bottom b [m] and Coriolis parameter f [s-1], each (N,)."""
+        return self.all_fields | {"b": self.model.bottom, "f": self.model.coriolis}
+
+    @cached_property
+    def _numbers(self) -> Numbers:
+        return {} if self._evaluate is None else self._evaluate(self)
+
+    @property
+    def diagnostics(self) -> Numbers:
+        """All numbers: integrals, drifts, Courant numbers, errors, user-defined diagnostics.
+
+        Raises RunFailed where a user-defined diagnostic fails.
+        """
+        return self._numbers | self._own_now()[0]
+
+    @property
+    def own_fields(self) -> Fields:
+        """Fields (N,) of user-defined diagnostics; raises RunFailed where one fails."""
+        return self._own_now()[1]
+
+    @property
+    def own_attributes(self) -> dict[str, dict[str, str]]:
+        """Attributes in files of the variables of user-defined diagnostics, by name."""
+        numbers, fields = self._own_now()
+        return {name: DIAGNOSTICS[name].attributes for name in (*numbers, *fields)}
+
+    def _own_now(self) -> tuple[Numbers, Fields]:
+        if self._own is None:
+            return {}, {}
+        if self._own_found is None or self._own_registered != DIAGNOSTICS:
+            # a diagnostic that reads the whole state finds no diagnostics in it
+            self._own_found, self._own_registered = ({}, {}), dict(DIAGNOSTICS)
+            try:
+                self._own_found = self._own()
+            except BaseException:
+                self._own_found = None
+                raise
+        return self._own_found
+
+    def release(self) -> None:
+        """Free the fields, which occupy memory while steps are taken."""
+        for name in ("fields", "all_fields", "with_constants"):
+            vars(self).pop(name, None)
+        self._own_found = None
+
+
+def state_integrals(model: Model, fields: Fields) -> Numbers:
+    """Return global integrals and extremes of u, v, h, vorticity and divergence, each (N,)."""
+    names = ("u", "v", "h", "vorticity", "divergence")
+    values = {name: fields[name] for name in names}
+    return integrals(model.mesh, model.scene.planet, b=model.bottom, f=model.coriolis, **values)
+
+
+def exact_fields(model: Model, time: float) -> Fields:
+    """Return u, v, h (N,) of the exact solution of the scene, which has one, at a time [s]."""
+    assert model.scene.exact is not None
+    exact = model.scene.exact(model.mesh.lon, model.mesh.lat, time)
+    return dict(zip("uvh", exact, strict=True))
+
+
+def flow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
+    """Return errors at the nodes of height, wind and, where both have it, vorticity.
+
+    ours, theirs: fields (N,).  A prescribed wind has no error, nor has its vorticity; heights are
+    those of the scene's `error_field`.
+    """
+    bottom = model.bottom if model.scene.error_field == "surface" else 0.0
+    right = theirs if model.scene.wind is None else {"h": theirs["h"]}
+    return field_errors(model.mesh.area, ours, right, bottom)
+
+
+def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
+    """Return errors at the nodes of potential vorticity, in the place of those of vorticity.
+
+    Gravity waves carry no potential vorticity: waves that a long step has damped or dephased do not
+    count.
+    """
+    if model.scene.wind is not None:
+        return {}
+    area, coriolis = model.mesh.area, model.coriolis
+    mean = area_mean(area, theirs["h"])
+    slow = (_stretched(state, coriolis, mean) for state in (ours, theirs))
+    return {"vorticity": norms(area, *slow)}
+
+
+def _stretched(state: Fields, coriolis: Array, mean: float) -> Array:
+    """Return H q - f (N,) [s-1]: the vorticity of columns brought to the mean depth H [m]."""
+    return (state["vorticity"] + coriolis) * mean / state["h"] - coriolis
+
+
+def exact_errors(model: Model, fields: Fields, time: float) -> Numbers:
+    """Return errors at time [s] against the exact solution; NaN where it is not known."""
+    scene, mesh = model.scene, model.mesh
+    found: Numbers = {}
+    if scene.exact is not None:
+        found = by_name(flow_errors(model, fields, exact_fields(model, time)))
+    if scene.exact_tracers is not None:
+        found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
+    return found
+
+
+OF_FREE_WINDS = (
+    "energy", "potential_enstrophy", "energy_drift", "enstrophy_drift", "courant_gravity",
+)  # fmt: skip
+"""Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
+
+
+class Evaluator:
+    """Computes all numbers of a state; drifts are relative to the initial state of the scene.
+
+    start: all fields of the initial state, each (N,).  dt: returns the length of the present step
+    [s], None where no step has been chosen yet.
+    """
+
+    def __init__(self, model: Model, start: Fields, dt: Callable[[], float | None]) -> None:
+        self._model, self._dt = model, dt
+        self._start = state_integrals(model, start)
+        self._masses = tracer_masses(model.mesh, start, model.scene.tracers or ())
+
+    def __call__(self, snapshot: Snapshot) -> Numbers:
+        """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
+        mesh, fields, dt = self._model.mesh, snapshot.all_fields, self._dt()
+        now = state_integrals(self._model, fields)
+        numbers = {
+            **now,
+            **drifts(self._start, now),
+            **tracer_numbers(mesh, fields, self._masses),
+            **({} if dt is None else courant_numbers(mesh, dt, now)),
+            **exact_errors(self._model, fields, snapshot.time),
+        }
+        left_out = () if self._model.scene.wind is None else OF_FREE_WINDS
+        return {name: value for name, value in numbers.items() if name not in left_out}
+
+
+class ReferenceErrors:
+    """Errors of a state against a reference on a latitude-longitude grid.
+
+    path: of the reference.  field: "h" or "surface", the height that is compared.  Raises
+    ConfigError if the reference cannot be read.
+    """
+
+    def __init__(self, path: Path, field: str) -> None:
+        from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+
+        self._reference, self._height = Reference(path), field
+
+    def check(self, days: float) -> None:
+        """Raise ConfigError if the reference is known to be of another time than the end [days]."""
+        time = self._reference.time
+        if time is not None and abs(time - days * DAY) > 1.0:
+            raise ConfigError(
+                f"{self._reference.path} is of day {time / DAY:g}, the run ends at day {days:g}:"
+                f" take days={time / DAY:g} or another reference"
+            )
+
+    def __call__(self, snapshot: Snapshot) -> Numbers:
+        """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
+        from swe_sphere.io.reference_solution import OnGrid
+
+        found = OnGrid(self._reference, snapshot.model.mesh).errors(
+            snapshot.with_constants, self._height
+        )
+        return by_name({name: of for name, of in found.items() if name != "vorticity"})
+
 
 Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)
@@ -23,32 +253,35 @@ TAKEN = frozenset({
     "days_planned", "stable_dt", "steps_at_once", "accepted_steps", "rejected_steps", "cuts",
     "wall_seconds", "compile_seconds", "setup_seconds", "setups", "rhs_evaluations",
     "tangent_evaluations", "preconditioner_applications", "newton_iterations", "krylov_iterations",
-    "krylov_steps", "fast_steps", "tracer_stages", "preconditioner", "tolerance", "diffusion",
-    "strength", "share", "substeps", "krylov_block",
-    "radius", "centre", "spin", "planet", "scene_parameters", "effects", "tracer_steps", "sources",
-    "stepper_options", "configuration", "identity", "code", "start_step", "references",
-    "plot_field", "run_id", "summary", "source", "history", "Conventions",
-    "surface", "speed", "wind",
-    "run", "kind", "field", "norm", "report_day", "repeat", "error", "wall", "cpu", "cpu_seconds",
-    "total_seconds", "spread", "role",
-    "gravity_limit", "advective_limit", "peak_memory", "jobs", "settings", "key", "record",
+    "krylov_steps", "fast_steps", "tracer_stages", "radius", "centre", "spin", "planet",
+    "scene_parameters", "effects", "tracer_steps", "sources", "stepper_options", "configuration",
+    "identity", "code", "start_step", "references", "plot_field", "run_id", "summary", "source",
+    "history", "Conventions", "surface", "speed", "wind", "run", "kind", "field", "norm",
+    "report_day", "repeat", "error", "wall", "cpu", "cpu_seconds", "total_seconds", "spread",
+    "role", "gravity_limit", "advective_limit", "peak_memory", "jobs", "settings", "key", "record",
     "time", "node", "lat", "lon", "lat_bnds", "lon_bnds", "area", "mesh", "sphere", "face_nodes",
-    "face", "corner", "b", "f", "coriolis", "h", "u", "v", "vorticity", "divergence", "mass",
-    "energy", "potential_enstrophy", "total_vorticity", "total_divergence", "max_wind",
-    "min_depth", "max_wave", "max_signal", "mass_drift", "energy_drift", "enstrophy_drift",
-    "courant_advective", "courant_gravity", "diagnostic_time",
+    "face", "corner", "b",
+    "f", "h", "u", "v", "vorticity", "divergence", "mass", "energy", "potential_enstrophy",
+    "total_vorticity", "total_divergence", "max_wind", "min_depth", "max_wave", "max_signal",
+    "mass_drift", "energy_drift", "enstrophy_drift", "courant_advective", "courant_gravity",
+    "diagnostic_time",
     *(f"{norm}_{name}" for norm in ("l1", "l2", "linf") for name in "hv"),
 })  # fmt: skip
-"""Names that files and summaries of runs have already."""
+"""Names of other values in files and summaries of runs."""
+OPTIONS = frozenset({
+    "preconditioner", "tolerance", "diffusion", "strength", "share", "substeps", "krylov_block",
+    "coriolis",
+})  # fmt: skip
+"""Names of the options of steppers in summaries of runs."""
 TAKEN_BEGINNINGS = (
     "counter_", "q_", "hq_", "l1_q_", "l2_q_", "linf_q_", "min_q_", "max_q_", "mass_drift_q_",
 )  # fmt: skip
-"""What more of such names begin with: counters, and all that is said of tracers."""
+"""Beginnings of further such names: of counters, and of all numbers of tracers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnostic:
-    """A number or a field that a function makes of a simulation."""
+    """A user-defined function that returns a number or a field of a simulation."""
 
     name: str
     function: Function
@@ -57,17 +290,17 @@ class Diagnostic:
 
     @property
     def label(self) -> str:
-        """What it is called in a table."""
+        """Its name and units in a table."""
         return self.name if self.units == "1" else f"{self.name} [{self.units}]"
 
     @property
     def attributes(self) -> dict[str, str]:
-        """Those of its variable in a file."""
+        """Attributes of its variable in a file."""
         return {"long_name": self.long_name, "units": self.units}
 
 
 DIAGNOSTICS: dict[str, Diagnostic] = {}
-"""All that are registered, by name."""
+"""All registered diagnostics by name."""
 
 
 @overload
@@ -85,13 +318,18 @@ def diagnostic(
 ) -> Any:
     """Register a function `f(sim)` that returns a number, or a field (N,) on the nodes.
 
-    A number appears in the series of the runs' files, in their summaries and in sweeps; a field in
-    every frame.  name: that of the function; units: of CF; long_name: the first line of its text.
-    To register the function of a name again replaces it, as when a cell of a notebook runs again.
+    A number appears in the series of files, in summaries and in sweeps; a field in every frame.
+    A function registered under an existing name replaces the earlier one.
+
+    Args:
+        function: takes the simulation.
+        name: by default that of the function.
+        units: as CF spells them.
+        long_name: by default the first line of the function's docstring.
 
     Examples:
-        >>> from swe_sphere import Simulation
-        >>> from swe_sphere.simulation.diagnostics import diagnostic, forget
+        >>> from swe_sphere import Simulation, diagnostic
+        >>> from swe_sphere.simulation.diagnostics import forget
         >>> @diagnostic(units="m s-1")
         ... def jet(sim):
         ...     "largest eastward wind"
@@ -102,7 +340,8 @@ def diagnostic(
         >>> forget("jet")
 
     Raises:
-        ConfigError: a name that files have already, or that is none; what cannot be called.
+        ConfigError: the name is no identifier or belongs to another value of files, or the function
+            cannot be called.
     """
     if function is None:
         return partial(diagnostic, name=name, units=units, long_name=long_name)
@@ -111,11 +350,15 @@ def diagnostic(
     called = name or function.__name__
     if not called.isidentifier():
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
-    if called in TAKEN or called.startswith(TAKEN_BEGINNINGS):
+    if called in OPTIONS or _is_taken(called):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
     words = (function.__doc__ or called).strip().splitlines()[0]
     DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)
     return function
+
+
+def _is_taken(name: str) -> bool:
+    return name in TAKEN or name.startswith(TAKEN_BEGINNINGS)
 
 
 def load_diagnostics(path: Path) -> None:
@@ -131,42 +374,56 @@ def load_diagnostics(path: Path) -> None:
 
 
 def forget(name: str) -> None:
-    """Take a diagnostic off the register; nothing happens where there is none of that name."""
+    """Remove the diagnostic of that name, if there is one."""
     DIAGNOSTICS.pop(name, None)
 
 
-@dataclass
 class OwnDiagnostics:
-    """The registered diagnostics in one run: which are numbers, which are fields."""
+    """The registered diagnostics of one simulation: which are numbers, which are fields.
 
-    warn: Callable[[str], None]
-    _told: set[str] = field(default_factory=set)
-    _shapes: dict[Diagnostic, tuple[int, ...]] = field(default_factory=dict)
-    """Of what each returned at first: files have variables for that."""
+    sim: the simulation, which the functions are given.
+    """
 
-    def __call__(self, sim: Any) -> tuple[dict[str, float], Fields]:
-        """Numbers and fields (N,) of the state.
+    def __init__(self, sim: Any) -> None:
+        self._sim = sim
+        self.warn: Callable[[str], None] = lambda text: None
+        """Called with a line of text for each diagnostic that is not finite."""
+        self._warned: set[str] = set()
+        self._shapes: dict[Diagnostic, tuple[int, ...]] = {}
+        """Shape of the first value of each: files have variables for it."""
+
+    def check_options(self, stepper: str, options: Iterable[str]) -> None:
+        """Raise ConfigError where an option of a stepper has the name of another value of files."""
+        for name in options:
+            what, other = f"stepper {stepper}: its option", "files have one of it"
+            if name in DIAGNOSTICS:
+                what, other = "the diagnostic", f"stepper {stepper} has an option of it"
+            if name in DIAGNOSTICS or _is_taken(name):
+                raise ConfigError(f"{what} {name!r} needs another name: {other}")
+
+    def __call__(self) -> tuple[Numbers, Fields]:
+        """Return the numbers and the fields (N,) of the present state.
 
         Raises:
-            RunFailed: a function fails, or returns what is neither, or not what it was at first.
+            RunFailed: a function fails, or returns neither, or not the kind it returned at first.
         """
-        numbers: dict[str, float] = {}
+        numbers: Numbers = {}
         fields: Fields = {}
         for name, own in DIAGNOSTICS.items():
-            value = self._value(own, sim)
+            value = self._value(own)
             if value.ndim == 0:
                 numbers[name] = float(value)
             else:
                 fields[name] = value
         return numbers, fields
 
-    def _value(self, own: Diagnostic, sim: Any) -> Array:
+    def _value(self, own: Diagnostic) -> Array:
         what = f"the diagnostic {own.name}"
         try:
-            value = guarded(what, lambda: _as_numbers(own.function(sim)))
+            value = guarded(what, lambda: _as_numbers(own.function(self._sim)))
         except SweError as error:
             raise RunFailed(str(error)) from error
-        size = sim.mesh.size
+        size = self._sim.mesh.size
         if value.shape not in ((), (size,)):
             raise RunFailed(
                 f"{what} returned an array of shape {value.shape}: return one number, or a field of"
@@ -175,9 +432,9 @@ class OwnDiagnostics:
         if self._shapes.setdefault(own, value.shape) != value.shape:
             first = "field" if value.ndim == 0 else "number"
             raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
-        if own.name not in self._told and not np.isfinite(value).all():
-            self._told.add(own.name)
-            self.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
+        if own.name not in self._warned and not np.isfinite(value).all():
+            self._warned.add(own.name)
+            self.warn(f"{what} is NaN or infinite at day {self._sim.time / DAY:.4g}")
         return value
 
 

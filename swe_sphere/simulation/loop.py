@@ -1,186 +1,188 @@
-"""The run loop: steps, and between them a look at their sense, and the observers.
-
-Only the steps are on the clock.
-"""
+"""The run loop: steps and, between them, observers, signals and the time limit."""
 
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Self
 
-from swe_sphere.errors import TimedOut, Unstable
+from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.callbacks import Observer
-from swe_sphere.simulation.interrupt import Interrupted, Interruption
-from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.diagnostics import Snapshot
+from swe_sphere.simulation.observers import Observer
+from swe_sphere.simulation.planning import RunPlan
 
 if TYPE_CHECKING:
-    import warp as wp
+    from swe_sphere.equations.model import Model
+    from swe_sphere.steppers import Stepper
 
 
-EVERY = 16
-"""Steps between looks."""
-
-RUNAWAY = 10.0
-"""Growth of the energy that no scene here has, and every numerical explosion soon."""
+class Interrupted(Exception):
+    """The user asked the run to stop; the message names the signal."""
 
 
-class HealthCheck:
-    """Ends the run where a value is NaN, a depth negative or the energy runs away.
+class Interruption:
+    """Notes the first SIGINT, SIGTERM or SIGHUP within a block; the second acts as outside of it.
 
-    It takes sums where the state is, and never the state from there.
+    It does nothing outside the main thread, where Python delivers no signals, and nothing about an
+    ignored SIGHUP, as nohup has it.
     """
 
-    def __init__(self, sim: Running) -> None:
-        from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
-        from swe_sphere.steppers.solving import energy_weights
+    def __init__(self) -> None:
+        self._received: str | None = None
+        self._before: dict[signal.Signals, Any] = {}
 
-        model, mesh = sim.model, sim.model.device_mesh
-        self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)
-        first = model.names.index("h") * mesh.size
-        self._depth = first, first + mesh.size
-        self._linear = sim.scene.linear
-        start = model.initial_state()
-        self._energy = self._space.dot(start, start)
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            self._before = {number: signal.signal(number, self._note) for number in _heard()}
+        return self
 
-    def due(self, step: int) -> bool:
-        """Every few steps."""
-        return step % EVERY == 0
+    def __exit__(self, *_: object) -> None:
+        self._restore()
 
-    def observe(self, sim: Running) -> None:
-        """Look; Unstable says what is wrong, when, and what could be done."""
-        failure = self._failure(sim.stepper.state)
-        if failure:
-            when = f"at day {sim.time / DAY:.4g} (step {sim.steps})"
-            raise Unstable(f"{failure} {when}: {_advice(sim.plan.dt, sim.stable_dt)}")
+    @property
+    def received(self) -> str | None:
+        """Name of the signal, None if none has come."""
+        return self._received
 
-    def _failure(self, state: wp.array) -> str | None:
-        energy = self._space.dot(state, state)
-        if not math.isfinite(energy):
-            return "the solution is NaN"
-        # a passive h, and that of a linear wave, may undershoot zero without harm
-        if not self._linear and (depth := self._space.lowest(state, *self._depth)) < 0.0:
-            return f"the depth is negative ({depth:.3g} m)"
-        growth = energy / self._energy
-        return f"the energy has grown {growth:.3g} times" if growth > RUNAWAY else None
+    def check(self) -> None:
+        """Raise Interrupted if a signal has come."""
+        if self._received is not None:
+            raise Interrupted(self._received)
+
+    def _note(self, number: int, _: FrameType | None) -> None:
+        self._received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        self._restore()
+
+    def _restore(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._before = {}
 
 
-def _advice(dt: float, limit: float) -> str:
-    """What to say when a run goes wrong."""
-    text = f"dt = {dt:.6g} s, stability limit at the start about {limit:.4g} s"
-    if dt > limit:
-        return f"{text}; take a smaller dt"
-    return f"{text}; try a finer mesh, a smaller dt or more dissipation"
+def _heard() -> list[signal.Signals]:
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hangup := getattr(signal, "SIGHUP", None):
+        numbers += [hangup] if signal.getsignal(hangup) != signal.SIG_IGN else []
+    return numbers
+
+
+@dataclass
+class Clock:
+    """Time spent stepping, without observing and writing."""
+
+    wall_seconds: float = 0.0
+    """Wall time, without compiling [s]."""
+    cpu_seconds: float = 0.0
+    """Time of processors, of all threads and with compiling [s]."""
 
 
 TICK = 0.1
-"""Seconds between two calls of the progress report."""
+"""Seconds between two ticks of the observers."""
 
 
+@dataclass
 class Loop:
-    """Steps a simulation along its plan.
+    """Steps along a plan."""
 
-    guard: sees the state when it is due and before any observer does, so that none of them is
-    shown a state that makes no sense.  observers: each sees the state when it is due, and always
-    the last one.  tick: called about ten times a second.  time_limit: wall time [s] that the steps
-    may take, looked at after each of them; None: any.
-    """
+    model: Model
+    stepper: Stepper
+    plan: RunPlan
+    guard: Observer
+    """Sees the state when it or an observer is due, before any observer does."""
+    observers: Sequence[Observer]
+    """See the state when they are due, and always the last one."""
+    snapshot: Callable[[], Snapshot]
+    """Returns the present state."""
+    clock: Clock
+    """Counts the time of the steps."""
+    time_limit: float = math.inf
+    """Wall time that the steps may take [s]."""
+    _last_tick: float = 0.0
 
-    def __init__(
-        self,
-        sim: Running,
-        guard: Observer,
-        observers: Sequence[Observer],
-        tick: Callable[[Running], None] | None = None,
-        time_limit: float | None = None,
-    ) -> None:
-        self._sim, self._model = sim, sim.model
-        self._stepper, self._plan = sim.stepper, sim.plan
-        self._guard, self._observers, self._tick = guard, observers, tick
-        self._time_limit = math.inf if time_limit is None else time_limit
-        self._limit = sim.wall_seconds + self._time_limit
-        self._last_tick = 0.0
+    def __post_init__(self) -> None:
+        self._limit = self.clock.wall_seconds + self.time_limit
 
     def run(self, interruption: Interruption) -> None:
         """Step to the end.
 
         Raises:
-            RunFailed: a stepper or an observer cannot go on, or the time limit is reached.
+            RunFailed: a stepper or an observer fails, or the time limit is reached.
             Interrupted: the user asked to stop; the state is that after a whole step.
         """
-        while self._stepper.steps < self._plan.steps:
+        while self.stepper.steps < self.plan.steps:
             late = self._advance(self._next_stop(), interruption)
             self._observe()
             self._stop(interruption, late)
 
     def _next_stop(self) -> int:
-        """The next step after which anyone is due."""
-        cycle = self._plan.cycle
-        following = range(self._stepper.steps + cycle, self._plan.steps, cycle)
-        everyone = (self._guard, *self._observers)
-        due = (step for step in following if any(who.due(step) for who in everyone))
-        return next(due, self._plan.steps)
+        """Return the next step after which an observer is due."""
+        cycle = self.plan.cycle
+        following = range(self.stepper.steps + cycle, self.plan.steps, cycle)
+        everyone = (self.guard, *self.observers)
+        due = (step for step in following if any(each.due(step) for each in everyone))
+        return next(due, self.plan.steps)
 
     def _advance(self, stop: int, interruption: Interruption) -> bool:
-        """Take steps up to that number, with the clock running; whether it has run out then.
+        """Take steps up to that number, with the clock running; return whether time has run out.
 
-        Whoever is due after the last one has yet to see the state.
+        Observers that are due after the last step have yet to see the state.
         """
-        self._sim.forget()
-        compiled, start = self._model.compile_seconds, time.perf_counter()
+        self.snapshot().release()
+        compiled, start = self.model.compile_seconds, time.perf_counter()
         worked = time.process_time()
-        deadline = start - compiled + self._limit - self._sim.wall_seconds
+        deadline = start - compiled + self._limit - self.clock.wall_seconds
         try:
             while True:
-                self._stepper.step()
+                self.stepper.step()
                 now = time.perf_counter()
-                self._report(now)
-                late = now > deadline + self._model.compile_seconds
-                if self._stepper.steps >= stop:
+                self._tick(now)
+                late = now > deadline + self.model.compile_seconds
+                if self.stepper.steps >= stop:
                     break
                 self._stop(interruption, late)
             self._finish_device()
             return late
         finally:
             elapsed = time.perf_counter() - start
-            self._sim.wall_seconds += elapsed - (self._model.compile_seconds - compiled)
-            self._sim.cpu_seconds += time.process_time() - worked
+            self.clock.wall_seconds += elapsed - (self.model.compile_seconds - compiled)
+            self.clock.cpu_seconds += time.process_time() - worked
 
     def _finish_device(self) -> None:
         import warp as wp
 
-        wp.synchronize_device(self._model.device)
+        wp.synchronize_device(self.model.device)
 
     def _observe(self) -> None:
-        step = self._stepper.steps
-        self._guard.observe(self._sim)
-        for observer in self._observers:
-            if step == self._plan.steps or observer.due(step):
-                observer.observe(self._sim)
+        step = self.stepper.steps
+        self.guard.observe(self.snapshot())
+        for observer in self.observers:
+            if step == self.plan.steps or observer.due(step):
+                observer.observe(self.snapshot())
 
     def _stop(self, interruption: Interruption, late: bool = False) -> None:
         """Raise Interrupted or TimedOut on all ranks where there is reason to on one."""
-        comm = self._sim.comm
+        comm = self.model.comm
         if not comm.any_lately(late or interruption.received is not None):
             return
         signals, hurry = zip(*comm.tell_all((interruption.received, late)), strict=True)
-        for signal in filter(None, signals):
-            raise Interrupted(signal)
-        if any(hurry):
-            self._give_up()
-
-    def _give_up(self) -> None:
-        steps = self._stepper.steps
-        if steps < self._plan.steps:
-            day = self._plan.time(steps) / DAY
+        for name in filter(None, signals):
+            raise Interrupted(name)
+        steps = self.stepper.steps
+        if any(hurry) and steps < self.plan.steps:
+            day = self.plan.time(steps) / DAY
             raise TimedOut(
-                f"the time limit of {self._time_limit:g} s was reached at day {day:.4g}"
-                f" (step {steps} of {self._plan.steps}): give it more time or take a larger dt"
+                f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"
+                f" (step {steps} of {self.plan.steps}): give it more time or take a larger dt"
             )
 
-    def _report(self, now: float) -> None:
-        if self._tick is not None and now - self._last_tick >= TICK:
+    def _tick(self, now: float) -> None:
+        if now - self._last_tick >= TICK:
             self._last_tick = now
-            self._tick(self._sim)
+            for observer in self.observers:
+                observer.tick(self.stepper.steps)

@@ -1,19 +1,25 @@
-"""The files of a run: where it writes, and where it goes on from another one, bit for bit."""
+"""Where a run writes, how it resumes from an earlier one bit for bit, and what identifies it."""
 
 from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.fingerprints import code_fingerprint
+from swe_sphere.files.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint
+from swe_sphere.files.user_file import is_user_file
+from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.testcases.user_scenes import scene_files
 
 if TYPE_CHECKING:
     from swe_sphere.io.checkpoint import Checkpoint
@@ -23,29 +29,26 @@ PICTURES = (".png", ".pdf", ".svg")
 
 
 def appends(config: RunConfig) -> bool:
-    """Whether the run goes on in the file of frames that it restarts from."""
+    """Whether the run continues the file of frames that it resumes from."""
     out = config.out
     if out is None or config.restart is None or config.overwrite or not out.exists():
         return False
     from swe_sphere.io.checkpoint import checkpoint_path
 
-    return any(_is_restart(place, config) for place in (out, checkpoint_path(out)))
+    return any(_is_restart(path, config) for path in (out, checkpoint_path(out)))
 
 
-def _is_restart(place: Path, config: RunConfig) -> bool:
-    """Whether the run goes on from the file at that place."""
+def _is_restart(path: Path, config: RunConfig) -> bool:
     restart = config.restart
-    if restart is None or not (restart.exists() and place.exists()):
-        return False
-    return place.samefile(restart)
+    return restart is not None and restart.exists() and path.exists() and path.samefile(restart)
 
 
 def check_paths(config: RunConfig) -> None:
-    """Complain of a place that cannot be written to before anything is computed.
+    """Check, before anything is computed, that the files of a run can be written.
 
     Raises:
-        ConfigError: a folder, a place without one, a picture of an unknown kind, or a file that
-            would be replaced unasked.
+        ConfigError: a path is a folder, has no folder or cannot be written to, a picture has an
+            unknown ending, or an existing file would be replaced without `overwrite`.
     """
     for name, path in (("out", config.out), ("plot", config.plot)):
         if path is not None:
@@ -56,7 +59,9 @@ def check_paths(config: RunConfig) -> None:
 
 
 def _check_path(name: str, path: Path) -> None:
-    if path.is_dir() and not _may_be_store(path):
+    from swe_sphere.io.zarr_store import SUFFIX, is_store
+
+    if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
         raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
     if not path.parent.is_dir():
         raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
@@ -65,15 +70,7 @@ def _check_path(name: str, path: Path) -> None:
         raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
 
 
-def _may_be_store(path: Path) -> bool:
-    """Whether a folder is one that a run may replace or go on in."""
-    from swe_sphere.io.zarr_store import SUFFIX, is_store
-
-    return path.suffix == SUFFIX and is_store(path)
-
-
 def _check_contents(config: RunConfig) -> None:
-    """ConfigError if the run would replace a file that is there, unasked."""
     out = config.out
     if out is None or config.overwrite or appends(config):
         return
@@ -90,7 +87,7 @@ def _check_contents(config: RunConfig) -> None:
 
 
 def _contents(config: RunConfig) -> str:
-    """What is in the file, and what to do about it."""
+    """Return what the existing file holds, and what to do about it."""
     from swe_sphere.io.runfile import RunFile
 
     assert config.out is not None
@@ -112,13 +109,14 @@ INHERITED = frozenset({
     "device", "precision", "launch", "settings", "preconditioner", "tolerance",
     "adaptive", "adaptive_by", "fields", "tracer_steps",
 })  # fmt: skip
-"""What a restarted run takes from the file unless it is told."""
+"""Fields of the configuration that a resumed run inherits unless they are given."""
 
 COUNTER = "counter_"
+"""Beginning of the names of counters among the arrays of a checkpoint."""
 
 
 def read_restart(config: RunConfig) -> Checkpoint:
-    """The checkpoint that the run is to go on from; ConfigError if it is missing or damaged."""
+    """Return the checkpoint to resume from; ConfigError if it is missing or damaged."""
     from swe_sphere.io.checkpoint import read_checkpoint
 
     place = config.out if appends(config) else config.restart
@@ -127,15 +125,15 @@ def read_restart(config: RunConfig) -> Checkpoint:
 
 
 def configured(path: str | Path | None, checkpoint: Checkpoint) -> dict[str, object]:
-    """The configuration that the run of a checkpoint had; ConfigError if it does not say it."""
+    """Return the configuration in a checkpoint; ConfigError if it holds none."""
     return _stored(path, checkpoint, "configuration")
 
 
 def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
-    """The configuration, with the file's values for what it leaves open.
+    """Return the configuration, with the values of the checkpoint for what it leaves open.
 
     Raises:
-        ConfigError: the file does not hold the configuration of its run.
+        ConfigError: the checkpoint does not hold the configuration of its run.
     """
     before = configured(config.restart, checkpoint)
     names = INHERITED if checkpoint.steps else INHERITED | {"dt"}
@@ -144,10 +142,16 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
 
 
 def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
-    """ConfigError naming the first thing in which the run in the file differs from this one."""
+    """Raise ConfigError with the first difference between this run and that of the checkpoint."""
     theirs = _stored(config.restart, checkpoint, "identity")
     plain = json.loads(json.dumps(identity))
-    _check_sources(config, theirs.get("sources"), plain.pop("sources"))
+    before = theirs.get("sources")
+    for name, contents in plain.pop("sources").items():
+        if not isinstance(before, dict) or before.get(name) != contents:
+            raise ConfigError(
+                f"{name} is not what it was when {config.restart} was begun: it has been edited;"
+                " run from the start, without restart"
+            )
     for name, ours in plain.items():
         if theirs.get(name) != ours:
             raise ConfigError(
@@ -156,19 +160,8 @@ def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str
             )
 
 
-def _check_sources(config: RunConfig, theirs: object, ours: dict[str, str]) -> None:
-    """ConfigError naming the first file of the user that is not known to be what it was."""
-    before = theirs if isinstance(theirs, dict) else {}
-    for name, contents in ours.items():
-        if before.get(name) != contents:
-            raise ConfigError(
-                f"{name} is not what it was when {config.restart} was begun: it has been edited;"
-                " run from the start, without restart"
-            )
-
-
 def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str, ...]:
-    """What to warn of where the file was written by other code of this program."""
+    """Return a warning if the checkpoint was written by other code of this package."""
     if checkpoint is None or checkpoint.attributes.get("code") == code_fingerprint():
         return ()
     return (
@@ -178,8 +171,7 @@ def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str
 
 
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
-    """The step [s] of the run in the file, which has taken some; ConfigError if another one is
-    asked for."""
+    """Return the step [s] of the run in a checkpoint; ConfigError if another one is requested."""
     dt = float(checkpoint.attributes.get("dt", 0.0))
     before = configured(config.restart, checkpoint).get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
@@ -191,12 +183,12 @@ def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
 
 
 def steps_at_once(checkpoint: Checkpoint) -> int:
-    """How many steps the run in the file takes for one of its tracers."""
+    """Number of steps that the run in a checkpoint takes for one step of its tracers."""
     return int(checkpoint.attributes.get("steps_at_once", 1))
 
 
 def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
-    """The counters of the run so far, which are among the checkpoint's arrays."""
+    """Return the counters of the run so far, which are among the arrays of the checkpoint."""
     arrays = checkpoint.state_dict
     names = [name for name in arrays if name.startswith(COUNTER)]
     return {name.removeprefix(COUNTER): np.asarray(arrays[name]).item() for name in names}
@@ -208,3 +200,66 @@ def _stored(path: str | Path | None, checkpoint: Checkpoint, name: str) -> dict[
         if isinstance(values, dict):
             return values
     raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
+
+
+def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
+    """Return all that a run must share with another one to resume it."""
+    from swe_sphere.steppers import get_stepper
+
+    return {
+        "scene": scene.name,
+        "stepper": get_stepper(config.stepper).name,
+        "ne": mesh.ne,
+        "np": mesh.np,
+        "stretch": mesh.stretch,
+        "centre": [*mesh.centre],
+        "spin": mesh.spin,
+        "precision": config.precision,
+        "tracer_steps": config.tracer_steps,
+        "scene_parameters": dict(scene.parameters),
+        "effects": {effect.name: asdict(effect) for effect in scene.effects},
+        "planet": asdict(scene.planet),
+        "sources": scene_sources(config.scene, scene) | method_sources(config),
+    }
+
+
+def scene_sources(name: str, scene: Scene) -> dict[str, str]:
+    """Return fingerprints of the files of a scene: its own, those of its bases, those of its data.
+
+    Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
+    data are those whose names are parameters of the scene; what a Python scene reads besides is not
+    known.  The result is empty for a scene of the package without data.
+
+    Raises:
+        ConfigError: a file has disappeared since the scene was made.
+    """
+    with _readable():
+        files = scene_files(name)
+        labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
+        found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
+    for value in scene.parameters.values():
+        if isinstance(value, str):
+            with suppress(OSError, ValueError):  # a word, not the name of a file
+                found[value] = file_fingerprint(Path(value))
+    return found
+
+
+def method_sources(config: RunConfig) -> dict[str, str]:
+    """Return fingerprints of the user-defined files of stepper and preconditioner.
+
+    Raises:
+        ConfigError: a file has disappeared since it was loaded.
+    """
+    names = {"stepper": config.stepper, "preconditioner": config.preconditioner}
+    files = {what: Path(file) for what, file in names.items() if file and is_user_file(file)}
+    with _readable():
+        return {f"the {what}'s file": file_fingerprint(file) for what, file in files.items()}
+
+
+@contextmanager
+def _readable() -> Iterator[None]:
+    """Raise ConfigError for a file that can no longer be read."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None

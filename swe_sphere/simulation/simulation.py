@@ -1,45 +1,84 @@
-"""One simulation: a scene on a mesh with a stepper, from its start to wherever it is taken."""
+"""One simulation: a scene on a mesh with a stepper, from its initial state to any later time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from fractions import Fraction
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.files.durable import clear_errors
+from swe_sphere.files.fingerprints import code_fingerprint
+from swe_sphere.files.user_file import users_code
 from swe_sphere.mesh import Mesh
+from swe_sphere.planet import DAY
 from swe_sphere.settings.values import validated
-from swe_sphere.simulation.callbacks import intervals, scheduled
+from swe_sphere.simulation import planning, restart
+from swe_sphere.simulation.build import Inputs, Setup, read_inputs
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.execution import execute, summary_of
-from swe_sphere.simulation.progress import Watcher, notebook
-from swe_sphere.simulation.recorder import attributes_of, save
-from swe_sphere.simulation.restart import check_paths, configured
-from swe_sphere.simulation.running import Running
-from swe_sphere.simulation.summary import Summary, html_table
-from swe_sphere.simulation.supplied import Supplied, supply
+from swe_sphere.simulation.diagnostics import Evaluator, Fields, Numbers, OwnDiagnostics, Snapshot
+from swe_sphere.simulation.loop import Clock, Interrupted, Interruption, Loop
+from swe_sphere.simulation.observers import (
+    Callback,
+    HealthCheck,
+    LiveView,
+    Observer,
+    ProgressBar,
+    Recorder,
+    intervals,
+    read_callbacks,
+)
+from swe_sphere.simulation.planning import RunPlan
+from swe_sphere.simulation.summary import BREAKDOWNS, Outcome, Summary, html_table, outcome_of
 
 if TYPE_CHECKING:
     import xarray as xr
     from cartopy.mpl.geoaxes import GeoAxes
 
     from swe_sphere.equations.effects import Effect
+    from swe_sphere.io.netcdf import FrameWriter
+    from swe_sphere.steppers import Stepper
+
+T = TypeVar("T")
+Warn = Callable[[str], None]
 
 PER_RUN = {
     "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
     "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
 }  # fmt: skip
-"""Fields of a configuration that are those of one run of a simulation, and what takes them."""
+"""Fields of a configuration that belong to one run, and what accepts them."""
+
+COSTS = (
+    "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
+    "preconditioner_applications", "setups", "setup_seconds",
+)  # fmt: skip
+"""Costs that every summary has, also where they are zero."""
+
+FAR = 1.05
+"""A step longer than the stability limit by this factor causes a warning."""
 
 
-class Simulation(Running):
+class Simulation:
     """A scene, a mesh and a stepper, set up and stepped.
 
     Args:
-        scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`.
-        stepper: the name of a stepper, the path of a .py file with one, a class, or an instance
-            on a model of its own (which then is the model of the simulation).
+        scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`; or all
+            arguments at once as `Inputs`.
+        stepper: the name of a stepper, the path of a .py file with one, a class, or an instance on
+            a model of its own (which then is the model of the simulation).
         mesh: in the place of ne, np, stretch, centre_lon, centre_lat and spin.
         preconditioner: of an implicit stepper, by name, path or class.
         effects: parameters {"viscosity.nu": 1e5}, or effects to add.
@@ -59,17 +98,14 @@ class Simulation(Running):
         88200.0
 
     Raises:
-        ConfigError: whatever cannot be done as asked for, in one line.
+        ConfigError: the simulation cannot be set up as requested, in one line.
     """
-
-    _out: Path | None = None
-    """The file that was written last."""
 
     def __init__(
         self,
-        scene: str | Path | Scene,
+        scene: str | Path | Scene | Inputs,
         *,
-        stepper: Any = "rk4",
+        stepper: Any = None,
         mesh: Mesh | None = None,
         preconditioner: Any = None,
         effects: Mapping[str, object] | Iterable[Effect] = (),
@@ -77,41 +113,137 @@ class Simulation(Running):
         options: Mapping[str, object] | None = None,
         **settings: Any,
     ) -> None:
-        _check_settings(settings)
-        super().__init__(*supply(
-            scene, stepper=stepper, mesh=mesh, preconditioner=preconditioner, effects=effects,
-            parameters=parameters, options=options, **settings,
-        ))  # fmt: skip
-
-    @classmethod
-    def from_config(cls, config: RunConfig, supplied: Supplied | None = None) -> Self:
-        """The simulation that a configuration asks for, also one that goes on from a restart.
-
-        supplied: objects that stand behind its names.
-        """
-        sim = cls.__new__(cls)
-        Running.__init__(sim, config, supplied or Supplied())
-        return sim
+        if not isinstance(scene, Inputs):
+            _check_settings(settings)
+            scene = read_inputs(
+                scene, stepper=stepper, mesh=mesh, preconditioner=preconditioner, effects=effects,
+                parameters=parameters, options=options, **settings,
+            )  # fmt: skip
+        self.setup = setup = Setup(scene)
+        """What stays the same while it is stepped: scene, mesh, model, options, limits, ..."""
+        self.config: RunConfig = setup.config
+        """The configuration, with what the present run was asked for."""
+        self.scene, self.mesh, self.model, self.comm = (
+            setup.scene, setup.mesh, setup.model, setup.comm
+        )  # fmt: skip
+        self.clock = Clock()
+        """Time spent stepping."""
+        self.outcome = Outcome("not begun")
+        self.run_id = ""
+        """Identifier of the file of frames that was written last, or that a restart resumes."""
+        self._out: Path | None = None  # that file
+        self._plan: RunPlan | None = None
+        self._stepper: Stepper | None = None
+        self._own = OwnDiagnostics(self)
+        self._snapshot: Snapshot | None = None
+        self._counted: dict[str, int] = {}  # counters of the model before the first step
+        self._carried: Numbers = {}  # counts before a restart
+        if setup.instance is not None:
+            self._start_stepper(setup.instance)
+        if setup.checkpoint is not None:
+            self.run_id = str(setup.checkpoint.attributes.get("run_id", ""))
+            if setup.checkpoint.steps:
+                dt, done = restart.check_step(self.config, setup.checkpoint), setup.checkpoint.steps
+                cycle, rule = restart.steps_at_once(setup.checkpoint), "that of the restart file"
+                self.begin(RunPlan(dt, done, done, dt, cycle, rule))
 
     @classmethod
     def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:
-        """Go on from a checkpoint, or from the last frame of a run's file, bit for bit.
+        """Resume from a checkpoint, or from the last frame of the file of a run, bit for bit.
 
-        scene: needed if it was given as an object.  settings: as for the class; a run that goes on
-        has the stepper, the mesh and the effects it had.
+        scene: needed if it was given as an object.  settings: as of `Simulation`; the stepper, the
+        mesh and the effects are those of the earlier run.
 
         Raises:
-            ConfigError: the file is missing or damaged, or of another run than what is asked for.
+            ConfigError: the file is missing or damaged, or of another run than requested.
         """
         from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
         _check_settings(settings)
         checkpoint = read_checkpoint(path)
-        scene = scene or str(configured(path, checkpoint)["scene"])
-        config, supplied = supply(scene, **settings, restart=Path(path))
-        sim = cls.__new__(cls)
-        Running.__init__(sim, config, supplied, checkpoint)
-        return sim
+        scene = scene or str(restart.configured(path, checkpoint)["scene"])
+        inputs = read_inputs(scene, **settings, restart=Path(path))
+        return cls(replace(inputs, checkpoint=checkpoint))
+
+    # --- what it is made of
+
+    @property
+    def days(self) -> float:
+        """Length of the whole run [days], as configured or as the scene recommends."""
+        return self.scene.days if self.config.days is None else self.config.days
+
+    @property
+    def start(self) -> Fields:
+        """All fields of the initial state of the scene, each (N,)."""
+        return self.setup.start
+
+    def stable_dt(self) -> float:
+        """Return the stability limit at the initial state [s], about; infinite if there is none."""
+        return self.setup.stable_dt()
+
+    # --- stepping
+
+    def begin(self, plan: RunPlan | None = None, also: Sequence[Fraction] = ()) -> None:
+        """Plan the steps up to the end, and build the stepper unless it has taken some already.
+
+        Args:
+            plan: the steps to take; by default those of the configuration.
+            also: further times [s] whose multiples fall on steps.
+
+        Raises:
+            ConfigError: step, length, frames and further times do not fit together, or an option of
+                the stepper has the name of a diagnostic.
+        """
+        self._own.check_options(self.setup.kind.name, self.setup.options)
+        if plan is not None:
+            resumed = self.setup.checkpoint is not None
+            self._plan = plan if resumed else planning.with_cycle(self.setup, plan)
+        elif self._stepper is not None and (self._stepper.steps or self.setup.instance):
+            self._plan = self._continued(self._stepper, also)
+        else:
+            self._plan = planning.plan_run(self.setup, self.days, self.config.every, also)
+        if self._stepper is None or not (self._stepper.steps or self.setup.instance):
+            with users_code():
+                self._start_stepper(self.setup.new_stepper(self._plan.dt, self._plan.cycle))
+
+    def _continued(self, stepper: Stepper, also: Sequence[Fraction]) -> RunPlan:
+        cycle, rule = (self._plan.cycle, self._plan.rule) if self._plan else (1, "as given")
+        days, every = self.days, self.config.every
+        plan = planning.continued_plan(days, every, stepper.dt, stepper.steps, also, cycle)
+        return replace(plan, rule=rule)
+
+    def _start_stepper(self, stepper: Stepper) -> None:
+        """Put a stepper at the initial state or where the checkpoint stands."""
+        checkpoint = self.setup.checkpoint
+        state = self.model.initial_state()
+        self._stepper, self._snapshot = stepper, None
+        self._counted = dict(self.model.counters)
+        with users_code():
+            if checkpoint is not None:
+                self._carried = restart.carried_counts(checkpoint)
+                stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
+            elif stepper.steps == 0:
+                stepper.start(state)
+
+    @property
+    def stepper(self) -> Stepper:
+        """The stepper; ConfigError before the first of `begin`, `step` and `run`."""
+        return _begun(self._stepper)
+
+    @property
+    def plan(self) -> RunPlan:
+        """The steps up to the end of the run; ConfigError before `begin`, `step` or `run`."""
+        return _begun(self._plan)
+
+    @property
+    def steps(self) -> int:
+        """Steps since the start of the run."""
+        return 0 if self._stepper is None else self._stepper.steps
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start of the run [s], to the microsecond."""
+        return 0.0 if self._stepper is None else round(self.steps * self._stepper.dt, 6)
 
     def step(self) -> None:
         """Take one step.
@@ -119,7 +251,61 @@ class Simulation(Running):
         Raises:
             RunFailed: it cannot be taken.
         """
+        self._begin_once()
         self.stepper.step()
+
+    def _begin_once(self) -> None:
+        if self._stepper is None:
+            self.begin()
+            self.stable_dt()
+
+    def advance(
+        self,
+        observers: Sequence[Observer] = (),
+        time_limit: float | None = None,
+        interruption: Interruption | None = None,
+    ) -> Outcome:
+        """Step to the end of the plan, or until something goes wrong; return how it ended.
+
+        Args:
+            observers: see the states when they are due, and always the last one.
+            time_limit: wall time that the steps may take [s].
+            interruption: notes the signals of several simulations.
+
+        Raises:
+            Interrupted: the user asked to stop, and an interruption was given.
+        """
+        try:
+            for observer in observers:
+                observer.begin(self.plan, self.snapshot)
+            health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
+            loop = Loop(
+                self.model, self.stepper, self.plan, health, observers, lambda: self.snapshot,
+                self.clock, math.inf if time_limit is None else time_limit,
+            )  # fmt: skip
+            if interruption is not None:
+                loop.run(interruption)
+            else:
+                with Interruption() as own:
+                    loop.run(own)
+            _ = self.diagnostics  # a diagnostic that fails ends the run like other errors
+        except Interrupted as error:
+            if interruption is not None:
+                raise
+            return self._ended_by(error)
+        except (SweError, *BREAKDOWNS) as error:
+            return self._ended_by(error)
+        finally:
+            for observer in observers:
+                observer.end()
+        return Outcome()
+
+    def _ended_by(self, error: Exception) -> Outcome:
+        outcome = outcome_of(error, self.time)
+        self.comm.agree_to_fail(outcome.reason or "")
+        return outcome
+
+    # --- running
 
     def run(
         self,
@@ -131,50 +317,224 @@ class Simulation(Running):
         time_limit: float | None = None,
         overwrite: bool = False,
         progress: bool | None = None,
-        watcher: Watcher | None = None,
+        warn: Warn | None = None,
     ) -> Summary:
-        """Step to the end of the run, or until something comes in the way.
+        """Step to the end of the run, or until something goes wrong.
 
         Args:
-            days: length of the run from its very start [days].
-            out: a file to write frames, series of diagnostics and checkpoints to; the one that this
-                simulation wrote last is gone on with.
+            days: length of the run from its start [days].
+            out: a file for frames, series of diagnostics and checkpoints; the file that this
+                simulation wrote last is continued.
             every: time between frames [h].
-            callbacks: functions of the simulation: called after every step, or when
-                `callbacks.every` says.
+            callbacks: functions of the simulation, called after every step or when `every` says;
+                or observers.
             time_limit: wall time that the steps may take [s].
-            overwrite: replace the file `out` if it is there already.
+            overwrite: replace an existing file `out`.
             progress: whether to show a bar; None: in a notebook or on a terminal.
+            warn: called with each warning; None: `warnings.warn`.
 
         Returns:
-            How it went, also where it stopped early: see `Summary.status` and `reason`.
+            The numbers of the run, also where it stopped early: see `Summary.status` and `reason`.
 
         Raises:
-            ConfigError: it cannot be run as asked for; nothing was stepped.
+            ConfigError: it cannot be run as requested; no step was taken.
         """
         asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
         asked["overwrite"] = overwrite or None
-        place = None if out is None else Path(out).resolve()
-        if place is not None and place == self._out:
+        path = None if out is None else Path(out).resolve()
+        if path is not None and path == self._out:
             asked["restart"] = out
         of_one = ("out", "overwrite", "plot", "live")
-        kept = {k: v for k, v in self.configured.given().items() if k not in of_one}
+        kept = {k: v for k, v in self.setup.config.given().items() if k not in of_one}
         config = make_config(kept | {k: value for k, value in asked.items() if value is not None})
-        calls = scheduled(callbacks)
-        self.comm.on_root(lambda: check_paths(config))
+        calls = read_callbacks(callbacks)
+        self.comm.on_root(lambda: restart.check_paths(config))
         self.config = config
-        self._check_reference()
+        self.setup.check_reference(self.days)
         self.begin(also=intervals(calls))
-        self._out = place or self._out
-        watcher = watcher or (Watcher() if self.comm.rank else notebook(progress))
-        self._own.warn = watcher.warn
-        self.outcome = execute(self, calls, watcher)
+        self._out = path or self._out
+        observers = [c.on(self, self.plan) if isinstance(c, Callback) else c for c in calls]
+        warn = warn or self._warn
+        self._own.warn = warn
+        for text in (*self.setup.warnings, *self._warnings_of_step()):
+            warn(text)
+        self._record([*observers, *self._progress(progress)])
         return self.summary
+
+    def _warn(self, text: str) -> None:
+        if self.comm.rank == 0:
+            warnings.warn(text, stacklevel=3)
+
+    def _warnings_of_step(self) -> list[str]:
+        dt, limit = self.plan.dt, self.stable_dt()
+        if dt <= FAR * limit:
+            return []
+        return [
+            f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
+            f" {self.config.stepper}, {limit:.4g} s: expect the run to blow up"
+        ]
+
+    def _progress(self, wanted: bool | None) -> list[Observer]:
+        if wanted is None:
+            terminal = sys.stderr is not None and sys.stderr.isatty()
+            wanted = terminal or "ipykernel" in sys.modules
+        return [ProgressBar()] if wanted and self.comm.rank == 0 else []
+
+    def _record(self, observers: Sequence[Observer]) -> None:
+        """Advance with the file of frames, if one is requested, and note in it how that ended."""
+        if self.config.out is None:
+            self.outcome = self.advance(observers, self.config.time_limit)
+            return
+        with ExitStack() as stack:
+            try:
+                writer = self._open_writer(stack)
+            except RunFailed as error:
+                self.outcome = self._ended_by(error)
+                return
+            recorder = Recorder(self.plan, writer, self._restart_arrays, self.config.stepper)
+            self.outcome = self._written(recorder, observers)
+            known = {k: value for k, value in self.summary.as_dict().items() if value is not None}
+            try:
+                self.comm.on_root(lambda: writer.finish(known) if writer.frames else None)
+            except RunFailed as error:
+                if self.outcome.reason is None:
+                    self.outcome = self._ended_by(error)
+
+    def _written(self, recorder: Recorder, observers: Sequence[Observer]) -> Outcome:
+        """Advance with frames: the first one, those that are due, and that of a sound early end."""
+        try:
+            recorder.frame(self.snapshot)
+        except (RunFailed, ConfigError) as error:
+            return self._ended_by(error)
+        outcome = self.advance([recorder, *observers], self.config.time_limit)
+        if outcome.completed or not outcome.is_sound:
+            return outcome
+        try:
+            HealthCheck(self.snapshot, self.plan, self.stable_dt).observe(self.snapshot)
+            recorder.frame(self.snapshot)
+        except RunFailed as error:
+            reason = f"{outcome.reason}; its last state was not kept: {error}"
+            return Outcome("failed", reason, outcome.exit_status)
+        return outcome
+
+    def _open_writer(self, stack: ExitStack) -> FrameWriter:
+        """Return the writer of rank 0, closed with the stack; other ranks never use theirs."""
+        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
+
+        out = self.config.out
+        assert out is not None
+        from_time = self.time if self.comm.on_root(lambda: restart.appends(self.config)) else None
+        given = (
+            out, self.mesh, self.attributes(), self.model.bottom, self.scene.tracers or (),
+            Recorder.most_samples(self.plan, self.steps), from_time,
+            self.snapshot.own_attributes, self.snapshot.own_fields,
+            self.model.coriolis, self.config.fields,
+        )  # fmt: skip
+        made: list[FrameWriter] = []
+
+        def make() -> str:
+            made.append(stack.enter_context(FrameWriter(*given)))
+            if from_time is not None and made[0].run_id != self.run_id:
+                raise ConfigError(f"out: {out} is of another run now: choose another name")
+            return made[0].run_id
+
+        self.run_id = self.comm.on_root(make)
+        return made[0] if made else cast("FrameWriter", None)
+
+    # --- the state and its numbers
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The present state, with its fields as arrays (N,)."""
+        if self._snapshot is None or self._snapshot.steps != self.steps:
+            state = self.model.initial_state() if self._stepper is None else self._stepper.state
+            self._snapshot = Snapshot(
+                self.model, state, self.time, self.steps, self._evaluator, self._own
+            )
+        return self._snapshot
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        return Evaluator(self.model, self.start, self._step_length)
+
+    def _step_length(self) -> float | None:
+        """Return the present step [s], which follows its error in an adaptive run."""
+        dt = None if self._stepper is None else getattr(self._stepper, "next_dt", self._stepper.dt)
+        return None if dt is None else float(dt)
+
+    @property
+    def diagnostics(self) -> Numbers:
+        """All numbers of the state: integrals, drifts, Courant numbers, errors, user-defined ones.
+
+        Raises RunFailed where a user-defined diagnostic fails.
+        """
+        return self.snapshot.diagnostics
+
+    def counts(self) -> Numbers:
+        """Return counters and seconds of the run, with those before a restart."""
+        counted, now = self._counted, self.model.counters
+        counts: Numbers = {name: n - counted.get(name, 0) for name, n in now.items()}
+        costs = {} if self._stepper is None else self._stepper.costs()
+        counts |= costs | {"wall_seconds": self.clock.wall_seconds}
+        return {name: n + self._carried.get(name, 0) for name, n in counts.items()}
 
     @property
     def summary(self) -> Summary:
         """The numbers of the state, and how the last run ended."""
-        return summary_of(self, self.outcome)
+        outcome, cuts = self.outcome, getattr(self._stepper, "cuts", None)
+        reference = self.setup.reference if outcome.completed else None
+        numbers = {
+            "scene": self.scene.name,
+            **self._method(),
+            **self.setup.options,
+            "ne": self.mesh.ne,
+            "np": self.mesh.np,
+            "steps": self.steps,
+            "days": self.time / DAY,
+            "compile_seconds": self.model.compile_seconds,
+            **dict.fromkeys(COSTS, 0),
+            **self.counts(),
+            **(self.diagnostics if outcome.is_sound else {}),
+            **({} if reference is None else reference(self.snapshot)),
+            "stretch": self.mesh.stretch,
+            "precision": self.config.precision,
+            "days_planned": self.days,
+            "dt_wanted": self._plan and self._plan.wanted,
+            "out": None if self.config.out is None else str(self.config.out),
+            **({} if cuts is None else {"cuts": [str(cut) for cut in cuts]}),
+        }
+        return Summary(outcome.status, outcome.reason, outcome.exit_status, numbers)
+
+    def _method(self) -> dict[str, object]:
+        """Return how the scene is stepped, and on what; values of a plan are None without one."""
+        plan = self._plan
+        return {
+            "title": self.scene.title,
+            "stepper": self.config.stepper,
+            "scheme": self.setup.kind.name if self._stepper is None else self._stepper.name,
+            "dt": plan and plan.dt,
+            "steps_at_once": plan and plan.cycle,
+            "dt_rule": plan and plan.rule,
+            "stable_dt": self.setup.limits.get("stable"),
+            "device": self.model.device,
+            "launch": self.model.shape,
+        }
+
+    def attributes(self) -> dict[str, object]:
+        """Return the resolved configuration, as files have it."""
+        method = {name: value for name, value in self._method().items() if value is not None}
+        return {
+            "references": self.scene.reference,
+            **self.setup.identity,
+            **method,
+            "identity": self.setup.identity,
+            "code": code_fingerprint(),
+            "configuration": self.config.model_dump(mode="json"),
+            "stepper_options": self.setup.options,
+            "days": self.days,
+            "start_step": self.steps,
+            **_plot_field(self.scene, self.config.fields),
+        }
 
     @property
     def state(self) -> xr.Dataset:
@@ -182,44 +542,74 @@ class Simulation(Running):
         return self.to_xarray().isel(time=0)
 
     def to_xarray(self) -> xr.Dataset:
-        """The state as a frame of a run's file: fields on (time, node), points, areas, bottom."""
+        """Return the state as a frame of a file: fields on (time, node), points, areas, bottom."""
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
         from swe_sphere.io.runfile import frame_dataset
 
-        fields = self.snapshot.with_constants | self.own_fields
-        own = self.own_attributes()
-        return frame_dataset(self.mesh, fields, self.time, attributes_of(self), own)
+        now = self.snapshot
+        fields = now.with_constants | now.own_fields
+        return frame_dataset(self.mesh, fields, now.time, self.attributes(), now.own_attributes)
 
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
-        """Draw a field of the state on the globe; into `ax`, else into a figure of its own.
+        """Draw a field of the state on the globe; into `ax`, else into a new figure.
 
         field: h, surface, vorticity, speed, q_NAME, ...; None: what suits the scene.
         look: projection="robinson", winds="arrows", mesh=True, ...; see
         `swe_sphere.pictures.look.Look`.
-        Raises ConfigError for a field that is not there.
+        Raises ConfigError for an unknown field.
         """
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
-        fields = self.snapshot.with_constants | self.own_fields
+        now = self.snapshot
         return draw_state(
-            self.mesh, fields, self.time, attributes_of(self), field, ax, validated(Look, look),
-            about=self.own_attributes(),
+            self.mesh, now.with_constants | now.own_fields, now.time, self.attributes(), field, ax,
+            validated(Look, look), about=now.own_attributes,
         )  # fmt: skip
 
     def checkpoint(self, path: str | Path) -> Path:
-        """Write all that is needed to go on from here bit for bit, with `from_checkpoint`.
+        """Write all that `from_checkpoint` needs to resume from here bit for bit.
 
-        A checkpoint that is there already is replaced, and nothing else.
-        Raises RunFailed where the disk refuses, ConfigError for a file of another kind.
+        An existing checkpoint is replaced, any other file is not.
+        Raises RunFailed where the disk refuses, ConfigError for an existing file of another kind.
         """
-        return save(self, Path(path))
+        from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
+        from swe_sphere.io.layout import attribute
+
+        self._begin_once()
+        path = Path(path)
+        attributes = {name: attribute(value) for name, value in self.attributes().items()}
+        arrays = dict(self._restart_arrays())
+        time, name = self.stepper.dt * self.steps, self.config.stepper
+        checkpoint = Checkpoint(arrays, time, self.steps, name, attributes)
+
+        def write() -> None:
+            if path.exists() and not is_checkpoint(path):
+                raise ConfigError(
+                    f"{path} is there already, and no checkpoint: choose another name"
+                )
+            with clear_errors(f"cannot write {path}", RunFailed):
+                write_checkpoint(path, checkpoint)
+
+        self.comm.on_root(write)
+        return path
+
+    def _restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
+        """Return the arrays of an exact restart, with the counters, which are carried along."""
+        counters = {f"{restart.COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
+        return self.stepper.state_dict() | counters
+
+    def __repr__(self) -> str:
+        where = "not begun" if self._stepper is None else f"day {self.time / DAY:.4g}"
+        return (
+            f"Simulation({self.scene.name!r}, ne={self.mesh.ne}, np={self.mesh.np},"
+            f" stepper={self.config.stepper!r}: {where} of {self.days:g} days)"
+        )
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._rows())
 
     def _rows(self) -> list[tuple[str, str]]:
-        """What a notebook shows; to look at a simulation does not begin it."""
         if self._stepper is None:
             return [("scene", self.scene.title), ("result", "not begun")]
         try:
@@ -228,7 +618,65 @@ class Simulation(Running):
             return [("scene", self.scene.title), ("why", str(error))]
 
 
+def _begun(value: T | None) -> T:
+    if value is None:
+        raise ConfigError("the simulation has not begun: call begin(), step() or run() first")
+    return value
+
+
 def _check_settings(settings: Iterable[str]) -> None:
     for name in settings:
         if name in PER_RUN:
             raise ConfigError(f"{name} is no setting of a simulation: see {PER_RUN[name]}")
+
+
+def _plot_field(scene: Scene, fields: Sequence[str]) -> dict[str, str]:
+    """Return what a picture shows by default: the first tracer where the wind is prescribed.
+
+    A file that lacks that field, or else depth, shows the first of its fields.
+    """
+    carried = scene.tracers if scene.wind is not None else None
+    usual = f"q_{next(iter(carried))}" if carried else "h"
+    if fields and usual not in fields:
+        return {"plot_field": fields[0]}
+    return {"plot_field": usual} if carried else {}
+
+
+def run(
+    config: RunConfig, observers: Iterable[Observer] = (), warn: Warn = lambda text: None
+) -> Summary:
+    """Run a scene; the summary states how the run ended, also where it stopped early.
+
+    observers: watch the run.  warn: called with each warning.
+
+    Raises:
+        ConfigError: it cannot be run as requested.
+    """
+    started = time.perf_counter()
+    sim = Simulation(Inputs(config))
+    live = [] if config.live is None else [LiveView(config.live, sim.comm)]
+    with ExitStack() as stack:
+        out = config.out
+        if out is None and config.plot is not None:
+            out = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "run.nc"
+        summary = sim.run(
+            out=out, overwrite=config.overwrite, callbacks=[*live, *observers], progress=False,
+            warn=warn,
+        )  # fmt: skip
+        if out is not None and config.plot is not None:
+            summary = sim.comm.on_root(partial(_plotted, summary, out, config.plot))
+    asked = {"out": None if config.out is None else str(config.out)}
+    total = {"total_seconds": time.perf_counter() - started}
+    return replace(summary, numbers={**summary.numbers, **asked, **total})
+
+
+def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
+    """Draw the last frame; a picture that cannot be drawn leaves the file of the run as it is."""
+    from swe_sphere.pictures.plot import plot_file  # matplotlib takes its time to import
+
+    try:
+        plot_file(file, out=picture)
+    except SweError as error:
+        status = summary.exit_status or RunFailed.exit_status
+        return replace(summary, reason=summary.reason or str(error), exit_status=status)
+    return summary

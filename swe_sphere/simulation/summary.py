@@ -1,4 +1,4 @@
-"""What a run comes to: the numbers of `--json`, and the lines of the table."""
+"""How a run ended, its numbers for `--json`, and the lines of its table."""
 
 import json
 import math
@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any, TypeVar
 
+from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
+from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.simulation.loop import Interrupted
 
 T = TypeVar("T")
 
@@ -17,7 +20,7 @@ KEYS = (
     "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h",
     "l2_v", "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
 )  # fmt: skip
-"""The keys that are always there, in this order; more follow."""
+"""Keys that every JSON line has, in this order; more follow."""
 
 GROUPS = {
     "error of depth": {"l1": "l1_h", "l2": "l2_h", "linf": "linf_h"},
@@ -27,7 +30,7 @@ GROUPS = {
     "Courant number": {"gravity": "courant_gravity", "advective": "courant_advective"},
     "largest wind [m/s]": {"": "max_wind"},
 }
-"""Rows of the table: what stands in them, and the names in the JSON line."""
+"""Rows of the table: labels and names in the JSON line."""
 
 
 @dataclass(frozen=True)
@@ -35,41 +38,65 @@ class Outcome:
     """How a run ended."""
 
     status: str = "completed"
-    """completed, refused (before the first step), unstable, solver-failed, timed-out, interrupted,
-    failed (the disk, a function of the user's)."""
+    """completed, not begun, refused (before the first step), unstable, solver-failed, timed-out,
+    interrupted, or failed (the disk, a user-defined function)."""
     reason: str | None = None
     """Why the run stopped early, in words; None if it did not."""
     exit_status: int = 0
 
     @property
     def completed(self) -> bool:
-        """Whether the run came to its end."""
+        """Whether the run reached its end."""
         return self.status == "completed"
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the state is one of the solution."""
+        return self.status in ("not begun", "completed", "timed-out", "interrupted")
+
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
+"""Errors of libraries that are given a state that is not finite, or too large a problem."""
+
+
+def outcome_of(error: Exception, time: float) -> Outcome:
+    """Return how an error ended a run at a time [s]."""
+    text = in_one_line(error)
+    if isinstance(error, Interrupted):
+        reason = f"interrupted by {error} at day {time / DAY:.4g}"
+        return Outcome("interrupted", reason, INTERRUPTED)
+    if not isinstance(error, SweError):
+        return Outcome("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
+    # it is too late to refuse the run for what functions of the scene raise while it is stepped
+    status = "failed" if isinstance(error, ConfigError) else error.status
+    return Outcome(status, text, error.exit_status)
 
 
 @dataclass(frozen=True)
 class Summary(Outcome):
-    """How a run went, and how it ended."""
+    """How a run ended, and its numbers."""
 
     numbers: dict[str, Any] = field(default_factory=dict)
     """Values by the names of the JSON line."""
 
     def __getitem__(self, name: str) -> Any:
-        """A value of the JSON line, None where there is none."""
+        """Return a value of the JSON line, None where there is none."""
         return self.as_dict().get(name)
 
     def __iter__(self) -> Iterator[str]:
-        """Names of the values."""
+        """Iterate over the names of the values."""
         return iter(self.as_dict())
 
     def as_dict(self) -> dict[str, Any]:
-        """All values of the JSON line; None for what is missing or not finite."""
-        told = {"completed": self.completed, "reason": self.reason, "status": self.status}
-        ordered = {**dict.fromkeys(KEYS), **self.numbers, **told}
+        """Return all values of the JSON line; None for what is missing or not finite."""
+        ended = {"completed": self.completed, "reason": self.reason, "status": self.status}
+        ordered = {**dict.fromkeys(KEYS), **self.numbers, **ended}
         return {name: finite(value) for name, value in ordered.items()}
 
     def as_json(self) -> str:
-        """The JSON line."""
+        """Return the JSON line."""
         return json.dumps(self.as_dict(), allow_nan=False)
 
     @property
@@ -79,14 +106,15 @@ class Summary(Outcome):
         return f"{self['scene']} with {self['stepper']}{scheme}"
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """The lines of a table: what, and its values."""
+        """Yield the lines of a table: labels and values."""
         n = self.as_dict()
         yield "scene", str(n["title"])
         ended = self.status if self.status in ("completed", "not begun") else "stopped early"
         yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
         yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
-        yield "time step", _step(n)
-        yield "stability limit", "none" if n["stable_dt"] is None else f"{n['stable_dt']:.5g} s"
+        if n["dt"] is not None:
+            yield "time step", _step(n)
+            yield "stability limit", "none" if n["stable_dt"] is None else f"{n['stable_dt']:.5g} s"
         yield "machine", f"{n['device']}, {n['precision']}"
         yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
         yield from _costs(n)
@@ -110,23 +138,23 @@ class Summary(Outcome):
 
 
 def failed_summary(values: Mapping[str, object], reason: str, exit_status: int) -> Summary:
-    """The summary of a run that never began: what was asked for, as far as it is known."""
+    """Return the summary of a run that never began, with the requested values."""
     asked = {name: values.get(name) for name in ("scene", "stepper", "ne", "np")}
     asked["stepper"] = asked["stepper"] or RunConfig.model_fields["stepper"].default
     return Summary("refused" if exit_status == 2 else "failed", reason, exit_status, asked)
 
 
 def html_table(title: str, rows: list[tuple[str, str]]) -> str:
-    """A table for notebooks."""
+    """Return a table for notebooks."""
     cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def _tracer(n: dict[str, Any], name: str) -> str:
-    """Errors, as far as they are known, range and drift of the mass."""
+    """Return the known errors, the range and the drift of the mass of a tracer."""
     names = ("l1", "l2", "linf", "min", "max", "mass_drift")
-    told = {label.replace("_", " "): n.get(f"{label}_q_{name}") for label in names}
-    return ", ".join(f"{label} {x:.3g}" for label, x in told.items() if x is not None)
+    values = {label.replace("_", " "): n.get(f"{label}_q_{name}") for label in names}
+    return ", ".join(f"{label} {x:.3g}" for label, x in values.items() if x is not None)
 
 
 def _costs(n: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -160,7 +188,7 @@ def _step(n: dict[str, Any]) -> str:
 
 
 def finite(value: T) -> T | None:
-    """The value; None for a number that is not finite."""
+    """Return the value; None for a number that is not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

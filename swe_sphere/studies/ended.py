@@ -8,10 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swe_sphere.errors import SweError, in_one_line
-from swe_sphere.simulation.callbacks import Observer
-from swe_sphere.simulation.execution import step_through
-from swe_sphere.simulation.interrupt import Interrupted, Interruption
-from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.observers import Observer
 from swe_sphere.simulation.simulation import Simulation
 
 STOPPED = ("refused", "unstable", "solver-failed")
@@ -57,18 +55,17 @@ def attempt(work: Callable[[], Ended]) -> Ended:
 def stepped(
     sim: Simulation,
     observers: Sequence[Observer] = (),
-    tick: Callable[[Running], None] | None = None,
     time_limit: float | None = None,
     interruption: Interruption | None = None,
 ) -> Ended:
-    """Step a simulation to its end, as `step_through` does; an error of a user's step is one too.
+    """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
 
     Raises:
         Interrupted: the user asked to stop.
     """
 
     def work() -> Ended:
-        outcome = step_through(sim, observers, tick, time_limit, interruption)
+        outcome = sim.advance(observers, time_limit, interruption)
         if outcome.status == "interrupted":
             raise Interrupted(outcome.reason)
         return Ended(outcome.status, in_one_line(outcome.reason or ""), sim=sim)

@@ -21,10 +21,12 @@ from swe_sphere.io.scalar_fields import check_field, describe
 from swe_sphere.pictures.panels import Panel, draw_panel
 from swe_sphere.pictures.plot import DOTS_PER_INCH, new_figure
 from swe_sphere.planet import DAY
+from swe_sphere.settings.values import SCENE, Setting
+from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.interrupt import Interrupted
-from swe_sphere.simulation.run import run
-from swe_sphere.simulation.setup import make_scene, method_sources, scene_sources
+from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.simulation.restart import method_sources, scene_sources
+from swe_sphere.simulation.simulation import run
 
 MOST = 1000
 """Members there may be."""
@@ -69,7 +71,7 @@ def run_members(
 
 def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], None]) -> Path:
     out = folder / f"{Path(config.scene).stem}_seed{seed}.nc"
-    settings = (*config.settings, f"scene.seed={seed}")
+    settings = (*config.settings, Setting(SCENE, "seed", seed))
     asked = config.model_copy(update={"settings": settings, "out": out})
     there = RunFile(out).attributes if out.exists() and not config.overwrite else None
     if there is not None and _is_of(out, there, asked):

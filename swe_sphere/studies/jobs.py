@@ -24,7 +24,7 @@ from typing import Any
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
 from swe_sphere.ranks.communicator import leave_ranks
-from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.simulation.loop import Interruption
 
 Tell = Callable[[Any], None]
 """Sends one result to the process that stores results."""

@@ -136,10 +136,10 @@ METADATA = _edits(
     "metadata",
     (
         "time of checkpoints one step early",
-        "swe_sphere/simulation/recorder.py",
+        "swe_sphere/simulation/observers.py",
         _CHECKPOINT,
-        "dt * sim.steps, sim.steps",
-        "dt * (sim.steps - 1), sim.steps",
+        "self.plan.dt * steps, steps",
+        "self.plan.dt * (steps - 1), steps",
     ),
     (
         "one run_id for all runs",
@@ -164,7 +164,7 @@ METADATA = _edits(
     ),
     (
         "counts before a restart forgotten",
-        "swe_sphere/simulation/running.py",
+        "swe_sphere/simulation/simulation.py",
         _CONTINUED,
         "n + self._carried.get(name, 0)",
         "n",

@@ -1,7 +1,7 @@
 """Cases: runs of scenes with bounds decided beforehand, for `swe-sphere verify` and `stress`."""
 
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.cases.case import Case, Level, Published
 from swe_sphere.studies.cases.families import (
     Family,

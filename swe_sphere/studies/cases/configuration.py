@@ -8,11 +8,10 @@ from typing import Any
 
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import unknown_name
-from swe_sphere.settings.values import SCENE, by_field, by_owner
+from swe_sphere.settings.values import SCENE, by_field
+from swe_sphere.simulation.build import Inputs, make_scene
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.setup import make_scene
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.studies.cases.scenes import SCENES
 from swe_sphere.testcases.user_scenes import made
 
@@ -44,7 +43,7 @@ class Configuration:
             return make_scene(config)
         if name not in SCENES:
             raise unknown_name("scene of cases", name, SCENES)
-        scene = made(config.scene, SCENES[name], by_owner(config.settings).get(SCENE, {}))
+        scene = made(config.scene, SCENES[name], config.settings_of(SCENE))
         return apply_settings(scene, config.settings)
 
     def simulation(self) -> Simulation:
@@ -53,7 +52,7 @@ class Configuration:
         Raises:
             ConfigError: it cannot be run.
         """
-        return Simulation.from_config(self.config, Supplied(scene=self.make_scene()))
+        return Simulation(Inputs(self.config, self.make_scene()))
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

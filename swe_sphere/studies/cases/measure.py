@@ -18,12 +18,11 @@ from swe_sphere.io.norms import area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.interrupt import Interrupted
-from swe_sphere.simulation.progress import Watcher
-from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.diagnostics import exact_fields, flow_errors, state_integrals
+from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.simulation.observers import Observer, Ticker
+from swe_sphere.simulation.planning import RunPlan, free_steps
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.snapshot import exact_fields, flow_errors, state_integrals
-from swe_sphere.simulation.time_plan import TimePlan, free_steps
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.cases.case import CONVERGED, Case, Level
 from swe_sphere.studies.cases.configuration import Configuration
@@ -64,10 +63,11 @@ def measure(case: Case, level: Level, tick: Tick | None = None) -> Measure:
     )
 
 
-def _progress(tick: Tick | None) -> Callable[[Running], None] | None:
+def _progress(sim: Simulation, tick: Tick | None) -> list[Observer]:
     if tick is None:
-        return None
-    return lambda sim: tick(f"day {sim.time / DAY:.3g}, step {sim.steps} of {sim.plan.steps}")
+        return []
+    plan = sim.plan
+    return [Ticker(lambda n: tick(f"day {plan.time(n) / DAY:.3g}, step {n} of {plan.steps}"))]
 
 
 # --- errors, integrals and extremes
@@ -88,11 +88,11 @@ def _errors(case: Case, run: Configuration, tick: Tick | None) -> Ended:
     """
     sim = _begun(run)
     begins = case.method == "start"
-    ended = Ended(sim=sim) if begins else stepped(sim, (), _progress(tick), case.seconds)
+    ended = Ended(sim=sim) if begins else stepped(sim, _progress(sim, tick), case.seconds)
     if ended.completed:
         ended.numbers = sim.diagnostics | _constants(sim) | _extremes(sim)
         ended.numbers |= _errors_against(sim, case, run)
-    ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.wall_seconds}
+    ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.clock.wall_seconds}
     return ended
 
 
@@ -191,35 +191,35 @@ def _series(case: Case, run: Configuration, tick: Tick | None) -> Ended:
     sim = run.simulation()
     sim.begin(_plan(case, sim))
     series = Series(sim.plan, [SYMMETRIES[name](sim.mesh) for name in case.symmetries])
-    series.observe(sim)
-    ended = stepped(sim, [series], _progress(tick), case.seconds)
+    series.observe(sim.snapshot)
+    ended = stepped(sim, [series, *_progress(sim, tick)], case.seconds)
     costs = sim.stepper.costs()
     ended.numbers = series.numbers() | {
         "dt": sim.plan.dt,
-        "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
+        "dt_over_gravity": sim.plan.dt / sim.setup.gravity_limit(),
         "steps": float(sim.steps),
-        "step_seconds": sim.wall_seconds,
+        "step_seconds": sim.clock.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},
     }
     return ended
 
 
-def _plan(case: Case, sim: Simulation) -> TimePlan | None:
+def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     """Return the steps that the case prescribes; None: as an ordinary run chooses them."""
     if case.part is None and case.courant is None:
         return None
-    own = case.part is not None and math.isfinite(sim.stable_dt)
-    dt = (case.part or 1.0) * sim.stable_dt if own else _implicit_step(case, sim)
+    own = case.part is not None and math.isfinite(sim.stable_dt())
+    dt = (case.part or 1.0) * sim.stable_dt() if own else _implicit_step(case, sim)
     if case.steps is None:
         return free_steps(sim.days, dt)
     whole = max(1, math.floor(sim.days * DAY / dt))
     count = case.steps if sim.config.days is None else min(case.steps, whole)
-    return TimePlan(dt, count, count, dt)
+    return RunPlan(dt, count, count, dt)
 
 
 def _implicit_step(case: Case, sim: Simulation) -> float:
     """Return the step [s] of `courant`, within the advective Courant number that it may have."""
-    dt = (case.courant or 1.0) * sim.gravity_limit
+    dt = (case.courant or 1.0) * sim.setup.gravity_limit()
     if case.advective is None:
         return dt
     wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
@@ -278,10 +278,10 @@ def _of_seed(case: Case, seed: int) -> Case:
 def _file(case: Case, run: Configuration, tick: Tick | None) -> Ended:
     """Run as the command does, with a file, and count its NaN and infinities: not_finite."""
     if case.part is not None:
-        run = run.changed({"dt": case.part * run.simulation().stable_dt})
+        run = run.changed({"dt": case.part * run.simulation().stable_dt()})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "case.nc"
-        summary = run.simulation().run(out=path, watcher=Watcher())
+        summary = run.simulation().run(out=path, progress=False, warn=lambda text: None)
         if summary.status == "interrupted":
             raise Interrupted(summary.reason)
         numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}

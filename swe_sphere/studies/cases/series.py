@@ -13,9 +13,9 @@ from swe_sphere.arrays import Array
 from swe_sphere.io.norms import area_mean
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.running import Running
-from swe_sphere.simulation.snapshot import Snapshot
-from swe_sphere.simulation.time_plan import TimePlan
+from swe_sphere.simulation.diagnostics import Snapshot
+from swe_sphere.simulation.observers import Observer
+from swe_sphere.simulation.planning import RunPlan
 
 Symmetry = Callable[[Snapshot], dict[str, float]]
 
@@ -34,10 +34,10 @@ ERRORS = ("l2_h", "l2_v", "linf_h")
 GROWING = ("l2_h", "l2_v")
 
 
-class Series:
+class Series(Observer):
     """An observer that samples diagnostics and symmetries about `SAMPLES` times."""
 
-    def __init__(self, plan: TimePlan, symmetries: Sequence[Symmetry] = ()) -> None:
+    def __init__(self, plan: RunPlan, symmetries: Sequence[Symmetry] = ()) -> None:
         self._watched = symmetries
         self._every = max(1, plan.steps // SAMPLES)
         self._days: list[float] = []
@@ -47,12 +47,12 @@ class Series:
         """Every so many steps."""
         return step % self._every == 0
 
-    def observe(self, sim: Running) -> None:
+    def observe(self, snapshot: Snapshot) -> None:
         """Take a sample."""
-        row = dict(sim.diagnostics)
+        row = dict(snapshot.diagnostics)
         for symmetry in self._watched:
-            row |= symmetry(sim.snapshot)
-        self._days.append(sim.time / DAY)
+            row |= symmetry(snapshot)
+        self._days.append(snapshot.time / DAY)
         self._rows.append(row)
 
     def numbers(self) -> dict[str, float]:

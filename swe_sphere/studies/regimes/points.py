@@ -66,7 +66,7 @@ class Point:
     @property
     def diffusive(self) -> bool:
         """Whether the run has viscosity or hyperviscosity."""
-        return any("viscosity." in setting for setting in self.config.settings)
+        return any(setting.owner.endswith("viscosity") for setting in self.config.settings)
 
     @cached_property
     def by_stepper(self) -> dict[str, list[Run]]:

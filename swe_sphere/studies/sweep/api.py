@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.simulation.interrupt import Interrupted
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
@@ -63,7 +63,7 @@ def sweep(
         watcher: told how it goes.
         options: those of `SweepPlan`: dt [s], ne, np, days, repeats, ...
 
-    Numbers registered with `simulation.diagnostics.diagnostic` become variables of the dataset.
+    Numbers registered with `diagnostic` become variables of the dataset.
 
     Returns:
         The dataset of `build_dataset`, a row for each setting.

@@ -100,7 +100,7 @@ def _row(run: RunRecord, scene: str) -> dict[str, Any]:
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
         "scene": scene,
         "preconditioner": config.preconditioner or "",
-        "settings": " ".join(config.settings),
+        "settings": " ".join(map(str, config.settings)),
         "days_planned": config.days,
         **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
         "key": run.key, "repeat": run.repeat, "record": run,

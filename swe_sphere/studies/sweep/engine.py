@@ -11,7 +11,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.simulation.interrupt import Interruption
+from swe_sphere.simulation.loop import Interruption
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.errors import Evaluator, choose_reference, sweep_sources

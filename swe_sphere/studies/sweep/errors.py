@@ -18,9 +18,10 @@ from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.operators import find_device
 from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.build import make_scene, start_warp
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.setup import make_scene, scene_sources, start_warp
-from swe_sphere.simulation.snapshot import Fields, exact_fields, flow_errors, slow_errors
+from swe_sphere.simulation.diagnostics import Fields, exact_fields, flow_errors, slow_errors
+from swe_sphere.simulation.restart import scene_sources
 from swe_sphere.studies.record_store import as_netcdf
 from swe_sphere.studies.sweep.record import Errors
 from swe_sphere.studies.sweep.runner import KEPT, Result, Runner

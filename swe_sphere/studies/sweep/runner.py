@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from swe_sphere.errors import ConfigError, RunFailed, in_one_line
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS
-from swe_sphere.simulation.interrupt import Interruption
-from swe_sphere.simulation.running import Running
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
+from swe_sphere.simulation.loop import Interruption
+from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
@@ -44,7 +44,7 @@ class Result(Ended):
     """Fields at the report days that were reached."""
 
 
-class Snapshots:
+class Snapshots(Observer):
     """An observer that keeps the fields at report days."""
 
     def __init__(self, days: dict[int, float]) -> None:
@@ -55,11 +55,11 @@ class Snapshots:
         """At the report days."""
         return step in self._days
 
-    def observe(self, sim: Running) -> None:
+    def observe(self, snapshot: Snapshot) -> None:
         """Keep the fields."""
-        if sim.steps in self._days:
-            fields = sim.snapshot.all_fields
-            self.kept[self._days[sim.steps]] = {name: fields[name] for name in KEPT}
+        if snapshot.steps in self._days:
+            fields = snapshot.all_fields
+            self.kept[self._days[snapshot.steps]] = {name: fields[name] for name in KEPT}
 
 
 def execute(
@@ -80,8 +80,8 @@ def execute(
     except (ConfigError, RunFailed) as error:
         return Result("refused", in_one_line(error))
     snapshots = Snapshots(spec.report_steps())
-    told = None if tick is None else (lambda sim: tick(sim.steps))
-    ended = stepped(sim, [snapshots], told, time_limit, interruption)
+    observers = [snapshots, *([] if tick is None else [Ticker(tick)])]
+    ended = stepped(sim, observers, time_limit, interruption)
     result = Result(ended.status, ended.reason, _costs(sim), snapshots=snapshots.kept)
     result.numbers |= _diagnostics(sim) if ended.completed else {}
     result.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
@@ -118,8 +118,8 @@ def _costs(sim: Simulation) -> dict[str, float]:
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
         "steps": sim.steps,
         "days": sim.steps * sim.plan.dt / DAY,
-        "wall_seconds": sim.wall_seconds,
-        "cpu_seconds": sim.cpu_seconds,
+        "wall_seconds": sim.clock.wall_seconds,
+        "cpu_seconds": sim.clock.cpu_seconds,
         "compile_seconds": sim.model.compile_seconds,
     }
 

@@ -20,18 +20,12 @@ from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.files.fingerprints import code_fingerprint, file_fingerprint, fingerprint
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.build import Inputs, make_mesh, make_scene, stepper_options
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.setup import identity, make_mesh
+from swe_sphere.simulation.diagnostics import Fields, state_integrals
+from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
+from swe_sphere.simulation.restart import identity
 from swe_sphere.simulation.simulation import Simulation
-from swe_sphere.simulation.snapshot import Fields, state_integrals
-from swe_sphere.simulation.supplied import Supplied
-from swe_sphere.simulation.time_plan import (
-    TimePlan,
-    common_measure,
-    free_steps,
-    stepper_options,
-    time_plan,
-)
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
@@ -56,7 +50,7 @@ class Discretisation:
 
     def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
         self.config, self._own = config, own
-        self.scene = Supplied(own).scene_of(config)
+        self.scene = make_scene(config, own)
         self.mesh = make_mesh(config, self.scene)
         self._radii: dict[object, Spectrum] = {}
 
@@ -81,7 +75,7 @@ class Discretisation:
         Raises:
             ConfigError: the stepper does not suit the scene, or takes no such option.
         """
-        return Simulation.from_config(config, Supplied(self._own, self.mesh))
+        return Simulation(Inputs(config, self._own, self.mesh))
 
     @cached_property
     def _sim(self) -> Simulation:
@@ -104,7 +98,7 @@ class Discretisation:
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
         same, were there no gravity waves.
         """
-        gravity = self._sim.gravity_limit
+        gravity = self._sim.setup.gravity_limit()
         at_start = state_integrals(self.model, self.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
@@ -144,7 +138,7 @@ class Schedule:
         times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
         return float(reduce(common_measure, times))
 
-    def steps(self, dt: float) -> TimePlan:
+    def steps(self, dt: float) -> RunPlan:
         """Steps of at most dt [s] that meet all report times.
 
         Raises:
@@ -162,7 +156,7 @@ class Discretisations:
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
         self.plan, self.own = plan, own
         self._known: dict[tuple[int, int, str], Discretisation] = {}
-        self.scene = scene = Supplied(own).scene_of(plan.run_config())
+        self.scene = scene = make_scene(plan.run_config(), own)
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
         days = scene.days if plan.days is None else plan.days
         self.schedule = Schedule.of(days, plan.report_days)
@@ -265,7 +259,7 @@ class Integrator:
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
 
-    def planned(self, steps: TimePlan, role: Role) -> RunSpec:
+    def planned(self, steps: RunPlan, role: Role) -> RunSpec:
         """The run with just these steps."""
         return RunSpec(self, steps.dt, steps, role, self.refusal)
 
@@ -292,7 +286,7 @@ class RunSpec:
     integrator: Integrator
     dt: float
     """The step [s]."""
-    steps: TimePlan | None = field(compare=False)
+    steps: RunPlan | None = field(compare=False)
     """None where no step near the one wanted is possible."""
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)

@@ -16,6 +16,7 @@ from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.settings.values import by_field, names_in, read_toml, validated
+from swe_sphere.simulation.build import make_mesh, make_scene
 from swe_sphere.simulation.config import (
     Days,
     FileName,
@@ -30,8 +31,6 @@ from swe_sphere.simulation.config import (
     or_auto,
 )
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
-from swe_sphere.simulation.setup import make_mesh
-from swe_sphere.simulation.supplied import Supplied
 from swe_sphere.studies.jobs import MOST_JOBS
 
 
@@ -164,7 +163,7 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
         ConfigError: an unknown name or an unfit value, in one line that says which.
     """
     plan = validated(SweepPlan, values)
-    _check(plan, Supplied(scene).scene_of(plan.run_config()))
+    _check(plan, make_scene(plan.run_config(), scene))
     if plan.jobs > 1:
         _check_jobs(plan, scene)
     return plan

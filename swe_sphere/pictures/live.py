@@ -1,7 +1,8 @@
-"""`run --live FIELD`: a field drawn in the terminal while the run goes on."""
+"""A field drawn in the terminal while a run is stepped (`run --live FIELD`)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,77 +15,61 @@ from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid
 from swe_sphere.pictures.plot import default_field
-from swe_sphere.planet import DAY
-from swe_sphere.ranks.communicator import Communicator
 from swe_sphere.ranks.terminal import screen
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS
-from swe_sphere.simulation.running import Running
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-PICTURES = 100
-"""In a run, evenly spaced in simulated time."""
 WIDEST, LINES_BESIDE = 160, 3
-"""Columns at most; lines of the terminal that are left for the caption and the prompt."""
+"""Largest number of columns; lines of the terminal left for the caption and the prompt."""
 
 
 class LivePicture:
     """Draws a field over the picture before; a map of longitude by latitude, two rows a line.
 
-    field: its name, or "auto" for what suits the scene.  Raises ConfigError for a field that there
-    is not, and where no terminal with colours is there to be drawn on.  Of several ranks the first
-    draws what all of them have.
+    field: its name, or "auto" for what suits the scene.  own: names of user-defined fields.
+    Raises ConfigError for an unknown field.
     """
 
-    def __init__(self, field: str, comm: Communicator) -> None:
+    def __init__(self, field: str, own: Iterable[str] = ()) -> None:
         from rich.console import Console
 
-        self._field = field if field == "auto" else check_field(field, DIAGNOSTICS)
+        self._field = field if field == "auto" else check_field(field, own)
         self._console = Console(file=screen("stderr"), highlight=False)
-        comm.on_root(self._check)
         self._drawing: Drawing | None = None
         self._ends: tuple[float, float] | None = None
 
-    def _check(self) -> None:
+    def check_terminal(self) -> None:
+        """Raise ConfigError where there is no terminal with colours to draw on."""
         if not self._console.is_terminal or self._console.color_system is None:
             raise ConfigError(
                 "live: pictures need a terminal with colours; leave it out, or draw with --plot"
             )
 
-    def __call__(self, sim: Running) -> None:
-        """Draw the state."""
-        fields = sim.snapshot.with_constants | sim.own_fields
-        frame = Frame(sim.mesh, fields, sim.time, {}, sim.own_attributes())
-        sim.comm.on_root(lambda: self._draw(sim, frame))
-
-    def _draw(self, sim: Running, frame: Frame) -> None:
+    def draw(self, frame: Frame, time: float, caption: str) -> None:
+        """Draw the frame of a time [s]; the caption is completed with the field and its range."""
         first = self._drawing is None
         if self._drawing is None:
             name = default_field(frame) if self._field == "auto" else self._field
             look = Look(contours=False)
             self._drawing = Drawing(frame, name, look, _grid(_rows(self._console)))
         self._drawing.source = frame
-        values = self._drawing.values(sim.time)
+        values = self._drawing.values(time)
         low, high = limits(values, self._drawing.kind)
         if self._ends:  # one scale of colours, which widens where it must
             low, high = min(low, self._ends[0]), max(high, self._ends[1])
         self._ends = low, high
         picture = self._coloured(values)
-        days = sim.plan.time(sim.plan.steps) / DAY
         kind = self._drawing.kind
-        caption = (
-            f"day {sim.time / DAY:.2f} of {days:g}, {sim.scene.name}: {kind.title},"
-            f" {low:.4g} to {high:.4g} {kind.plain_units}"
-        )
+        caption += f": {kind.title}, {low:.4g} to {high:.4g} {kind.plain_units}"
         if not first:
             self._console.file.write(f"\x1b[{len(values) // 2 + 1}F")
         self._console.print(picture, soft_wrap=True)
         self._console.print(caption[: self._console.width - 1].ljust(self._console.width - 1))
 
     def _coloured(self, values: Array) -> Text:
-        """Each character is the upper half of a block, above the colour behind it."""
+        """Return the picture; each character is the upper half of a block on the lower colour."""
         from rich.text import Text
 
         assert self._drawing is not None and self._ends is not None
@@ -107,6 +92,6 @@ def _grid(rows: int) -> MapGrid:
 
 
 def _rows(console: Console) -> int:
-    """An even number of latitudes: there are twice as many longitudes, less one."""
+    """Return an even number of latitudes: there are twice as many longitudes, less one."""
     most = min((min(console.width, WIDEST) + 1) // 2, 2 * (console.height - LINES_BESIDE))
     return max(2 * (most // 2), 4)

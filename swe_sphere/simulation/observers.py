@@ -1,0 +1,370 @@
+"""What watches a run while it is stepped: checks, frames and series, progress, callbacks, pictures.
+
+All of them are an `Observer`, which sees snapshots of the state and changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable
+from swe_sphere.files.user_file import guarded
+from swe_sphere.planet import DAY, HOUR
+from swe_sphere.ranks.terminal import screen
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
+from swe_sphere.simulation.planning import RunPlan
+
+if TYPE_CHECKING:
+    from swe_sphere.io.netcdf import FrameWriter
+
+Function = Callable[[Any], Any]
+
+
+class Observer:
+    """Watches a run; a subclass defines the methods that it needs.  RunFailed ends the run."""
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Prepare: the steps of the plan are about to be taken from the state of the snapshot."""
+
+    def due(self, step: int) -> bool:
+        """Return whether to observe the state after that many steps."""
+        return False
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Inspect a state that is due, or the last one."""
+
+    def tick(self, step: int) -> None:
+        """Note the number of steps so far; called about ten times a second."""
+
+    def end(self) -> None:
+        """Finish: no more steps are taken, whatever the reason."""
+
+
+EVERY = 16
+"""Steps between health checks."""
+RUNAWAY = 10.0
+"""Growth of the energy that no scene has, and every numerical explosion soon."""
+
+
+class HealthCheck(Observer):
+    """Ends a run where a value is NaN, a depth is negative or the energy runs away.
+
+    It computes sums on the device of the state, and copies no field.  stable_dt: returns the
+    stability limit [s], for the advice in the message.
+    """
+
+    def __init__(self, snapshot: Snapshot, plan: RunPlan, stable_dt: Callable[[], float]) -> None:
+        from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
+        from swe_sphere.steppers.solving import energy_weights
+
+        model, mesh = snapshot.model, snapshot.model.device_mesh
+        self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)
+        first = model.names.index("h") * mesh.size
+        self._depth = first, first + mesh.size
+        self._linear = model.scene.linear
+        start = model.initial_state()
+        self._energy = self._space.dot(start, start)
+        self._dt, self._stable_dt = plan.dt, stable_dt
+
+    def due(self, step: int) -> bool:
+        """Every few steps."""
+        return step % EVERY == 0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Raise Unstable, with what is wrong, when, and what to change, where the state is."""
+        failure = self._failure(snapshot)
+        if failure:
+            limit = self._stable_dt()
+            advice = "take a smaller dt"
+            if self._dt <= limit:
+                advice = "try a finer mesh, a smaller dt or more dissipation"
+            raise Unstable(
+                f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt ="
+                f" {self._dt:.6g} s, stability limit at the start about {limit:.4g} s; {advice}"
+            )
+
+    def _failure(self, snapshot: Snapshot) -> str | None:
+        energy = self._space.dot(snapshot.state, snapshot.state)
+        if not math.isfinite(energy):
+            return "the solution is NaN"
+        # a passive h, and that of a linear wave, may undershoot zero without harm
+        if not self._linear:
+            depth = self._space.lowest(snapshot.state, *self._depth)
+            if depth < 0.0:
+                return f"the depth is negative ({depth:.3g} m)"
+        growth = energy / self._energy
+        return f"the energy has grown {growth:.3g} times" if growth > RUNAWAY else None
+
+
+SAMPLES = 200
+"""Approximate number of samples of the diagnostics in a run."""
+
+
+@dataclass
+class Recorder(Observer):
+    """Writes frames, series of diagnostics and checkpoints."""
+
+    plan: RunPlan
+    writer: FrameWriter
+    """Writer of rank 0; other ranks never use theirs."""
+    arrays: Callable[[], Mapping[str, NDArray[np.generic]]]
+    """Returns the arrays of a checkpoint."""
+    stepper: str
+    """Name of the stepper."""
+    _framed: int | None = None
+
+    @staticmethod
+    def most_samples(plan: RunPlan, done: int) -> int:
+        """Return an upper bound of the samples of a run of which some steps are done."""
+        ahead = plan.steps - done
+        frames, samples = ahead // plan.frame_steps, ahead // plan.interval(SAMPLES)
+        return min(ahead, frames + samples + 3) + 1
+
+    def due(self, step: int) -> bool:
+        """At frames, and in between about `SAMPLES` times a run."""
+        return self.plan.is_frame(step) or step % self.plan.interval(SAMPLES) == 0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Write a frame if one is due, and else a sample."""
+        if self.plan.is_frame(snapshot.steps):
+            self.frame(snapshot)
+            return
+        numbers = snapshot.diagnostics
+        snapshot.model.comm.on_root(lambda: self.writer.record(snapshot.time, numbers))
+
+    def frame(self, snapshot: Snapshot) -> None:
+        """Write a frame and a checkpoint, unless this step has a frame already."""
+        if self._framed == snapshot.steps:
+            return
+        numbers, fields = snapshot.diagnostics, snapshot.all_fields | snapshot.own_fields
+        self._framed = steps = snapshot.steps
+        arrays = self.arrays()
+
+        def write() -> None:
+            self.writer.write(snapshot.time, fields, numbers)
+            self.writer.checkpoint(arrays, self.plan.dt * steps, steps, self.stepper)
+
+        snapshot.model.comm.on_root(write)
+
+
+@dataclass
+class Ticker(Observer):
+    """Calls a function with the number of steps so far about ten times a second."""
+
+    function: Callable[[int], None]
+
+    def tick(self, step: int) -> None:
+        """Call the function."""
+        self.function(step)
+
+
+class ProgressBar(Observer):
+    """A bar on stderr, or in a notebook; a lost terminal does not end the run."""
+
+    _bar: Any = None
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Show the bar."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of tqdm, in notebooks without widgets: text will do
+            from tqdm.auto import tqdm
+        self._plan, self._days = plan, plan.time(plan.steps) / DAY
+        label = f"{snapshot.model.scene.name}  dt {plan.dt:.4g} s"
+        with suppress(OSError):
+            self._bar = tqdm(
+                total=plan.steps, initial=snapshot.steps, desc=label, unit="step", leave=False,
+                file=screen("stderr"), dynamic_ncols=True,
+            )  # fmt: skip
+
+    def tick(self, step: int) -> None:
+        """Move the bar."""
+        if self._bar is not None:
+            with suppress(OSError):
+                day = self._plan.time(step) / DAY
+                self._bar.set_postfix_str(f"day {day:.2f} of {self._days:g}", False)
+                self._bar.update(step - self._bar.n)
+
+    def end(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            with suppress(OSError):
+                self._bar.close()
+
+
+class LogLines(Observer):
+    """Prints a line on stderr now and then, for a run whose output goes to a file."""
+
+    PATIENCE = 30.0
+    """Seconds before the first line; each further line waits a tenth of the elapsed time, or so."""
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Start the clock."""
+        self._start, self._plan, self._from = time.perf_counter(), plan, snapshot.time
+        self._due = self._start + self.PATIENCE
+
+    def tick(self, step: int) -> None:
+        """Print the day, the speed and the remaining time, where a line is due."""
+        now = time.perf_counter()
+        if now < self._due:
+            return
+        gone, at = now - self._start, self._plan.time(step)
+        self._due = now + max(self.PATIENCE, 0.1 * gone)
+        end = self._plan.time(self._plan.steps)
+        speed = (at - self._from) / gone
+        left = (end - at) / speed if speed > 0.0 else math.inf
+        with suppress(OSError):  # nobody reads it any more, or the disk is full
+            sys.stderr.write(
+                f"swe-sphere: day {at / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
+                f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go\n"
+            )
+            sys.stderr.flush()
+
+
+PICTURES = 100
+"""Pictures of a live view in a run, evenly spaced in simulated time."""
+
+
+class LiveView(Observer):
+    """Draws a field in the terminal, each picture over the one before.
+
+    field: its name, or "auto" for what suits the scene.  Raises ConfigError for an unknown field,
+    and where rank 0 has no terminal with colours.
+    """
+
+    def __init__(self, field: str, comm: Any) -> None:
+        from swe_sphere.pictures.live import LivePicture  # matplotlib takes its time to import
+
+        self._picture = LivePicture(field, DIAGNOSTICS)
+        comm.on_root(self._picture.check_terminal)
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Plan the pictures."""
+        self._every, self._days = plan.interval(PICTURES), plan.time(plan.steps) / DAY
+
+    def due(self, step: int) -> bool:
+        """About `PICTURES` times in a run."""
+        return step % self._every == 0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Draw the state, if it is due."""
+        if not self.due(snapshot.steps):
+            return
+        from swe_sphere.io.runfile import Frame
+
+        model, fields = snapshot.model, snapshot.with_constants | snapshot.own_fields
+        frame = Frame(model.mesh, fields, snapshot.time, {}, snapshot.own_attributes)
+        caption = f"day {snapshot.time / DAY:.2f} of {self._days:g}, {model.scene.name}"
+        model.comm.on_root(lambda: self._picture.draw(frame, snapshot.time, caption))
+
+
+@dataclass
+class Callback(Observer):
+    """Calls a function with the simulation, after every so many steps or seconds."""
+
+    function: Function
+    steps: int | None = None
+    seconds: float | None = None
+    """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
+    sim: object = None
+
+    def on(self, sim: object, plan: RunPlan) -> Callback:
+        """Return the callback of a simulation, scheduled by the steps of its plan.
+
+        Raises ConfigError where a call is due in the middle of steps that are taken together.
+        """
+        steps = self.steps or round((self.seconds or plan.dt) / plan.dt)
+        if steps > 1 and steps % plan.cycle:
+            raise ConfigError(
+                f"every: {steps} steps are no multiple of the {plan.cycle} that are taken at once"
+                " (tracer-steps)"
+            )
+        return replace(self, steps=steps, sim=sim)
+
+    def due(self, step: int) -> bool:
+        """At multiples of the interval."""
+        return self.steps is not None and step % self.steps == 0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Call the function, if it is due; RunFailed states which function failed, and where."""
+        if not self.due(snapshot.steps):
+            return
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        try:
+            guarded(f"the callback {name}", self.function, self.sim)
+        except (RunFailed, KeyboardInterrupt):
+            raise
+        except SweError as error:
+            raise RunFailed(str(error)) from error
+
+
+def every(
+    steps: int | None = None, *, hours: float | None = None, days: float | None = None
+) -> Callable[[Function], Callback]:
+    """Schedule a callback by steps or by simulated time; use it as a decorator or as a call.
+
+    Examples:
+        >>> from swe_sphere import Simulation, every
+        >>> sim = Simulation("williamson2", ne=2, np=4, dt=3600)
+        >>> depths = []
+        >>> @every(hours=6)
+        ... def look(sim):
+        ...     depths.append(float(sim.state.h.max()))
+        >>> sim.run(days=0.5, callbacks=[look]).status
+        'completed'
+        >>> len(depths)
+        2
+
+    Raises:
+        ConfigError: none or more than one of the three is given, or one that is not positive.
+    """
+    units = ((steps, 1.0), (hours, HOUR), (days, DAY))
+    asked = [(value, unit) for value, unit in units if value is not None]
+    if len(asked) != 1 or not _can_be_met(*asked[0]) or (steps is not None and steps != int(steps)):
+        raise ConfigError(
+            "every: give a positive whole number of steps, or of hours, or of days, no less than a"
+            " millisecond"
+        )
+    if steps is not None:
+        return lambda function: Callback(function, steps=steps)
+    value, unit = asked[0]
+    return lambda function: Callback(function, seconds=value * unit)
+
+
+def _can_be_met(value: object, unit: float) -> bool:
+    return isinstance(value, Real) and 1e-3 <= float(value) * unit < math.inf
+
+
+def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
+    """Return the callbacks of a run as observers: a plain function is called after every step.
+
+    Raises:
+        ConfigError: one of them cannot be called, or they are no list.
+    """
+    if not isinstance(callbacks, Iterable):
+        raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")
+    found = [c if isinstance(c, Observer) else Callback(c, steps=1) for c in callbacks]
+    for each in found:
+        if isinstance(each, Callback) and not callable(each.function):
+            raise ConfigError(f"a callback is a function of the simulation, not {each.function!r}")
+    return found
+
+
+def intervals(callbacks: Iterable[Observer]) -> list[Fraction]:
+    """Return the times [s] between calls of the callbacks that are scheduled by time."""
+    return [
+        Fraction(callback.seconds).limit_denominator(1000)
+        for callback in callbacks
+        if isinstance(callback, Callback) and callback.seconds is not None
+    ]
