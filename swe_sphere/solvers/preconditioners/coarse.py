@@ -16,10 +16,9 @@ from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
 from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo
+from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
-from swe_sphere.operators.sliced_matrix import SlicedMatrix, vector
 from swe_sphere.operators.sparse import ElementSpace
-from swe_sphere.operators.tall_matrix import TallMatrix
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
 from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation

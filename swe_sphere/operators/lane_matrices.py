@@ -1,0 +1,116 @@
+"""Sparse matrices on the device, a row in each SIMD lane, and the vectors they act on."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.kernels.coarse import sweep_kernel, tall_kernels
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.field import Field
+from swe_sphere.operators.launch import Launcher
+
+Int = NDArray[np.int64]
+
+
+def vector(mesh: DeviceMesh, size: int) -> Field:
+    """Return zeros (size,) in whole registers, with a register before and one behind."""
+    values = mesh.registers(np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes)))[1:-1]
+    return Field(values, mesh.flat(values))
+
+
+def _grouped(
+    mesh: DeviceMesh, matrix: scipy.sparse.csr_array, shifted: bool
+) -> tuple[wp.array, Int, wp.array]:
+    """Return where each group of `lanes` rows begins, and its columns and registers of entries.
+
+    A group has one register for each column with an entry in the group.  If `shifted`, columns are
+    counted from the lane of the row, so that a diagonal of the group is one column.
+    """
+    (rows, columns), lanes = matrix.shape, mesh.lanes
+    numbers = np.repeat(np.arange(rows, dtype=np.int32), np.diff(matrix.indptr))
+    group, lane = np.divmod(numbers, lanes)
+    behind = lanes - 1 if shifted else 0
+    width = columns + behind
+    place = group * np.int64(width)
+    place += matrix.indices + behind
+    if shifted:
+        place -= lane
+    del group, numbers  # entries are many, and set-ups are when most memory is taken
+    places, slot = np.unique(place, return_inverse=True)
+    values = np.zeros((max(places.size, 1), lanes), mesh.numpy_real)
+    values[slot, lane] = matrix.data
+    starts = np.searchsorted(places, np.arange(-(-rows // lanes) + 1) * width)
+    starts = wp.array(starts, dtype=wp.int32, device=mesh.device)
+    return starts, places % width - behind, mesh.registers(values)
+
+
+class SlicedMatrix:
+    """A matrix in the number type and the lanes of a mesh, for vectors made by `vector`.
+
+    Each group of `lanes` rows has its diagonals: the registers of a vector, beginning anywhere,
+    that hold an entry of one of its rows in the lane of that row.  Nothing is gathered lane by
+    lane, which takes ten times as long; numberings that follow the elements have few diagonals.
+    """
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
+        self._launch, self._kernel = launch, sweep_kernel(mesh.real, mesh.shape)
+        launch.load(self._kernel)
+        self._groups = -(-matrix.shape[0] // mesh.lanes)
+        starts, diagonals, values = _grouped(mesh, matrix, shifted=True)
+        self._entries = starts, wp.array(diagonals, dtype=wp.int32, device=mesh.device), values
+
+    def sweep(
+        self,
+        coefficients: tuple[float, float, float],
+        per_diagonal: wp.array,
+        r: Field,
+        directions: tuple[Field, Field],
+        before: Field,
+        x: Field,
+    ) -> None:
+        """r -= M d; new = keep d + take r/diagonal; x = before + beta new, with directions d, new.
+
+        coefficients: keep, take and beta, as `chebyshev_coefficients` has them.
+        """
+        d, new = directions
+        self._launch(
+            self._kernel, self._groups, *self._entries, per_diagonal, *coefficients,
+            d.flat, d.values, r.values, before.values, new.values, x.values,
+        )  # fmt: skip
+
+
+class TallMatrix:
+    """A matrix of many rows and few columns, likewise; rows that stand together share columns.
+
+    Each group of `lanes` rows has a register for each column in which one of them has an entry:
+    a `SlicedMatrix` would have one for each lane and column.
+    """
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
+        self._launch, self._kernels = launch, tall_kernels(mesh.real, mesh.shape)
+        launch.load(self._kernels.product, self._kernels.parts, self._kernels.total)
+        rows, self._few = matrix.shape
+        self._groups = -(-rows // mesh.lanes)
+        self._at, column, self._values = _grouped(mesh, matrix, shifted=False)
+        ends = np.searchsorted(np.sort(column), np.arange(self._few + 1))
+        self._columns, self._ends, self._listed = (
+            wp.array(numbers, dtype=wp.int32, device=mesh.device)
+            for numbers in (column, ends, np.argsort(column, kind="stable"))
+        )
+        self._parts = wp.zeros(column.size, dtype=mesh.real, device=mesh.device)
+
+    def __call__(self, x: Field, out: Field, add: bool = False) -> None:
+        """out = M x, or out + M x."""
+        self._launch(
+            self._kernels.product, self._groups, self._at, self._columns, self._values, x.flat,
+            int(add), out.values,
+        )  # fmt: skip
+
+    def transposed(self, y: Field, out: Field) -> None:
+        """out = M' y; y may be longer than M has rows."""
+        kernels, parts = self._kernels, self._parts
+        self._launch(kernels.parts, self._groups, self._at, self._values, y.values, parts)
+        self._launch(kernels.total, self._few, self._ends, self._listed, parts, out.flat)
