@@ -1,7 +1,7 @@
 """The derivative of the right-hand side at one state, as an operator; any number may be in use."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 import warp as wp
@@ -10,20 +10,6 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.kernels import combine_kernel
-
-
-class Jacobian(Protocol):
-    """`jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.
-
-    A Jacobian holds a copy of that state, so that Jacobians at several states can be applied in
-    turns.  Products are counted as tangent_evaluations.
-    """
-
-    def update(self, state: wp.array, t: float) -> Self:
-        """Take the derivative at a copy of the state and at time t [s]; allocates nothing."""
-
-    def __call__(self, direction: wp.array, out: wp.array) -> None:
-        """Write J direction to `out`, another array."""
 
 
 class ExactJacobian:
@@ -108,3 +94,11 @@ class DifferenceJacobian:
         if "u" in self._blocks:
             sizes[:2] = max(sizes[:2].max(), np.sqrt(self._gravity * depth))
         return sizes
+
+
+Jacobian = ExactJacobian | DifferenceJacobian
+"""`jacobian(d, out)`: out = J d, with J the derivative at the state of the last `update`.
+
+A Jacobian holds a copy of that state, so that Jacobians at several states can be applied in turns;
+`update` allocates nothing.  Products are counted as tangent_evaluations.
+"""

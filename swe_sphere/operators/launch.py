@@ -40,8 +40,6 @@ class Launcher:
         """Wall time spent compiling or loading kernels [s]."""
         self.records = True
         """Whether launches that repeat are recorded, to be made as a whole, see `Replay`."""
-        self.kernels: dict[str, Any] = {}
-        """Those it has loaded or launched, by the name of their module."""
         self._block_dim = 1 if wp.get_device(device).is_cpu else block_threads(nodes)
         # with the arguments, so that no other array or structure takes a remembered place in memory
         self._commands: dict[tuple[object, ...], tuple[Any, tuple[Any, ...]]] = {}
@@ -49,7 +47,6 @@ class Launcher:
     def load(self, *kernels: Any) -> None:
         """Compile the kernels for the device, or load them from Warp's cache."""
         start = time.perf_counter()
-        self.kernels |= {kernel.module.name: kernel for kernel in kernels}
         modules = {kernel.module.name: kernel.module for kernel in kernels}.values()
         with self.comm.root_first():  # which compiles for all
             new = [module for module in modules if not self._is_cached(module)]
@@ -102,7 +99,6 @@ class Launcher:
     ) -> tuple[Any, tuple[Any, ...]]:
         if len(self._commands) >= REMEMBERED:
             self.forget()
-        self.kernels[kernel.module.name] = kernel
         command = wp.launch(
             kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,
             block_dim=self._block_dim,
