@@ -21,6 +21,8 @@ REMEMBERED = 512
 
 TEMPLATES = "-fpch-instantiate-templates"
 """Flag of Clang for compiled headers."""
+OBJECT = "_get_compile_output_name"
+"""Private method of Warp's modules: the name of the file compiled for a device."""
 
 
 class Launcher:
@@ -62,7 +64,7 @@ class Launcher:
         place = Path(wp.config.kernel_cache_dir, module.get_module_identifier(self._block_dim))
         if warp_internals() is not None:  # else for any
             device, block_dim = wp.get_device(self.device), self._block_dim
-            place /= module._get_compile_output_name(device, block_dim=block_dim)
+            place /= getattr(module, OBJECT)(device, block_dim=block_dim)
         return place.exists()
 
     def _compile(self, first: Any, *others: Any) -> None:
@@ -117,7 +119,7 @@ def warp_internals() -> Any | None:
         from warp._src import context
 
         headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
-        compiled = inspect.signature(context.Module._get_compile_output_name).parameters
+        compiled = inspect.signature(getattr(context.Module, OBJECT)).parameters
     except (ImportError, AttributeError):
         return None
     return context if [*headers] == ["self"] and {"device", "block_dim"} <= {*compiled} else None
