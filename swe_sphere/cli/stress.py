@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -74,42 +74,25 @@ def _run(
     jobs: int,
     quiet: bool,
 ) -> list[Row]:
-    """Return the rows of known cases, then run the others and print their outcomes."""
+    """Run all cases that are not known; print their outcomes."""
     from swe_sphere.studies.cases import run_cases
 
-    left = [case for case in cases if case.fingerprint(case.levels[0]) not in known]
-    rows = [*run_cases((case for case in cases if case not in left), known)]
+    left = sum(case.fingerprint(case.levels[0]) not in known for case in cases)
+    rows: list[Row] = []
     count = 0
 
-    def tick(case: Case, text: str) -> None:
+    def tick(text: str) -> None:
         if not quiet:
-            show_line(f"[{count + 1}/{len(left)}] {case.name}: {text}")
+            show_line(f"[{count + 1}/{left}] {text}")
 
-    for row in _made(left, None if store is None else store.add, jobs, tick):
-        count += 1
+    for row in run_cases(cases, known, None if store is None else store.add, jobs, tick):
         rows.append(row)
-        if not quiet:
-            show_line("")
-            typer.echo(f"[{count}/{len(left)}] {row.case.name}: {_in_words(row)}")
+        if row.measure.fingerprint in known or quiet:
+            continue
+        count += 1
+        show_line("")
+        typer.echo(f"[{count}/{left}] {row.case.name}: {_in_words(row)}")
     return rows
-
-
-def _made(
-    cases: Sequence[Case],
-    keep: Callable[[Measure], Measure] | None,
-    jobs: int,
-    tick: Callable[[Case, str], None],
-) -> Iterator[Row]:
-    """Run the cases, those that are timed alone and last where there are several processes."""
-    from swe_sphere.studies.cases import Row, measured_beside, run_cases
-
-    if jobs > 1:
-        by_name = {case.name: case for case in cases}
-        for found in measured_beside(jobs, cases):
-            case = by_name[found.name]
-            yield Row(case, case.levels[0], found if keep is None else keep(found))
-        cases = [case for case in cases if case.is_timed]
-    yield from run_cases(cases, keep=keep, tick=tick)
 
 
 def _in_words(row: Row) -> str:

@@ -6,6 +6,7 @@ import json
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -109,22 +110,17 @@ def _run(
     chosen: Sequence[Family], quiet: bool, runs: Store[Measure] | None, jobs: int
 ) -> list[Row]:
     """Run all cases; print the table of each family as soon as it is complete."""
-    from swe_sphere.studies.cases import cases_of, measured_beside, run_cases
+    from swe_sphere.studies.cases import cases_of, run_cases
 
-    rows: list[Row] = []
-    keep = None if runs is None else runs.add
     known = {found.fingerprint: found for found in (runs.records if runs else ())}
-    beside = measured_beside(jobs, cases_of(chosen), known) if jobs > 1 else ()
-    for count, found in enumerate(beside, 1):
-        known[found.fingerprint] = found if keep is None else keep(found)
-        if not quiet:
-            show_line(f"{count} levels measured")
-    if jobs > 1 and not quiet:
-        show_line("")
+    tick = None if quiet else show_line
+    found = run_cases(cases_of(chosen), known, None if runs is None else runs.add, jobs, tick)
+    rows: list[Row] = []
     for family in chosen:
-        mine = list(run_cases(family.cases, known, keep))
+        mine = [*islice(found, sum(len(case.levels) for case in family.cases))]
         rows += mine
         if not quiet:
+            show_line("")
             styles = ["" if row.passed else "bold red" for row in mine]
             print_table(HEADS, map(_cells, mine), title=family.title, row_styles=styles)
     return rows

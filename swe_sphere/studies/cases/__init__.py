@@ -48,7 +48,6 @@ def verify(
     refuse_ranks()
     cases = cases_of(choose_verification(scenes, quick, launch))
     try:
-        beside = measured_beside(jobs, cases) if checked_jobs(jobs) > 1 else ()
-        return list(run_cases(cases, {found.fingerprint: found for found in beside}))
+        return list(run_cases(cases, jobs=checked_jobs(jobs)))
     except Interrupted as error:
         raise KeyboardInterrupt(str(error)) from None

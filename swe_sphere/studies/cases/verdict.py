@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
@@ -167,33 +167,39 @@ class Row:
 
 
 def run_cases(
-    cases: Iterable[Case],
+    cases: Sequence[Case],
     known: Mapping[str, Measure] | None = None,
     keep: Callable[[Measure], Measure] | None = None,
-    tick: Callable[[Case, str], None] | None = None,
+    jobs: int = 1,
+    tick: Tick | None = None,
 ) -> Iterator[Row]:
-    """Run the levels of the cases one by one.
+    """Run the levels of the cases and yield their rows in order.
 
     Args:
         cases: What to run.
         known: Measures by fingerprint that are not made again.
         keep: Stores a new measure and returns it as it will be read again.
-        tick: Called with the progress of a case.
+        jobs: Number of processes; with several, levels that are not timed are measured first.
+        tick: Called with the progress in words.
     """
+    found = dict(known or {})
+    keep = keep or (lambda measured: measured)
+    beside = measured_beside(jobs, cases, found) if jobs > 1 else ()
+    for count, measured in enumerate(beside, 1):
+        found[measured.fingerprint] = keep(measured)
+        if tick is not None:
+            tick(f"{count} measured")
     for case in cases:
         before = None
-        told = None if tick is None else _of_case(tick, case)
+        told = None if tick is None else partial(_of_case, tick, case.name)
         for level in case.levels:
-            found = (known or {}).get(case.fingerprint(level))
-            if found is None:
-                found = measure(case, level, told)
-                found = found if keep is None else keep(found)
-            before = Row(case, level, found, before)
+            measured = found.get(case.fingerprint(level)) or keep(measure(case, level, told))
+            before = Row(case, level, measured, before)
             yield before
 
 
-def _of_case(tick: Callable[[Case, str], None], case: Case) -> Tick:
-    return lambda text: tick(case, text)
+def _of_case(tick: Tick, name: str, text: str) -> None:
+    tick(f"{name}: {text}")
 
 
 def measured_beside(
