@@ -113,6 +113,6 @@ def test_a_steady_flow_is_stepped_over_five_days_at_once() -> None:
 
 
 def test_factors_beyond_all_memory_are_refused(monkeypatch) -> None:
-    monkeypatch.setattr("swe_sphere.solvers.preconditioners.jacobian_direct.LARGEST_MEMORY", 1e5)
+    monkeypatch.setattr("swe_sphere.solvers.preconditioners.preconditioner.LARGEST_MEMORY", 1e5)
     with pytest.raises(ConfigError, match="choose the preconditioner helmholtz instead"):
         make_preconditioner("jacobian-direct", Model(Mesh.build(2, 4), FLOW))

@@ -135,13 +135,13 @@ def constant(eta: float) -> Forcing:
 def test_history_and_counts_tell_what_was_done() -> None:
     problem = bratu()
     result, u = solve(problem, np.zeros(SIDE**2), rtol=1e-8)
-    history = result.history
-    assert len(history.residuals) == result.newton_iterations + 1
-    assert len(history.forcing) == len(history.krylov) == len(history.lengths)
-    assert result.krylov_iterations == sum(history.krylov) == problem.calls["jacobian"]
+    residuals = result.residuals
+    assert len(residuals) == result.newton_iterations + 1
+    assert len(result.forcing) == len(result.krylov) == len(result.lengths)
+    assert result.krylov_iterations == sum(result.krylov) == problem.calls["jacobian"]
     assert problem.calls["residual"] == result.residual_evaluations
     assert problem.calls["linearise"] == result.newton_iterations
-    assert all(after < before for before, after in pairwise(history.residuals))
+    assert all(after < before for before, after in pairwise(residuals))
     assert result.residual == pytest.approx(np.linalg.norm(problem.f(u)), rel=1e-9)
     assert "\n" not in result.message
     assert f"{result.krylov_iterations} Krylov" in result.message
@@ -150,7 +150,7 @@ def test_history_and_counts_tell_what_was_done() -> None:
 def test_convergence_is_quadratic_when_the_systems_are_solved_well() -> None:
     problem = bratu()
     result, _ = solve(problem, np.zeros(SIDE**2), rtol=1e-9, forcing=constant(1e-11))
-    r = np.array(result.history.residuals)
+    r = np.array(result.residuals)
     orders = np.log(r[2:] / r[1:-1]) / np.log(r[1:-1] / r[:-2])
     assert orders[-1] == pytest.approx(2.0, abs=0.1)
     loose, _ = solve(problem, np.zeros(SIDE**2), rtol=1e-9, forcing=constant(0.1))
@@ -204,7 +204,7 @@ def test_a_nearly_linear_problem_is_solved_at_once_after_the_first_time() -> Non
     assert first.converged
     assert second.converged
     assert first.newton_iterations > second.newton_iterations == 1
-    assert second.history.forcing[0] < 1e-4
+    assert second.forcing[0] < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -269,7 +269,7 @@ def test_line_search_where_the_full_step_diverges(start: float) -> None:
     result, x = solve(problem, guess, rtol=1e-12)
     assert result.converged
     assert x == pytest.approx([0.0], abs=1e-11)
-    assert min(result.history.lengths) < 0.5 < result.history.lengths[-1]
+    assert min(result.lengths) < 0.5 < result.lengths[-1]
     assert result.residual_evaluations > result.newton_iterations + 1
 
 
@@ -279,7 +279,7 @@ def test_steps_back_from_where_the_residual_is_not_a_number() -> None:
     with np.errstate(invalid="ignore"):
         result, x = solve(problem, np.array([6.0, 2.0]), rtol=1e-10)
     assert result.converged
-    assert result.history.lengths[0] <= 0.25
+    assert result.lengths[0] <= 0.25
     assert x == pytest.approx(np.ones(2), abs=1e-9)
 
 
@@ -310,7 +310,7 @@ def test_out_of_newton_iterations() -> None:
 def test_few_krylov_iterations_still_give_a_direction() -> None:
     result, _ = solve(bratu(False), np.zeros(SIDE**2), rtol=1e-6, max_krylov=12, max_iterations=40)
     assert result.converged
-    assert max(result.history.krylov) == 12
+    assert max(result.krylov) == 12
 
 
 @pytest.mark.parametrize("where", ["residual", "first trial", "jacobian", "guess"])
@@ -341,6 +341,6 @@ def test_counts_do_not_depend_on_units() -> None:
     )
     plain, u = solve(plain_problem, np.zeros(SIDE**2), rtol=1e-9)
     scaled, y = solve(scaled_problem, np.zeros(SIDE**2), weights=s**-2, rtol=1e-9)
-    assert plain.history.krylov == scaled.history.krylov
-    assert scaled.history.residuals[:-1] == pytest.approx(plain.history.residuals[:-1], rel=1e-6)
+    assert plain.krylov == scaled.krylov
+    assert scaled.residuals[:-1] == pytest.approx(plain.residuals[:-1], rel=1e-6)
     assert y / s == pytest.approx(u, rel=1e-7)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearSolve, Status
+from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # The residual of the recurrence is not believed below this many round-offs of the terms of the true
@@ -39,7 +39,7 @@ class ConjugateGradients(KrylovSolver):
         self._direction, self._preconditioned = space.zeros(), space.zeros()
         self._least = math.sqrt(space.epsilon)
 
-    def _iterate(self, p: LinearSolve) -> LinearResult:
+    def _iterate(self, p: LinearResult) -> LinearResult:
         """Descents until the target is met or nothing more is to be gained."""
         smallest = self.space.epsilon * p.terms
         trusted = p.target >= UNTRUSTED * smallest
@@ -61,7 +61,7 @@ class ConjugateGradients(KrylovSolver):
             if residual > 0.5 * start or p.iterations >= p.limit:
                 return p.end(Status.STAGNATED, "stagnated")
 
-    def _descend(self, p: LinearSolve, goal: float) -> LinearResult | None:
+    def _descend(self, p: LinearResult, goal: float) -> LinearResult | None:
         """Iterate from the residual in place until it is down to the goal; None unless it fails."""
         space, curvature = self.space, 0.0
         space.clear(self._direction)
@@ -93,13 +93,13 @@ class ConjugateGradients(KrylovSolver):
         products = self.space.projections((self._stack, 3, z), (self._stack, 3, w), r, s)
         return _Products(*map(float, products))
 
-    def _precondition(self, p: LinearSolve) -> wp.array:
+    def _precondition(self, p: LinearResult) -> wp.array:
         if p.precondition is None:
             return self._residual
         p.precondition(self._residual, self._preconditioned)
         return self._preconditioned
 
-    def _true_residual(self, p: LinearSolve) -> float:
+    def _true_residual(self, p: LinearResult) -> float:
         """Put rhs - A x in place; returns its norm."""
         p.operator(p.x, self._residual)
         self.space.axpby(1.0, p.rhs, -1.0, self._residual)

@@ -16,7 +16,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
-from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, LinearSolve, Status
+from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # Columns that lower the residual by less than this part are not used.
@@ -128,7 +128,7 @@ class FlexibleGMRES(KrylovSolver):
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
 
-    def _iterate(self, p: LinearSolve) -> LinearResult:
+    def _iterate(self, p: LinearResult) -> LinearResult:
         """Cycles until the target is met or nothing more is to be gained."""
         while True:
             start = p.history[-1]
@@ -143,7 +143,7 @@ class FlexibleGMRES(KrylovSolver):
             if result is not None:
                 return result
 
-    def _judge(self, p: LinearSolve, end: _End, start: float) -> LinearResult | None:
+    def _judge(self, p: LinearResult, end: _End, start: float) -> LinearResult | None:
         """What to make of the true residual after a cycle that began at `start`; None = go on."""
         residual = p.history[-1]
         if not math.isfinite(residual):
@@ -164,7 +164,7 @@ class FlexibleGMRES(KrylovSolver):
             return p.end(Status.STAGNATED, "out of iterations")
         return None
 
-    def _true_residual(self, p: LinearSolve) -> float:
+    def _true_residual(self, p: LinearResult) -> float:
         """Put rhs - A x in the first row of the basis; returns its norm."""
         row = self._basis.rows[0]
         if not p.history and not p.guess:
@@ -174,69 +174,53 @@ class FlexibleGMRES(KrylovSolver):
         self.space.axpby(1.0, p.rhs, -1.0, row)
         return self.space.norm(row)
 
-    def _cycle(self, p: LinearSolve) -> _End:
+    def _cycle(self, p: LinearResult) -> _End:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
-        start = p.history[-1]
-        self._basis.start(start)
-        small = HessenbergLeastSquares(start, self.space.epsilon)
-        goal = max(p.target, self.space.epsilon * start)
-        end = _End.LIMIT
-        for k, (column, below) in enumerate(self._columns(p)):
-            if not (math.isfinite(below) and np.isfinite(column).all()):
-                return _End.NOT_FINITE
-            p.history.append(small.append(column.tolist(), below))
-            p.iterations += 1
-            end = self._check(p, goal, below, k)
-            if end in (_End.TARGET, _End.BREAKDOWN):
-                break
+        small = HessenbergLeastSquares(p.residual, self.space.epsilon)
+        goal, rows = max(p.target, self.space.epsilon * p.residual), self._basis.rows
+        self._basis.start(p.residual)
+        end, columns, count = _End.LIMIT, 0, min(self.size, p.limit - p.iterations)
+        for k in range(0, count, self.block):
+            block = range(k, min(k + self.block, count))
+            for j in block:
+                direction, product = rows[j : j + 2]
+                if p.precondition is not None:
+                    direction = self._image_row(j)
+                    p.precondition(rows[j], direction)
+                elif self.block > 1:  # the row becomes a vector of the basis
+                    self.space.copy(direction, self._image_row(j))
+                p.operator(direction, product)
+                if self.block > 1:
+                    self.space.axpby(-1.0, rows[j], 1.0, product)
+            for column, below in self._columns(k, len(block)):
+                if not (math.isfinite(below) and np.isfinite(column).all()):
+                    return _End.NOT_FINITE
+                p.history.append(small.append(column.tolist(), below))
+                p.iterations, columns = p.iterations + 1, columns + 1
+                end = _End.FULL if columns == self.size else _End.LIMIT
+                if p.residual <= goal or below == 0.0:
+                    end = _End.TARGET if p.residual <= goal else _End.BREAKDOWN
+                    self._update(p, small)
+                    return end
         self._update(p, small)
         return end
 
-    def _check(self, p: LinearSolve, goal: float, below: float, k: int) -> _End:
-        if p.history[-1] <= goal:
-            return _End.TARGET
-        if below == 0.0:
-            return _End.BREAKDOWN
-        return _End.FULL if k + 1 == self.size else _End.LIMIT
+    def _columns(self, k: int, block: int) -> Iterator[tuple[Array, float]]:
+        """Columns of H for the products from row k + 1 on, each with the entry below it.
 
-    def _columns(self, p: LinearSolve) -> Iterator[tuple[Array, float]]:
-        """Columns of H, each with what stands below it: A M v_k in the basis."""
-        count = min(self.size, p.limit - p.iterations)
-        if self.block == 1:
-            for k in range(count):
-                self._multiply(p, k)
-                column, size, below = self._basis.extend(k + 1)
-                yield column, below if math.isfinite(size) else math.nan
-            return
-        for k in range(0, count, self.block):
-            yield from self._block(p, k, min(self.block, count - k))
-
-    def _block(self, p: LinearSolve, k: int, block: int) -> Iterator[tuple[Array, float]]:
-        """Columns of as many vectors p_0 = v_k, p_j+1 = (A M - 1) p_j, orthonormal afterwards.
-
-        Where M is near A^-1 these are less alike than the powers of A M.  H then describes A M of
-        p_j, not of v_k+j, and it is M p_j that x is made of.
+        Blocks are of vectors p_0 = v_k, p_j+1 = (A M - 1) p_j, orthonormal afterwards.  Where M is
+        near A^-1 these are less alike than the powers of A M.  H then describes A M of p_j, not of
+        v_k+j, and x is made of M p_j.
         """
-        rows = self._basis.rows
-        for j in range(k, k + block):
-            self._multiply(p, j)
-            self.space.axpby(-1.0, rows[j], 1.0, rows[j + 1])
+        if self.block == 1:
+            column, size, below = self._basis.extend(k + 1)
+            yield column, below if math.isfinite(size) else math.nan
+            return
         shifted = np.zeros(k + 1)
         shifted[k] = 1.0
         for column, below in self._basis.extend_block(k + 1, block):
             yield column + shifted, below
             shifted = np.append(column, below)
-
-    def _multiply(self, p: LinearSolve, k: int) -> None:
-        """Row k + 1 of the basis = A M row k."""
-        direction, product = self._basis.rows[k : k + 2]
-        if p.precondition is not None:
-            image = self._image_row(k)
-            p.precondition(direction, image)
-            direction = image
-        elif self.block > 1:  # what is a vector of the basis afterwards
-            self.space.copy(direction, self._image_row(k))
-        p.operator(direction, product)
 
     def _image_row(self, k: int) -> wp.array:
         """Where M v_k is kept: a flexible method cannot find it again."""
@@ -245,7 +229,7 @@ class FlexibleGMRES(KrylovSolver):
             self._image_rows = [self._images[i] for i in range(self.size)]
         return self._image_rows[k]
 
-    def _update(self, p: LinearSolve, small: HessenbergLeastSquares) -> None:
+    def _update(self, p: LinearResult, small: HessenbergLeastSquares) -> None:
         """x = x + sum_k y_k M v_k."""
         kept = p.precondition is not None or self.block > 1
         stack = self._images if kept and self._images is not None else self._basis.stack

@@ -25,7 +25,7 @@ from swe_sphere.operators.replay import recorded
 from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
-from swe_sphere.solvers.preconditioners.inner import Multilevel, schur_operator
+from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
 from swe_sphere.solvers.tracer_waves import FluxWaves, TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -208,8 +208,7 @@ class GravityWaveSolver:
             self._apply, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
-        there, here = self.space.dots((self._ones, self._b), (self._ones, self._h))
-        self.space.axpy(float(there - here), self._ones, self._h)
+        self.space.match_mean(self._b, self._h, self._ones)
         self.operator.spread(self._h, h)
         self.operator.substitute(r, h, out)
         if self.waves.tracers is not None:

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Self
 
 import warp as wp
 
@@ -23,41 +24,18 @@ class Status(Enum):
     NAN = "NaN"
 
 
-@dataclass(frozen=True)
+@dataclass
 class LinearResult:
-    """The end of a linear solve.
+    """A solve of operator(x) = rhs, under way and after its end.
 
+    scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
+    allowed; guess: whether it began from an x other than 0; terms: size of the terms that the
+    residual is the difference of.
     history: norm of the residual, in the norm of the space, at the start and after each iteration;
     within a cycle it is the one of the Arnoldi process, at a restart and where a tolerance comes
     near round-off it is recomputed from the solution.
     roundoff: the solution is as good as the arithmetic allows, which missed the tolerance; the
     status is CONVERGED then.
-    """
-
-    status: Status
-    iterations: int
-    history: tuple[float, ...]
-    message: str
-    roundoff: bool = False
-
-    @property
-    def converged(self) -> bool:
-        """Whether the status is CONVERGED."""
-        return self.status is Status.CONVERGED
-
-    @property
-    def residual(self) -> float:
-        """The last residual norm."""
-        return self.history[-1]
-
-
-@dataclass
-class LinearSolve:
-    """One solve of operator(x) = rhs under way.
-
-    scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
-    allowed; guess: whether it began from an x other than 0; terms: size of the terms that the
-    residual is the difference of.
     """
 
     operator: Operator
@@ -71,12 +49,26 @@ class LinearSolve:
     iterations: int = 0
     terms: float = 0.0
     history: list[float] = field(default_factory=list)
+    status: Status | None = None
+    message: str = ""
+    roundoff: bool = False
 
-    def end(self, status: Status, message: str, roundoff: bool = False) -> LinearResult:
-        """The result, its message led by the size of the residual."""
-        relative = self.history[-1] / (self.scale or 1.0)
-        line = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
-        return LinearResult(status, self.iterations, tuple(self.history), line, roundoff)
+    def end(self, status: Status, message: str, roundoff: bool = False) -> Self:
+        """Return this result with its status, and its message with the size of the residual."""
+        relative = self.residual / (self.scale or 1.0)
+        self.status, self.roundoff = status, roundoff
+        self.message = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
+        return self
+
+    @property
+    def converged(self) -> bool:
+        """Whether the status is CONVERGED."""
+        return self.status is Status.CONVERGED
+
+    @property
+    def residual(self) -> float:
+        """The last residual norm."""
+        return self.history[-1]
 
 
 class KrylovSolver(ABC):
@@ -109,7 +101,7 @@ class KrylovSolver(ABC):
         """
         scale = self.space.norm(rhs) if scale is None else scale
         target = max(rtol * scale, atol)
-        p = LinearSolve(operator, precondition, rhs, x, scale, target, max_iterations, guess)
+        p = LinearResult(operator, precondition, rhs, x, scale, target, max_iterations, guess)
         if scale == 0.0 or not guess:
             self.space.clear(x)
         if scale == 0.0:
@@ -124,9 +116,9 @@ class KrylovSolver(ABC):
         return self._iterate(p)
 
     @abstractmethod
-    def _true_residual(self, p: LinearSolve) -> float:
+    def _true_residual(self, p: LinearResult) -> float:
         """Put rhs - A x where iterations begin; returns its norm."""
 
     @abstractmethod
-    def _iterate(self, p: LinearSolve) -> LinearResult:
+    def _iterate(self, p: LinearResult) -> LinearResult:
         """Iterate until the target is met or nothing more is to be gained."""

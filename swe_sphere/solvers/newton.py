@@ -5,15 +5,14 @@ doi:10.1016/j.jcp.2003.08.010.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import LinearResult, Operator, Status
+from swe_sphere.solvers.linear_result import Operator, Status
 from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing, Search, backtrack
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -45,35 +44,37 @@ class Problem(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class NewtonHistory:
-    """What happened, iteration by iteration.
+@dataclass
+class NewtonResult:
+    """A Newton solve, under way and after its end.
 
     residuals: |F| at the start and after each step taken.  For each iteration the forcing term, the
     Krylov iterations, and the part of the Newton step that was taken, 0 when none was.
-    """
-
-    residuals: tuple[float, ...]
-    forcing: tuple[float, ...]
-    krylov: tuple[int, ...]
-    lengths: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class NewtonResult:
-    """The end of a Newton solve.
-
+    residual_evaluations: calls of F alone, without Jacobian products.
     roundoff: converged as far as the arithmetic allows, which missed the tolerance; the status is
-    CONVERGED then.  residual_evaluations: calls of F alone, without Jacobian products.
+    CONVERGED then.
     """
 
-    status: Status
-    newton_iterations: int
-    krylov_iterations: int
-    history: NewtonHistory
-    message: str
-    residual_evaluations: int = 0
+    residuals: list[float]
+    target: float = 0.0
+    floor: float = 0.0
+    forcing: list[float] = field(default_factory=list)
+    krylov: list[int] = field(default_factory=list)
+    lengths: list[float] = field(default_factory=list)
+    residual_evaluations: int = 1
+    status: Status | None = None
+    message: str = ""
     roundoff: bool = False
+
+    def end(self, status: Status, message: str, roundoff: bool = False) -> Self:
+        """Return this result with its status, and its message completed by counts and residuals."""
+        self.status, self.roundoff = status, roundoff
+        self.message = (
+            f"{message} ({self.newton_iterations} Newton and {self.krylov_iterations} Krylov"
+            f" iterations, residual {self.residuals[0]:.1e} to {self.residual:.1e},"
+            f" wanted {self.target:.1e})"
+        )
+        return self
 
     @property
     def converged(self) -> bool:
@@ -83,34 +84,17 @@ class NewtonResult:
     @property
     def residual(self) -> float:
         """The last |F|."""
-        return self.history.residuals[-1]
+        return self.residuals[-1]
 
+    @property
+    def newton_iterations(self) -> int:
+        """Number of Newton iterations."""
+        return len(self.krylov)
 
-@dataclass
-class _Progress:
-    """One solve under way."""
-
-    problem: Problem
-    x: wp.array
-    target: float = 0.0
-    floor: float = 0.0
-    residuals: list[float] = field(default_factory=list)
-    forcing: list[float] = field(default_factory=list)
-    krylov: list[int] = field(default_factory=list)
-    lengths: list[float] = field(default_factory=list)
-    evaluations: int = 0
-
-    def end(self, status: Status, message: str, roundoff: bool = False) -> NewtonResult:
-        """The result, with the message completed by counts and residuals."""
-        history = NewtonHistory(
-            tuple(self.residuals), tuple(self.forcing), tuple(self.krylov), tuple(self.lengths)
-        )
-        newton, krylov = len(self.krylov), sum(self.krylov)
-        line = (
-            f"{message} ({newton} Newton and {krylov} Krylov iterations, residual "
-            f"{self.residuals[0]:.1e} to {self.residuals[-1]:.1e}, wanted {self.target:.1e})"
-        )
-        return NewtonResult(status, newton, krylov, history, line, self.evaluations, roundoff)
+    @property
+    def krylov_iterations(self) -> int:
+        """Number of Krylov iterations of all Newton iterations together."""
+        return sum(self.krylov)
 
 
 class NewtonKrylov:
@@ -151,54 +135,51 @@ class NewtonKrylov:
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)
-        p = _Progress(problem, x, residuals=[first], evaluations=1)
-        p.target = max(self.rtol * (first if scale is None else scale), self.atol)
+        p = NewtonResult([first], max(self.rtol * (first if scale is None else scale), self.atol))
         if not math.isfinite(first):
             return p.end(Status.NAN, "the residual of the guess is not finite")
         if first == 0.0 or (scale is None and first <= p.target):
             return p.end(Status.CONVERGED, "the guess is good enough")
         p.target, p.floor = min(max(p.target, floor), LEAST_GAIN * first), floor
-        while len(p.krylov) < self.max_iterations:
-            result = self._iterate(p)
-            if result is not None:
-                return result
-        return p.end(Status.STAGNATED, "out of Newton iterations")
+        while p.status is None and p.newton_iterations < self.max_iterations:
+            self._iterate(p, problem, x)
+        return p if p.status else p.end(Status.STAGNATED, "out of Newton iterations")
 
-    def _iterate(self, p: _Progress) -> NewtonResult | None:
-        """One Newton iteration; a result when it was the last."""
-        linear = self._solve_linear(p)
-        if linear.status is Status.NAN:
-            return p.end(Status.NAN, f"linear solve: {linear.message}")
-        if not linear.residual < 0.999 * p.residuals[-1]:
-            return p.end(Status.STAGNATED, f"no direction from the linear solve: {linear.message}")
-        norm = p.residuals[-1]
-        eta = linear.residual / norm
-        tiny = eta < 0.5 and self._is_roundoff(p.x)
-        trial = self._trial_along(p)
-        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, norm, eta)
-        p.evaluations += search.trials
-        if not tiny:
-            self._learn(p, search, eta)
-        return self._accept(p, search, eta, tiny)
-
-    def _solve_linear(self, p: _Progress) -> LinearResult:
-        """Put the negative Newton direction, J d = F, in self._direction."""
-        eta = self.forcing(p.residuals[-1], p.target, self.nonlinearity)
-        p.problem.linearise(p.x)
+    def _iterate(self, p: NewtonResult, problem: Problem, x: wp.array) -> None:
+        """Take one Newton iteration, which ends the solve if it was the last."""
+        norm = p.residual
+        eta = self.forcing(norm, p.target, self.nonlinearity)
+        problem.linearise(x)
         linear = self.gmres.solve(
-            p.problem.jacobian,
-            self._residual,
-            self._direction,
-            p.problem.precondition,
-            rtol=eta,
-            max_iterations=self.max_krylov,
-            scale=p.residuals[-1],
-            guess=False,
-        )
+            problem.jacobian, self._residual, self._direction, problem.precondition, rtol=eta,
+            max_iterations=self.max_krylov, scale=norm, guess=False,
+        )  # fmt: skip
         p.forcing.append(eta)
         p.krylov.append(linear.iterations)
         p.lengths.append(0.0)
-        return linear
+        if linear.status is Status.NAN:
+            p.end(Status.NAN, f"linear solve: {linear.message}")
+        elif not linear.residual < 0.999 * norm:
+            p.end(Status.STAGNATED, f"no direction from the linear solve: {linear.message}")
+        else:
+            self._search(p, problem, x, linear.residual / norm)
+
+    def _search(self, p: NewtonResult, problem: Problem, x: wp.array, eta: float) -> None:
+        """Move along J d = F, solved to a relative residual eta, and judge where that leads."""
+
+        def trial(length: float) -> float:
+            """Return |F| at x - length d, and leave point and residual in the trial vectors."""
+            self.space.copy(x, self._trial)
+            self.space.axpy(-length, self._direction, self._trial)
+            problem.residual(self._trial, self._trial_residual)
+            return self.space.norm(self._trial_residual)
+
+        tiny = eta < 0.5 and self._is_roundoff(x)
+        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, p.residual, eta)
+        p.residual_evaluations += search.trials
+        if not tiny:
+            self._learn(p, search, eta)
+        self._accept(p, x, search, eta, tiny)
 
     def _is_roundoff(self, x: wp.array) -> bool:
         """Whether the correction is too small for x to resolve."""
@@ -206,42 +187,32 @@ class NewtonKrylov:
         correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
         return bool(correction <= ROUNDOFFS * self.space.epsilon * size)
 
-    def _trial_along(self, p: _Progress) -> Callable[[float], float]:
-        """|F| at x - s d, with point and residual left in the trial vectors."""
-
-        def trial(length: float) -> float:
-            self.space.copy(p.x, self._trial)
-            self.space.axpy(-length, self._direction, self._trial)
-            p.problem.residual(self._trial, self._trial_residual)
-            return self.space.norm(self._trial_residual)
-
-        return trial
-
-    def _learn(self, p: _Progress, search: Search, eta: float) -> None:
+    def _learn(self, p: NewtonResult, search: Search, eta: float) -> None:
         """Take the nonlinearity from a step, for parts at right angles in the residual it left.
 
         Later steps of a solve tell it only where they left more than the linear system did.
         """
-        norm, length = p.residuals[-1], search.length
+        norm, length = p.residual, search.length
         expected = (1.0 - length * (1.0 - eta)) * norm
         missed = math.sqrt(max(search.norm**2 - expected**2, 0.0))
         if math.isfinite(missed) and (len(p.krylov) == 1 or missed > expected):
             self.nonlinearity = missed / (length * norm) ** 2
 
-    def _accept(self, p: _Progress, search: Search, eta: float, tiny: bool) -> NewtonResult | None:
-        """Move to the point found, if it is better, and judge where that leads."""
-        norm = p.residuals[-1]
+    def _accept(self, p: NewtonResult, x: wp.array, search: Search, eta: float, tiny: bool) -> None:
+        """Move to the point found if it is better, and end the solve there if it is the last."""
+        norm = p.residual
         if not math.isfinite(search.norm):
-            return p.end(Status.NAN, "the residual is not finite along the Newton direction")
+            p.end(Status.NAN, "the residual is not finite along the Newton direction")
+            return
         if search.success and (search.norm < norm or not tiny):
-            self.space.copy(self._trial, p.x)
+            self.space.copy(self._trial, x)
             self._residual, self._trial_residual = self._trial_residual, self._residual
             p.residuals.append(search.norm)
             p.lengths[-1] = search.length
             if search.norm <= max(p.target, p.floor):
-                return p.end(Status.CONVERGED, "converged")
+                p.end(Status.CONVERGED, "converged")
+                return
         if tiny and search.norm > 0.5 * (1.0 + eta) * norm:
-            return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
-        if not search.success:
-            return p.end(Status.STAGNATED, f"no decrease after {search.trials} trial steps")
-        return None
+            p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        elif not search.success:
+            p.end(Status.STAGNATED, f"no decrease after {search.trials} trial steps")

@@ -32,8 +32,9 @@ class TracerWaves:
         self._air_transport = TracerTransport(mesh, model.launch, 1)
         self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
         self._ones = mesh.upload(np.ones(n))
-        blocks = np.kron(np.eye(len(model.names))[3:], np.ones(n))
-        self._units = [mesh.upload(block) for block in blocks]
+        self._units = [model.zeros() for _ in range(count)]
+        for unit, begin in zip(self._units, range(self._first, model.size, n), strict=True):
+            unit[begin : begin + n].fill_(1.0)
         area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
         self._space = VectorSpace(area, mesh=mesh)
 
@@ -53,8 +54,7 @@ class TracerWaves:
         self._air_transport(self._flow, self._ones, 0, self._air, 0)
         self._ratio.correct(self._flux, self._air, tau, r, x)
         for unit in self._units:
-            there, here = self._space.dots((r, unit), (x, unit))
-            self._space.axpy(float(there - here), unit, x)
+            self._space.match_mean(r, x, unit)
 
     def _carry_rest(self, d: wp.array) -> None:
         """flow = H V."""

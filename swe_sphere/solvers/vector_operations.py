@@ -9,6 +9,7 @@ of `DeviceVectors` are for GPUs, and run on "cpu" to be tested.
 import ctypes
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,9 @@ MOST_VIEWS = 512
 
 
 class _Summed:
-    """Vectors whose products are taken piece by piece: of `length` numbers, or chunks of ranks."""
+    """Vectors whose products are sums over spans of `length` numbers, or over chunks of ranks."""
+
+    projections: Callable[..., Array]
 
     def __init__(
         self, weights: Array, real: type, device: str, mesh: DeviceMesh | None, length: int
@@ -53,8 +56,14 @@ class _Summed:
         else:
             self._spans = wp.array(equal_spans(self.n, length), dtype=wp.int32, device=device)
 
+    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
+        return self.projections((stack, count, v))
+
+    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
+        return self.projections(*((a.reshape((1, self.n)), 1, b) for a, b in pairs))
+
     def _least_of_all(self, lowest: float) -> float:
-        """Of what each rank has found, -infinity where one is NaN."""
+        """Return the least value that any rank has found; NaN counts as -infinity."""
         return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
 
 
@@ -133,9 +142,6 @@ class HostVectors(_Summed):
     def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
         return self.projections(*((a, 1, b) for a, b in pairs))
 
-    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        return self.projections((stack, count, v))
-
     def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
         count = sum(rows for _, rows, _ in calls)
         if count > self._products.size:
@@ -210,12 +216,6 @@ class DeviceVectors(_Summed):
 
     def scale(self, a: float, x: wp.array) -> None:
         self.axpby(a, x, 0.0, x)
-
-    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
-        return self.projections(*((a.reshape((1, self.n)), 1, b) for a, b in pairs))
-
-    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        return self.projections((stack, count, v))
 
     def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
         count = sum(rows for _, rows, _ in calls)

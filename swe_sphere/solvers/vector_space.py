@@ -6,48 +6,32 @@ sums run in float64, whatever the vectors hold, in a fixed order.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.solvers.vector_operations import DeviceVectors, HostVectors
 
-OPERATIONS = (
-    "copy", "clear", "scale", "axpby", "lowest", "dots", "projections", "project", "combine_rows",
-)  # fmt: skip
-"""What a device or the host does."""
-
 
 class VectorSpace:
-    """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>)."""
+    """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>).
 
-    copy: Callable[[wp.array, wp.array], None]
-    """copy(source, target): target = source."""
-    clear: Callable[[wp.array], None]
-    """clear(x): x = 0."""
-    scale: Callable[[float, wp.array], None]
-    """scale(a, x): x = a x."""
-    axpby: Callable[[float, wp.array, float, wp.array], None]
-    """axpby(a, x, b, y): y = a x + b y."""
-    dots: Callable[..., Array]
-    """dots((a, b), (c, d), ...): <a, b>, <c, d>, ... as numpy array that the next call overwrites;
-    of several ranks in one message."""
-    lowest: Callable[[wp.array, int, int], float]
-    """lowest(x, begin, end): the least of x[begin:end], -infinity where one is NaN."""
-    project: Callable[[wp.array, int, wp.array], Array]
-    """project(stack, count, v): <stack[s], v> for s < count, as numpy array (count,) that the next
-    call overwrites."""
-    projections: Callable[..., Array]
-    """projections((stack, count, v), ...): those of `project`, one behind the other, likewise; of
-    several ranks in one message."""
-    combine_rows: Callable[[float, wp.array, wp.array, Array, wp.array], None]
-    """combine_rows(scale, x, stack, c, out): as `combine`, for c in an array."""
+    Operations of the device, or of the host for device "cpu":
+
+    - copy(source, target): target = source; clear(x): x = 0; scale(a, x): x = a x;
+    - axpby(a, x, b, y): y = a x + b y; combine_rows(scale, x, stack, c, out): see `combine`;
+    - dots((a, b), (c, d), ...): <a, b>, <c, d>, ... as a numpy array;
+    - project(stack, count, v): <stack[s], v> for s < count as a numpy array (count,);
+    - projections((stack, count, v), ...): the results of `project`, one behind the other;
+    - lowest(x, begin, end): the least of x[begin:end], -infinity where one of them is NaN.
+
+    The next product overwrites the array that a product has returned.  Ranks exchange one message
+    for all products of a call.
+    """
 
     def __init__(
         self,
@@ -75,14 +59,14 @@ class VectorSpace:
         real = real or (wp.float64 if mesh is None else mesh.real)
         self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
         self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
-        by_kernels = self.device != "cpu" if kernels is None else kernels
         do: HostVectors | DeviceVectors
-        if by_kernels:
+        if (self.device != "cpu") if kernels is None else kernels:
             do = DeviceVectors(values, real, self.device, mesh)
         else:
             do = HostVectors(values, real, mesh)
-        for operation in OPERATIONS:
-            setattr(self, operation, getattr(do, operation))
+        self.copy, self.clear, self.scale, self.axpby = do.copy, do.clear, do.scale, do.axpby
+        self.dots, self.project, self.projections = do.dots, do.project, do.projections
+        self.lowest, self.combine_rows = do.lowest, do.combine_rows
 
     def zeros(self) -> wp.array:
         """A new vector (n,) of zeros."""
@@ -121,14 +105,20 @@ class VectorSpace:
         """|a|; NaN when an element is."""
         return math.sqrt(self.dot(a, a))
 
-    def combine(
-        self,
-        x: wp.array,
-        stack: wp.array,
-        coefficients: ArrayLike,
-        out: wp.array,
-        scale: float = 1.0,
+    def match_mean(
+        self, source: wp.array, x: wp.array, unit: wp.array, square: float = 1.0, gain: float = 0.0
     ) -> None:
+        """Add a multiple of `unit` to x, so that <x, unit> = <source, unit> + gain |unit|^2.
+
+        square: |unit|^2.
+        """
+        there, here = self.dots((source, unit), (x, unit))
+        self.axpy(float(there - here) / square + gain, unit, x)
+
+    def combine(
+        self, x: wp.array, stack: wp.array, coefficients: ArrayLike, out: wp.array,
+        scale: float = 1.0,
+    ) -> None:  # fmt: skip
         """out = scale (x + sum_s c_s stack[s]) over the first len(c) rows; `out` may be `x`."""
         c = np.asarray(coefficients, dtype=np.float64)
         self.combine_rows(scale, x, stack, c, out)

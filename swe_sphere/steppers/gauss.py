@@ -46,7 +46,7 @@ class ForwardElimination(Preconditioner):
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the time step tau [s] at a state (n,)."""
         for part, diagonal in zip(self._parts, DIAGONAL, strict=True):
-            part.setup(state, diagonal * tau)
+            part.update(state, diagonal * tau)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - dt A (x) J)^-1 r, both (2n,)."""

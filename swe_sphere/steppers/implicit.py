@@ -204,7 +204,7 @@ class ImplicitStepper(SteppedInParts):
         """Bring the preconditioner to the present state and tau [s]."""
         if self.problem.preconditioner is not None:
             point = self.model.point_of_tangent(self.state)
-            self.problem.preconditioner.setup(point, self.prepared_for or tau)
+            self.problem.preconditioner.update(point, self.prepared_for or tau)
 
     def _worthless(self) -> float:
         """Residual that is worth one iteration, not two; there is none if the tolerance is 0."""

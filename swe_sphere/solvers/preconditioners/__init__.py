@@ -5,11 +5,7 @@ import pkgutil
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners.preconditioner import (
-    PRECONDITIONERS,
-    Preconditioner,
-    WithTracers,
-)
+from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
 
 __all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
 
@@ -27,6 +23,6 @@ def make_preconditioner(
     """
     kind = PRECONDITIONERS.find(which)
     made = None if model.scene.wind is not None else kind.for_model(model)
-    if made is None or model.tracers is None:
-        return made
-    return WithTracers(made, model.tracers.mixing_ratio())
+    if made is not None and model.tracers is not None:
+        made.ratio = model.tracers.mixing_ratio()
+    return made

@@ -1,27 +1,25 @@
 """Preconditioning by block elimination with the consistent Helmholtz operator."""
 
+from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
 
+import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import nearness_kernel
-from swe_sphere.operators.replay import recorded
-from swe_sphere.solvers.preconditioners.inner import (
-    Direct,
-    InnerSolver,
-    Jacobi,
-    Multilevel,
-    Schwarz,
-    schur_operator,
-)
+from swe_sphere.operators.field import Field
+from swe_sphere.operators.replay import Replay
+from swe_sphere.operators.schur import SchurMatrix
+from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
 from swe_sphere.solvers.preconditioners.preconditioner import (
     DEPTH_CHANGE,
     KeptSetup,
-    elimination_memory,
+    refuse_if_large,
+    unique_nodes,
 )
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -29,12 +27,14 @@ from swe_sphere.solvers.vector_space import VectorSpace
 class BlockElimination(KeptSetup):
     """(I - tau L)^-1 with gravity waves about the current depth, advection left out.
 
-    See `SchurOperator`; a subclass says by what S is inverted, about.
+    It eliminates the wind, see `SchurOperator`; a subclass inverts the Schur complement S, about,
+    by `invert` and `solve`, with S as `operator` on the device and as `matrix` on the host.
     """
 
-    inner_solver: ClassVar[type[InnerSolver]]
     real: ClassVar[Any] = wp.float32
     """Number type of all vectors inside: a preconditioner needs no more."""
+    launches: ClassVar[bool] = False
+    """Whether `solve` only launches kernels, so that it can be recorded."""
 
     def __init__(self, model: Model) -> None:
         if model.scene.wind is not None:
@@ -43,7 +43,7 @@ class BlockElimination(KeptSetup):
         outer = model.device_mesh.real
         damping = model.damping if model.diffusive else None
         self.operator = schur_operator(model, model.coriolis, self.real, outer, damping)
-        self.inner = self.inner_solver(self.operator)
+        self.matrix = SchurMatrix(model.mesh, self.operator.gravity, model.coriolis)
         self._b, self._h = self.operator.field(), self.operator.field()
         mesh, nearness = model.device_mesh, nearness_kernel(outer)
         self._space = VectorSpace(mesh.mesh.area, mesh=mesh)
@@ -51,10 +51,13 @@ class BlockElimination(KeptSetup):
         model.launch.load(nearness)
         self._compare = partial(model.launch, nearness, mesh.size, DEPTH_CHANGE)
 
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """Memory [bytes] that it takes on that mesh, about."""
-        return elimination_memory(ne, np) + cls.inner_solver.memory_estimate(ne, np)
+    @abstractmethod
+    def invert(self, tau: float, depth: Array) -> None:
+        """Prepare `solve` for the implicit step tau [s] and the depth (N,) [m]."""
+
+    @abstractmethod
+    def solve(self, b: Field, x: Field) -> None:
+        """Write S^-1 b to x, about; b may be overwritten."""
 
     def _needed(self, fluid: Array) -> Array:
         return fluid[2 * fluid.size // 3 :]
@@ -66,39 +69,78 @@ class BlockElimination(KeptSetup):
 
     def _prepare(self, tau: float, flow: Array) -> None:
         self._space.load(flow, self._then)
-        self.inner.prepare(tau, flow)
-        launch, apply = self.operator.launch, self._apply
-        self._act = recorded(launch, apply) if self.inner.launches else apply
+        self.operator.configure(tau, flow, 1.0 / self.matrix.diagonal(tau, flow))
+        self.invert(tau, flow)
+        self._replay = Replay(self.operator.launch)
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
-        self._act(r, out)
+        if self.launches:
+            self._replay((r.ptr, out.ptr), lambda: self._eliminate(r, out))
+        else:
+            self._eliminate(r, out)
 
-    def _apply(self, r: wp.array, out: wp.array) -> None:
+    def _eliminate(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)
-        self.inner.solve(self._b, self._h)
+        self.solve(self._b, self._h)
         self.operator.substitute(r, self._h, out)
-
-
-class JacobiElimination(BlockElimination):
-    """The Schur complement by its diagonal."""
-
-    name, inner_solver = "jacobi", Jacobi
 
 
 class Helmholtz(BlockElimination):
     """The Schur complement by a coarse correction and Chebyshev steps."""
 
-    name, inner_solver = "helmholtz", Multilevel
+    name, launches = "helmholtz", True
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(model)
+        self._multilevel = Multilevel(self.operator)
+
+    def invert(self, tau: float, depth: Array) -> None:
+        """Prepare the cycles for the implicit step tau [s] and the depth (N,) [m]."""
+        self._multilevel.setup(tau, depth)
+
+    def solve(self, b: Field, x: Field) -> None:
+        """x near S^-1 b; b is overwritten."""
+        self._multilevel.solve(b, x)
 
 
-class SchwarzElimination(BlockElimination):
-    """The Schur complement by overlapping patches."""
+class JacobiElimination(BlockElimination):
+    """The Schur complement by its diagonal."""
 
-    name, inner_solver = "helmholtz-schwarz", Schwarz
+    name = "jacobi"
+
+    def invert(self, tau: float, depth: Array) -> None:
+        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
+        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
+
+    def solve(self, b: Field, x: Field) -> None:
+        """x = b / diag S."""
+        self.operator.put(self._inverse * self.operator.fetch(b), x)
 
 
 class DirectElimination(BlockElimination):
-    """The Schur complement by sparse factors."""
+    """The Schur complement by sparse LU factors, on the host."""
 
-    name, inner_solver, real = "helmholtz-direct", Direct, wp.float64
+    name, real = "helmholtz-direct", wp.float64
+
+    def __init__(self, model: Model) -> None:
+        n, degree = model.mesh.size, model.mesh.np - 1
+        factors = f"the factors of a {n} x {n} Schur complement"
+        refuse_if_large(12.0 * 2.2 * degree * n**1.5, factors, self.name)
+        super().__init__(model)
+
+    @classmethod
+    def memory_estimate(cls, ne: int, np: int) -> float:
+        """With the factors of the whole matrix."""
+        factors: float = 30.0 * (np - 1) * unique_nodes(ne, np) ** 1.5
+        return super().memory_estimate(ne, np) + factors
+
+    def invert(self, tau: float, depth: Array) -> None:
+        """Factorise for the implicit step tau [s] and the depth (N,) [m]."""
+        self._factors = scipy.sparse.linalg.splu(
+            self.matrix.matrix(tau, depth).tocsc(), permc_spec="MMD_AT_PLUS_A"
+        )
+
+    def solve(self, b: Field, x: Field) -> None:
+        """x = S^-1 b."""
+        self.operator.put(self._factors.solve(self.operator.fetch(b)), x)

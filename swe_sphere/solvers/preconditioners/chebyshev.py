@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from swe_sphere.arrays import Array
+from swe_sphere.operators.schur import SchurOperator
 
 OPTIMAL = {
     1: (1.12500000000000,),
@@ -39,6 +40,25 @@ def chebyshev_coefficients(degree: int, largest: float) -> list[tuple[float, flo
         for k in range(2, degree + 1)
     ]
     return [(*step, beta) for step, beta in zip(steps, OPTIMAL[degree], strict=True)]
+
+
+def chebyshev_steps(
+    operator: SchurOperator, degree: int, diagonal: Array
+) -> list[tuple[float, float, float]]:
+    """Coefficients of so many Chebyshev steps on S, as the operator has it, with that diagonal."""
+    return chebyshev_coefficients(degree, largest_eigenvalue(operator, 1.0 / diagonal))
+
+
+def largest_eigenvalue(operator: SchurOperator, inverse: Array) -> float:
+    """Bound on the spectrum of S, as the operator has it, over its diagonal (N,) inverted."""
+    x, image = operator.field(), operator.field()
+
+    def product(values: Array) -> Array:
+        operator.put(values, x)
+        operator.apply(x, image)
+        return inverse * operator.fetch(image)
+
+    return spectral_bound(product, inverse.size)
 
 
 def spectral_bound(product: Callable[[Array], Array], size: int) -> float:

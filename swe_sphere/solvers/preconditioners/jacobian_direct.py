@@ -8,13 +8,12 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.dissection import dissection_order
 from swe_sphere.operators.sparse import Probing
-from swe_sphere.solvers.preconditioners.inner import LARGEST_MEMORY
 from swe_sphere.solvers.preconditioners.preconditioner import (
     DEPTH_CHANGE,
     KeptSetup,
+    refuse_if_large,
     unique_nodes,
 )
 
@@ -37,11 +36,7 @@ class JacobianDirect(KeptSetup):
         super().__init__(model)
         mesh = model.mesh
         memory = self.memory_estimate(mesh.ne, mesh.np)
-        if memory > LARGEST_MEMORY:
-            raise ConfigError(
-                f"the factors of the Jacobian would take about {memory / 1e9:.0f} GB; choose the "
-                "preconditioner helmholtz instead of jacobian-direct"
-            )
+        refuse_if_large(memory, "the factors of the Jacobian", self.name)
         self._probing = Probing(mesh)
         self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()

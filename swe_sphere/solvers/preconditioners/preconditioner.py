@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.operators.transport_operator import MixingRatio
 from swe_sphere.settings.registry import Registry
 
@@ -34,14 +35,37 @@ def unique_nodes(ne: int, np: int) -> float:
     return 6.0 * (ne * (np - 1)) ** 2 + 2.0
 
 
+LARGEST_MEMORY = 4e9
+"""Memory [bytes] that a factorisation or patch inverses may take."""
+
+
+def refuse_if_large(memory: float, what: str, name: str) -> None:
+    """Raise ConfigError where preconditioner `name` would need more memory [bytes] than it may."""
+    if memory > LARGEST_MEMORY:
+        raise ConfigError(
+            f"{what} would take about {memory / 1e9:.0f} GB; choose the preconditioner helmholtz"
+            f" instead of {name}"
+        )
+
+
 class Preconditioner(ABC):
-    """Approximate inverse of I - tau J, J the Jacobian of the right-hand side."""
+    """Approximate inverse of I - tau J, J the Jacobian of the right-hand side.
+
+    A subclass has `setup` and `apply` for wind and depth.  Tracers follow them, if `ratio` holds
+    their mixing ratios: z_hq = r_hq + q (z_h - r_h).  That is block elimination with the gravity
+    waves of the depth, -div(hq V) being q times -div(h V) but for the gradient of q, which is
+    advection and left out here as it is for the depth.  A constant q gives z_hq = q z_h for
+    r_hq = q r_h, and so for every Krylov vector: it stays constant to round-off, whatever the
+    tolerance of the solver.
+    """
 
     name: ClassVar[str]
     """By which users call it; a class without a name of its own is a base of others."""
 
     setups, applications, setup_seconds = 0, 0, 0.0
     """Set-ups and applications so far, and wall time of the former [s]."""
+    ratio: MixingRatio | None = None
+    """Mixing ratios of the tracers of a state; None where there are none."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -70,10 +94,18 @@ class Preconditioner(ABC):
             "setup_seconds": self.setup_seconds,
         }
 
+    def update(self, state: wp.array, tau: float) -> None:
+        """Prepare for the implicit step tau [s] at a state, tracers included."""
+        self.setup(state, tau)
+        if self.ratio is not None:
+            self.ratio.set(state)
+
     def __call__(self, r: wp.array, out: wp.array) -> None:
-        """`apply`, counted."""
+        """Write (I - tau J)^-1 r to `out`, about, both states, tracers included."""
         self.applications += 1
         self.apply(r, out)
+        if self.ratio is not None:
+            self.ratio.follow(r, out)
 
     @abstractmethod
     def apply(self, r: wp.array, out: wp.array) -> None:
@@ -156,38 +188,3 @@ class KeptSetup(Preconditioner):
     @abstractmethod
     def _prepare(self, tau: float, flow: Array) -> None:
         """Set up for tau [s] and those fields of the whole mesh."""
-
-
-class WithTracers(Preconditioner):
-    """A preconditioner for wind and depth, which tracers then follow: z_hq = r_hq + q (z_h - r_h).
-
-    That is block elimination with the gravity waves of the depth, -div(hq V) being q times
-    -div(h V) but for the gradient of q, which is advection and left out here as it is for the
-    depth.  A constant q gives z_hq = q z_h for r_hq = q r_h, and so for every Krylov vector: it
-    stays constant to round-off, whatever the tolerance of the solver.
-    """
-
-    def __init__(self, flow: Preconditioner, ratio: MixingRatio) -> None:
-        self._flow, self._ratio = flow, ratio
-
-    def costs(self) -> dict[str, float]:
-        """What the flow's has taken so far."""
-        return self._flow.costs()
-
-    def setup(self, state: wp.array, tau: float) -> None:
-        """Prepare for the implicit step tau [s] at a state; mixing ratios are always its own."""
-        self._flow.setup(state, tau)
-        self._ratio.set(state)
-
-    def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - tau J)^-1 r, both states."""
-        self._flow(r, out)
-        self._ratio.follow(r, out)
-
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What the set-up in use was made for."""
-        return self._flow.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Make that set-up again."""
-        self._flow.load_state_dict(state)
