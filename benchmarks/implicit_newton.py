@@ -10,7 +10,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing
-from swe_sphere.steppers import dirk, get_stepper, implicit
+from swe_sphere.steppers import dirk, get_stepper, newton_stages
 from swe_sphere.testcases import get_scene
 
 RUNS = {
@@ -82,7 +82,7 @@ def _counts(model: Model, name: str, dt: float, first: float, followed: float) -
 
 
 def _stepped(model: Model, name: str, dt: float, kind: Forcing, days: float) -> str:
-    with patch.object(implicit, "FORCING", kind):
+    with patch.object(newton_stages, "FORCING", kind):
         stepper = get_stepper(name)(model, dt)
     stepper.start(model.initial_state())
     for _ in range(round(days * DAY / dt)):

@@ -16,7 +16,7 @@ from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import RECOMMENDED, get_stepper
-from swe_sphere.steppers.solving import energy_weights
+from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.testcases import get_scene
 
 

@@ -16,7 +16,7 @@ from swe_sphere import Simulation
 from swe_sphere.ranks.communicator import MpiCommunicator, world
 from swe_sphere.solvers import vector_space
 from swe_sphere.solvers.vector_operations import DeviceVectors
-from swe_sphere.steppers import implicit
+from swe_sphere.steppers import newton_stages
 
 
 def fingerprint(scene, stepper, dt, steps, ne, np, settings):
@@ -51,7 +51,7 @@ CHANGES = {
     "plain": [],
     "as-gpu": as_gpu(reached=False),
     "as-gpu reached": as_gpu(reached=True),
-    "small-basis": [(implicit, "KRYLOV_MEMORY", 6e5)],
+    "small-basis": [(newton_stages, "KRYLOV_MEMORY", 6e5)],
 }
 """By mode: where, what and how it is otherwise."""
 

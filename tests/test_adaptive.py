@@ -17,7 +17,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.simulation import run
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveStepper, PIController
+from swe_sphere.steppers.adaptive import AdaptiveSteps, PIController
 from swe_sphere.testcases import get_scene
 
 OUTER = 7200.0
@@ -34,9 +34,9 @@ def moving():
     return SimpleNamespace(model=model, state=state, exact=exact.state.numpy().copy())
 
 
-def make(flow, name: str, tolerance: float, outer: float = OUTER, **options) -> AdaptiveStepper:
+def make(flow, name: str, tolerance: float, outer: float = OUTER, **options) -> AdaptiveSteps:
     """A stepper at the start of a flow."""
-    stepper = AdaptiveStepper(STEPPERS[name](flow.model, outer), tolerance, **options)
+    stepper = AdaptiveSteps(STEPPERS[name](flow.model, outer), tolerance, **options)
     stepper.start(flow.state)
     return stepper
 
@@ -46,7 +46,7 @@ def error(flow, name: str, tolerance: float, **options) -> float:
     stepper = make(flow, name, tolerance, **options)
     stepper.step()
     stepper.step()
-    space = stepper._scheme.space
+    space = stepper.scheme.space
     difference = flow.model.device_mesh.upload(stepper.state.numpy() - flow.exact)
     return space.norm(difference) / space.norm(flow.state)
 
@@ -144,7 +144,7 @@ def test_energy_drift_is_that_above_the_lowest_point(surface: float) -> None:
         model=(model := Model(Mesh.build(2, 4), low)), state=model.initial_state()
     )
     stepper = make(flow, "implicit-euler", 1e-6, by="energy")
-    scheme = stepper._scheme
+    scheme = stepper.scheme
     assert scheme.attempt(0.0, OUTER) is None
     fields = [model.fields(state) for state in (scheme.state, scheme.new)]
     before, after = (
@@ -160,7 +160,7 @@ def test_energy_drift_is_that_above_the_lowest_point(surface: float) -> None:
 
 def test_energy_drift_of_what_is_no_number_is_none(moving) -> None:
     stepper = make(moving, "implicit-euler", 1e-6, by="energy")
-    stepper._scheme.new.fill_(np.nan)
+    stepper.scheme.new.fill_(np.nan)
     assert np.isnan(stepper._measure(OUTER))
 
 
@@ -172,13 +172,13 @@ def test_energy_drift_is_only_an_alarm_for_a_scheme_without_damping(moving) -> N
 def test_the_solver_is_as_exact_as_the_tolerance_needs(moving) -> None:
     """Solves to the scheme's own tolerance would be the larger error."""
     stepper = make(moving, "tr-bdf2", 1e-7)
-    usual = stepper._scheme.loosest
+    usual = stepper.scheme.solver.loosest
     stepper.step()
-    assert stepper._scheme.loosest < 0.1 * usual
+    assert stepper.scheme.solver.loosest < 0.1 * usual
     loose = make(moving, "esdirk4", 1e-2)
-    usual = loose._scheme.loosest
+    usual = loose.scheme.solver.loosest
     loose.step()
-    assert loose._scheme.loosest == usual
+    assert loose.scheme.solver.loosest == usual
 
 
 # --- the steps
@@ -207,15 +207,15 @@ def test_a_first_step_that_is_too_large_is_taken_back_and_noted(moving) -> None:
     assert error(moving, "rosenbrock-w", 1e-6, first=OUTER) < 1.5e-6
 
 
-def failing_above(stepper: AdaptiveStepper, longest: float, monkeypatch) -> list[tuple]:
+def failing_above(stepper: AdaptiveSteps, longest: float, monkeypatch) -> list[tuple]:
     """Make solves of longer steps fail; the steps that were attempted come into the list."""
-    attempt, seen = stepper._scheme._attempt, []
+    attempt, seen = stepper.scheme.solve_step, []
 
     def limited(t, dt, out):
         seen.append((t, dt))
         return SimpleNamespace(message="no way") if dt > longest else attempt(t, dt, out)
 
-    monkeypatch.setattr(stepper._scheme, "_attempt", limited)
+    monkeypatch.setattr(stepper.scheme, "solve_step", limited)
     return seen
 
 
@@ -260,9 +260,9 @@ class Unmet:
 def test_a_step_that_fails_on_its_way_leaves_the_state_of_its_start(moving, monkeypatch) -> None:
     """Which is the one that belongs to `time`."""
     stepper = make(moving, "tr-bdf2", 1e-2, first=OUTER / 8)
-    attempt = stepper._scheme.attempt
+    attempt = stepper.scheme.attempt
     monkeypatch.setattr(
-        stepper._scheme, "attempt", lambda t, dt: "no way" if t > OUTER / 4 else attempt(t, dt)
+        stepper.scheme, "attempt", lambda t, dt: "no way" if t > OUTER / 4 else attempt(t, dt)
     )
     with pytest.raises(RunFailed):
         stepper.step()
@@ -311,7 +311,7 @@ def test_a_restarted_run_is_the_same_to_the_bit(moving, name: str, by: str) -> N
     through = make(moving, name, 1e-5, outer=2400.0, by=by)
     through.step()
     memory = through.state_dict()
-    again = AdaptiveStepper(STEPPERS[name](moving.model, 2400.0), 1e-5, by=by)
+    again = AdaptiveSteps(STEPPERS[name](moving.model, 2400.0), 1e-5, by=by)
     again.load_state_dict(memory, 1)
     for _ in range(2):
         through.step()
@@ -349,7 +349,7 @@ def test_energy_is_no_measure_where_it_is_not_kept() -> None:
     for scene in (lossy, get_scene("williamson1")):
         scheme = STEPPERS["tr-bdf2"](Model(Mesh.build(2, 4), scene), OUTER)
         with pytest.raises(ConfigError, match="does not conserve energy; take adaptive-by"):
-            AdaptiveStepper(scheme, 1e-5, by="energy")
+            AdaptiveSteps(scheme, 1e-5, by="energy")
 
 
 # --- from the command line on

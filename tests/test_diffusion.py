@@ -26,7 +26,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.leapfrog import Leapfrog
 from swe_sphere.steppers.split_diffusion import Diffusion, legendre_stages
 from swe_sphere.testcases import get_scene
@@ -160,7 +160,7 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
     if name in IMPLICIT:
         assert stepper.order_in(model, diffusion="apart") == min(stepper.order, 2)
     if stepper.estimate_order is not None:
-        adaptive = AdaptiveStepper(stepper, 1e-3)
+        adaptive = AdaptiveSteps(stepper, 1e-3)
         assert adaptive.diffusion is None and adaptive.model is model
 
 
@@ -181,6 +181,6 @@ def test_what_cannot_have_it_apart_says_so() -> None:
     with pytest.raises(ConfigError, match="take it whole"):
         STEPPERS["bdf2"](model, 900.0, diffusion="apart")
     with pytest.raises(ConfigError, match="take it whole"):
-        AdaptiveStepper(STEPPERS["tr-bdf2"](model, 900.0, diffusion="apart"), 1e-3)
+        AdaptiveSteps(STEPPERS["tr-bdf2"](model, 900.0, diffusion="apart"), 1e-3)
     with pytest.raises(ConfigError, match="whole or apart"):
         STEPPERS["tr-bdf2"](model, 900.0, diffusion="lagged")

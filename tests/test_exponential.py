@@ -18,7 +18,7 @@ from swe_sphere.solvers.krylov_exponential import ExponentialResult, KrylovExpon
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.exponential import _remainder
-from swe_sphere.steppers.solving import energy_weights
+from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.testcases import get_scene
 
 N, LENGTH = 60, 3.0

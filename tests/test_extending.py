@@ -143,7 +143,7 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
             "class B: there is a stepper 'one'",
         ),
         (RK + EULER.format("A", "rk4"), "class A: there is a stepper 'rk4' already, in swe_sphere"),
-        (BASE, "stepper A does not define _advance, stable_dt"),
+        (BASE, "stepper A does not define advance"),
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
     ],
 )

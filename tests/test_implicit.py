@@ -199,7 +199,7 @@ def test_step_in_two_halves_is_two_steps_of_half_the_size(
     stepper = STEPPERS[name](small_mountain, 1800.0)
     stepper.start(small_mountain.initial_state())
     verdicts = iter(["not today"])
-    monkeypatch.setattr(stepper, "_fault", lambda: next(verdicts, None))
+    monkeypatch.setattr(stepper.solver, "fault", lambda state: next(verdicts, None))
     stepper.step()
     assert stepper.counters["rejected_steps"] == 1
     assert (stepper.steps, stepper.time) == (1, 1800.0)
@@ -233,7 +233,7 @@ def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: st
     """With two Newton iterations allowed, a step of a day fails and its parts do not."""
     stepper = STEPPERS[name](small_mountain, DAY, tolerance=1e-4)
     stepper.start(small_mountain.initial_state())
-    stepper.newton.max_iterations = 2
+    stepper.solver.newton.max_iterations = 2
     stepper.step()
     assert 0 < stepper.counters["rejected_steps"] < 20
     assert stepper.time == DAY
@@ -276,8 +276,8 @@ def test_starting_again_forgets_the_past(small_mountain, name: str) -> None:
 def test_jacobian_of_coupled_stages_is_exact(small_mountain) -> None:
     """The residual is quadratic: half a central difference of any width is the derivative."""
     n = small_mountain.size
-    problem = STEPPERS["gauss-legendre"](small_mountain, HOUR).problem
-    problem.dt, problem.start = HOUR, small_mountain.initial_state()
+    problem = STEPPERS["gauss-legendre"](small_mountain, HOUR).solver.problem
+    problem.tau, problem.rhs = HOUR, small_mountain.initial_state()
     point, ahead = (random_state(small_mountain, seed) for seed in (1, 2))
     pair = np.concatenate([point, ahead])
     direction = np.random.default_rng(3).standard_normal(2 * n)
@@ -326,7 +326,7 @@ def test_iterations_are_the_same_on_another_planet(small_mountain, name: str) ->
 def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain) -> None:
     stepper = STEPPERS["tr-bdf2"](small_mountain, 2.0 * DAY, tolerance=1e-8)
     stepper.start(small_mountain.initial_state())
-    stepper.newton.max_iterations = 1
+    stepper.solver.newton.max_iterations = 1
     with pytest.raises(RunFailed, match="64 parts: out of Newton iterations"):
         stepper.step()
 
@@ -411,11 +411,11 @@ def test_masses_that_an_effect_does_not_declare_conserved_are_left_alone(monkeyp
     stepper = STEPPERS["bdf2"](model, 600.0)
     rhs, x = (model.device_mesh.upload(random_state(model, seed)) for seed in (1, 2))
     before = x.numpy().copy()
-    stepper._restore_mass(rhs, x)
+    stepper.solver.restore_mass(rhs, x)
     assert np.abs(x.numpy() - before).max() > 0.0
     monkeypatch.setattr(Viscosity, "conserves", frozenset())
     other, y = STEPPERS["bdf2"](model, 600.0), model.device_mesh.upload(before)
-    other._restore_mass(rhs, y)
+    other.solver.restore_mass(rhs, y)
     np.testing.assert_array_equal(y.numpy(), before)
 
 

@@ -105,15 +105,15 @@ def test_a_restart_knows_the_scheme_by_both_names(tmp_path):
 
 def test_a_solve_that_fails_ends_the_run_and_keeps_its_frames(tmp_path, monkeypatch):
     """The third step fails, in however many parts it is taken."""
-    attempt = STEPPERS["tr-bdf2"]._attempt
+    attempt = STEPPERS["tr-bdf2"].solve_step
 
     def failing(self, t, dt, out):
         if t < 2 * 7200.0:
             return attempt(self, t, dt, out)
         out.fill_(np.nan)
-        return self._solve(dt, t, self.state, out)
+        return self.solver.solve(dt, t, self.state, out)
 
-    monkeypatch.setattr(STEPPERS["tr-bdf2"], "_attempt", failing)
+    monkeypatch.setattr(STEPPERS["tr-bdf2"], "solve_step", failing)
     summary = small(out=tmp_path / "a.nc", every=2.0)
     assert (summary.completed, summary.exit_status) == (False, RunFailed.exit_status)
     assert re.search(r"tr-bdf2: the step from 14400 s cannot be solved .* --dt", summary.reason)

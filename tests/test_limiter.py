@@ -12,7 +12,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.io.norms import norms
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.dirk import TRBDF2
 from swe_sphere.testcases import get_scene
 
@@ -138,7 +138,7 @@ def test_cylinders_in_a_flow_that_changes(mesh, name):
 
 def test_cylinders_with_steps_that_adapt(mesh):
     model = Model(mesh, with_cylinders(get_scene("williamson5")))
-    fields = after(model, AdaptiveStepper(TRBDF2(model, 3600.0), 1e-5), 2)
+    fields = after(model, AdaptiveSteps(TRBDF2(model, 3600.0), 1e-5), 2)
     check(model, fields, model.scene.tracers)
 
 

@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.gravity_waves import reference_depth
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveStepper
+from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.leapfrog import Leapfrog
 
 WAVES = ("advection", "pressure", "rotation", "orography")
@@ -160,7 +160,7 @@ def test_depths_of_reference_are_those_of_the_base() -> None:
 def test_total_energy_is_no_measure_of_error() -> None:
     model = Model(MESH, about_rest("advection", "pressure"))
     with pytest.raises(ConfigError, match="does not conserve energy"):
-        AdaptiveStepper(STEPPERS["implicit-midpoint"](model, 900.0), 1e-6, "energy")
+        AdaptiveSteps(STEPPERS["implicit-midpoint"](model, 900.0), 1e-6, "energy")
 
 
 def test_what_does_not_go_together() -> None:

@@ -110,7 +110,7 @@ def test_solver_is_given_a_part_of_what_the_step_is_wrong_by(turning, name: str)
         found[-1].step()
     after = turned(turning, 0.3)
     error = np.linalg.norm(found[0].state.numpy() - after)
-    part = found[1].tolerance * np.linalg.norm(after - turned(turning, 0.2)) / error
+    part = found[1].solver.tolerance * np.linalg.norm(after - turned(turning, 0.2)) / error
     assert 0.35 < part < 0.6
 
 

@@ -143,8 +143,8 @@ def test_what_changes_in_time_is_not_recorded(small_mesh):
 
 def test_a_class_with_steps_of_its_own_says_whether_they_repeat():
     class Own(get_stepper("rk4")):
-        def _advance(self):
-            super()._advance()
+        def advance(self):
+            super().advance()
 
     assert Own.repeats_from is None
 

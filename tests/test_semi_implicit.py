@@ -217,7 +217,7 @@ def test_semi_implicit_solves_its_equation(small_mesh) -> None:
     model.dissipative_tendency(upload(past), loss)
 
     def wave(x: np.ndarray) -> np.ndarray:
-        stepper.waves.apply(upload(x), linear)
+        stepper.solver.waves.apply(upload(x), linear)
         return linear.numpy().copy()
 
     stepper.step()

@@ -78,9 +78,9 @@ def test_float32_takes_corrections_too(name: str) -> None:
 @pytest.mark.parametrize("name", ["bdf2", "esdirk4"])
 def test_unresolved_motion_is_solved_to_the_tolerance_that_was_asked_for(name: str) -> None:
     stepper = advance(name, 7200.0, "williamson5", hours=8.0)
-    assert stepper.tolerance == STEPPERS[name].default_tolerance
+    assert stepper.solver.tolerance == STEPPERS[name].default_tolerance
     asked = advance(name, 7200.0, "williamson5", hours=8.0, tolerance=1e-6)
-    assert asked.tolerance == 1e-6
+    assert asked.solver.tolerance == 1e-6
 
 
 @pytest.mark.parametrize("steps", [[300.0] * 4, [300.0, 250.0, 310.0, 280.0]])
@@ -111,5 +111,5 @@ def test_a_start_knows_its_frequency() -> None:
     model.tendency(stepper.state, 0.0, slope)
     model.linearise(stepper.state, 0.0)(slope, bend)
     size = stepper.space.norm
-    assert stepper.motion.rate == pytest.approx(size(slope), rel=1e-12)
-    assert stepper.motion.frequencies[0] == pytest.approx(size(bend) / size(slope), rel=1e-2)
+    assert stepper.solver.motion.rate == pytest.approx(size(slope), rel=1e-12)
+    assert stepper.solver.motion.frequencies[0] == pytest.approx(size(bend) / size(slope), rel=1e-2)

@@ -60,14 +60,14 @@ def test_schemes_of_second_order_follow_a_parabola(name: str) -> None:
 def test_guesses_are_solutions_where_the_state_moves_straight_on(name: str, monkeypatch) -> None:
     model, t, wrong = forced(curved=False), 0.0, []
     stepper = take_steps(name, model, curved=False)
-    solve = stepper.newton.solve
+    solve = stepper.solver.newton.solve
 
     def watched(problem, x, scale, floor):
         result = solve(problem, x, scale, floor)
         wrong.append(result.residuals[0] / scale)
         return result
 
-    monkeypatch.setattr(stepper.newton, "solve", watched)
+    monkeypatch.setattr(stepper.solver.newton, "solve", watched)
     for dt in STEPS:
         assert stepper.attempt(t, dt) is None
         stepper.accept(dt)

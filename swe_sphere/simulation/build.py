@@ -37,7 +37,7 @@ from swe_sphere.testcases import get_scene
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
     from swe_sphere.io.checkpoint import Checkpoint
-    from swe_sphere.steppers import Stepper
+    from swe_sphere.steppers import Stepper, Trajectory
 
 Name = str | Path | None
 
@@ -203,12 +203,12 @@ class Setup:
         if self.reference is not None:
             self.reference.check(days)
 
-    def new_stepper(self, dt: float, cycle: int = 1) -> Stepper:
+    def new_stepper(self, dt: float, cycle: int = 1) -> Trajectory:
         """Return the stepper of the configuration with steps of dt [s].
 
         cycle: steps of the flow for one step of the tracers.
         """
-        from swe_sphere.steppers.adaptive import AdaptiveStepper
+        from swe_sphere.steppers.adaptive import AdaptiveSteps
         from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
         options = dict(self.options)
@@ -221,7 +221,7 @@ class Setup:
         stepper = self.kind(self.model, dt, **options)
         if self.config.adaptive is None:
             return stepper
-        return AdaptiveStepper(stepper, self.config.adaptive, self.config.adaptive_by)
+        return AdaptiveSteps(stepper, self.config.adaptive, self.config.adaptive_by)
 
     @property
     def initial(self) -> Snapshot:

@@ -19,7 +19,7 @@ from swe_sphere.simulation.planning import RunPlan
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
-    from swe_sphere.steppers import Stepper
+    from swe_sphere.steppers import Trajectory
 
 
 class Interrupted(Exception):
@@ -91,7 +91,7 @@ class Loop:
     """Steps along a plan."""
 
     model: Model
-    stepper: Stepper
+    stepper: Trajectory
     plan: RunPlan
     guard: Observer
     """Sees the state when it or an observer is due, before any observer does."""

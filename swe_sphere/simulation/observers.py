@@ -67,7 +67,7 @@ class HealthCheck(Observer):
 
     def __init__(self, snapshot: Snapshot, plan: RunPlan, stable_dt: Callable[[], float]) -> None:
         from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
-        from swe_sphere.steppers.solving import energy_weights
+        from swe_sphere.steppers.stage_solver import energy_weights
 
         model, mesh = snapshot.model, snapshot.model.device_mesh
         self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.effects import Effect
     from swe_sphere.io.netcdf import FrameWriter
-    from swe_sphere.steppers import Stepper
+    from swe_sphere.steppers import Trajectory
 
 T = TypeVar("T")
 Warn = Callable[[str], None]
@@ -133,7 +133,7 @@ class Simulation:
         """Identifier of the file of frames that was written last, or that a restart resumes."""
         self._out: Path | None = None  # that file
         self._plan: RunPlan | None = None
-        self._stepper: Stepper | None = None
+        self._stepper: Trajectory | None = None
         self._own = OwnDiagnostics(self)
         self._snapshot: Snapshot | None = None
         self._counted: dict[str, int] = {}  # counters of the model before the first step
@@ -206,13 +206,13 @@ class Simulation:
             with users_code():
                 self._start_stepper(self.setup.new_stepper(self._plan.dt, self._plan.cycle))
 
-    def _continued(self, stepper: Stepper, also: Sequence[Fraction]) -> RunPlan:
+    def _continued(self, stepper: Trajectory, also: Sequence[Fraction]) -> RunPlan:
         cycle, rule = (self._plan.cycle, self._plan.rule) if self._plan else (1, "as given")
         days, every = self.days, self.config.every
         plan = planning.continued_plan(days, every, stepper.dt, stepper.steps, also, cycle)
         return replace(plan, rule=rule)
 
-    def _start_stepper(self, stepper: Stepper) -> None:
+    def _start_stepper(self, stepper: Trajectory) -> None:
         """Put a stepper at the initial state or where the checkpoint stands."""
         checkpoint = self.setup.checkpoint
         state = self.model.initial_state()
@@ -226,7 +226,7 @@ class Simulation:
                 stepper.start(state)
 
     @property
-    def stepper(self) -> Stepper:
+    def stepper(self) -> Trajectory:
         """The stepper; ConfigError before the first of `begin`, `step` and `run`."""
         return _begun(self._stepper)
 

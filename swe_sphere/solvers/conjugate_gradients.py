@@ -39,44 +39,47 @@ class ConjugateGradients(KrylovSolver):
         self._direction, self._preconditioned = space.zeros(), space.zeros()
         self._least = math.sqrt(space.epsilon)
 
-    def _iterate(self, p: LinearResult) -> LinearResult:
-        """Descents until the target is met or nothing more is to be gained."""
-        smallest = self.space.epsilon * p.terms
-        trusted = p.target >= UNTRUSTED * smallest
-        while True:
-            start = p.history[-1]
-            failure = self._descend(p, max(p.target, smallest))
-            if failure is not None:
-                return failure
-            if p.history[-1] <= p.target and trusted:
-                return p.end(Status.CONVERGED, "converged")
-            residual = p.history[-1] = self._true_residual(p)
-            if not math.isfinite(residual):
-                return p.end(Status.NAN, "the solution is not finite")
-            if residual <= p.target:
-                return p.end(Status.CONVERGED, "converged")
-            small = smallest if residual <= 0.5 * start else MOST_ROUNDOFFS * smallest
-            if residual <= small:
-                return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
-            if residual > 0.5 * start or p.iterations >= p.limit:
-                return p.end(Status.STAGNATED, "stagnated")
+    def _cycle(self, p: LinearResult) -> None:
+        """Descend to the target, and judge by the true residual where it may be another one."""
+        smallest, start = self.space.epsilon * p.terms, p.residual
+        self._descend(p, max(p.target, smallest))
+        if p.status is not None:
+            return
+        if p.residual <= p.target and p.target >= UNTRUSTED * smallest:
+            p.end(Status.CONVERGED, "converged")
+            return
+        residual = p.history[-1] = self._true_residual(p)
+        small = smallest if residual <= 0.5 * start else MOST_ROUNDOFFS * smallest
+        if not math.isfinite(residual):
+            p.end(Status.NAN, "the solution is not finite")
+        elif residual <= p.target:
+            p.end(Status.CONVERGED, "converged")
+        elif residual <= small:
+            p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        elif residual > 0.5 * start or p.iterations >= p.limit:
+            p.end(Status.STAGNATED, "stagnated")
 
-    def _descend(self, p: LinearResult, goal: float) -> LinearResult | None:
-        """Iterate from the residual in place until it is down to the goal; None unless it fails."""
+    def _descend(self, p: LinearResult, goal: float) -> None:
+        """Iterate from the residual in place until it is down to the goal, or fails."""
         space, curvature = self.space, 0.0
         space.clear(self._direction)
         space.clear(self._product)
-        while p.history[-1] > goal and p.iterations < p.limit:
-            z = self._precondition(p)
+        while p.residual > goal and p.iterations < p.limit:
+            z = self._residual
+            if p.precondition is not None:
+                z = self._preconditioned
+                p.precondition(self._residual, z)
             p.operator(z, self._image)
             found = self._products(z)
             keep, curvature = found.turned(curvature, self._least)
             step = found.rz / (curvature or 1.0)
             if not (math.isfinite(step) and math.isfinite(curvature)):
-                return p.end(Status.NAN, "a product or the preconditioner is not finite")
+                p.end(Status.NAN, "a product or the preconditioner is not finite")
+                return
             if found.rz <= 0.0 or curvature <= 0.0:
                 culprit = "preconditioner" if found.rz <= 0.0 else "operator"
-                return p.end(Status.DIVERGED, f"the {culprit} is not positive")
+                p.end(Status.DIVERGED, f"the {culprit} is not positive")
+                return
             space.axpby(1.0, z, keep, self._direction)
             space.axpby(1.0, self._image, keep, self._product)
             space.axpy(step, self._direction, p.x)
@@ -86,18 +89,11 @@ class ConjugateGradients(KrylovSolver):
             if rest <= FALL**2 * found.rr:  # little is left of what cancels
                 rest = space.dot(self._residual, self._residual)
             p.history.append(math.sqrt(rest))
-        return None
 
     def _products(self, z: wp.array) -> "_Products":
         s, r, w = (self._stack, 1, self._product), (self._stack, 2, self._residual), self._image
         products = self.space.projections((self._stack, 3, z), (self._stack, 3, w), r, s)
         return _Products(*map(float, products))
-
-    def _precondition(self, p: LinearResult) -> wp.array:
-        if p.precondition is None:
-            return self._residual
-        p.precondition(self._residual, self._preconditioned)
-        return self._preconditioned
 
     def _true_residual(self, p: LinearResult) -> float:
         """Put rhs - A x in place; returns its norm."""

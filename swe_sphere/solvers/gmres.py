@@ -102,7 +102,6 @@ class _End(Enum):
     FULL = auto()
     LIMIT = auto()
     BREAKDOWN = auto()
-    NOT_FINITE = auto()
 
 
 class FlexibleGMRES(KrylovSolver):
@@ -128,57 +127,12 @@ class FlexibleGMRES(KrylovSolver):
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
 
-    def _iterate(self, p: LinearResult) -> LinearResult:
-        """Cycles until the target is met or nothing more is to be gained."""
-        while True:
-            start = p.history[-1]
-            end = self._cycle(p)
-            if end is _End.NOT_FINITE:
-                return p.end(Status.NAN, "a product or the preconditioner is not finite")
-            trusted = p.target >= UNTRUSTED * self.space.epsilon * p.terms
-            if p.history[-1] <= p.target and trusted:
-                return p.end(Status.CONVERGED, "converged")
-            p.history[-1] = self._true_residual(p)
-            result = self._judge(p, end, start)
-            if result is not None:
-                return result
-
-    def _judge(self, p: LinearResult, end: _End, start: float) -> LinearResult | None:
-        """What to make of the true residual after a cycle that began at `start`; None = go on."""
-        residual = p.history[-1]
-        if not math.isfinite(residual):
-            return p.end(Status.NAN, "the solution is not finite")
-        if residual <= p.target:
-            return p.end(Status.CONVERGED, "converged")
-        if residual > 10.0 * p.history[0]:
-            return p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
-        # A full basis may creep; any other cycle promised to gain far more than a half.
-        stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
-        roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
-        if residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
-            return p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
-        if stuck:
-            singular = ": the operator is singular" if end is _End.BREAKDOWN else ""
-            return p.end(Status.STAGNATED, f"stagnated{singular}")
-        if p.iterations >= p.limit:
-            return p.end(Status.STAGNATED, "out of iterations")
-        return None
-
-    def _true_residual(self, p: LinearResult) -> float:
-        """Put rhs - A x in the first row of the basis; returns its norm."""
-        row = self._basis.rows[0]
-        if not p.history and not p.guess:
-            self.space.copy(p.rhs, row)
-            return p.scale
-        p.operator(p.x, row)
-        self.space.axpby(1.0, p.rhs, -1.0, row)
-        return self.space.norm(row)
-
-    def _cycle(self, p: LinearResult) -> _End:
+    def _cycle(self, p: LinearResult) -> None:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
-        small = HessenbergLeastSquares(p.residual, self.space.epsilon)
-        goal, rows = max(p.target, self.space.epsilon * p.residual), self._basis.rows
-        self._basis.start(p.residual)
+        start, rows = p.residual, self._basis.rows
+        small = HessenbergLeastSquares(start, self.space.epsilon)
+        goal = max(p.target, self.space.epsilon * start)
+        self._basis.start(start)
         end, columns, count = _End.LIMIT, 0, min(self.size, p.limit - p.iterations)
         for k in range(0, count, self.block):
             block = range(k, min(k + self.block, count))
@@ -194,16 +148,55 @@ class FlexibleGMRES(KrylovSolver):
                     self.space.axpby(-1.0, rows[j], 1.0, product)
             for column, below in self._columns(k, len(block)):
                 if not (math.isfinite(below) and np.isfinite(column).all()):
-                    return _End.NOT_FINITE
+                    p.end(Status.NAN, "a product or the preconditioner is not finite")
+                    return
                 p.history.append(small.append(column.tolist(), below))
                 p.iterations, columns = p.iterations + 1, columns + 1
-                end = _End.FULL if columns == self.size else _End.LIMIT
-                if p.residual <= goal or below == 0.0:
-                    end = _End.TARGET if p.residual <= goal else _End.BREAKDOWN
-                    self._update(p, small)
-                    return end
+                if p.residual <= goal:
+                    end = _End.TARGET
+                elif below == 0.0:
+                    end = _End.BREAKDOWN
+                elif columns == self.size:
+                    end = _End.FULL
+                if end in (_End.TARGET, _End.BREAKDOWN):
+                    break
+            if end in (_End.TARGET, _End.BREAKDOWN):
+                break
         self._update(p, small)
-        return end
+        self._judge(p, end, start)
+
+    def _judge(self, p: LinearResult, end: _End, start: float) -> None:
+        """End the solve if the residual after a cycle that began at `start` says so."""
+        if p.residual <= p.target and p.target >= UNTRUSTED * self.space.epsilon * p.terms:
+            p.end(Status.CONVERGED, "converged")
+            return
+        residual = p.history[-1] = self._true_residual(p)
+        # a full basis may creep; any other cycle is expected to gain far more than a half
+        stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
+        roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
+        if not math.isfinite(residual):
+            p.end(Status.NAN, "the solution is not finite")
+        elif residual <= p.target:
+            p.end(Status.CONVERGED, "converged")
+        elif residual > 10.0 * p.history[0]:
+            p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
+        elif residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
+            p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        elif stuck:
+            singular = ": the operator is singular" if end is _End.BREAKDOWN else ""
+            p.end(Status.STAGNATED, f"stagnated{singular}")
+        elif p.iterations >= p.limit:
+            p.end(Status.STAGNATED, "out of iterations")
+
+    def _true_residual(self, p: LinearResult) -> float:
+        """Put rhs - A x in the first row of the basis; returns its norm."""
+        row = self._basis.rows[0]
+        if not p.history and not p.guess:
+            self.space.copy(p.rhs, row)
+            return p.scale
+        p.operator(p.x, row)
+        self.space.axpby(1.0, p.rhs, -1.0, row)
+        return self.space.norm(row)
 
     def _columns(self, k: int, block: int) -> Iterator[tuple[Array, float]]:
         """Columns of H for the products from row k + 1 on, each with the entry below it.

@@ -113,12 +113,14 @@ class KrylovSolver(ABC):
         if p.history[0] <= p.target:
             return p.end(Status.CONVERGED, "the guess is good enough")
         p.terms, p.target = max(scale, p.history[0]), max(p.target, floor)
-        return self._iterate(p)
+        while p.status is None:
+            self._cycle(p)
+        return p
 
     @abstractmethod
     def _true_residual(self, p: LinearResult) -> float:
         """Put rhs - A x where iterations begin; returns its norm."""
 
     @abstractmethod
-    def _iterate(self, p: LinearResult) -> LinearResult:
-        """Iterate until the target is met or nothing more is to be gained."""
+    def _cycle(self, p: LinearResult) -> None:
+        """Iterate up to the next true residual; end the solve there if nothing is to be gained."""

@@ -4,9 +4,9 @@ import importlib
 import pkgutil
 from pathlib import Path
 
-from swe_sphere.steppers.stepper import RECOMMENDED, STEPPERS, Stepper
+from swe_sphere.steppers.stepper import RECOMMENDED, STEPPERS, Stepper, Trajectory
 
-__all__ = ["RECOMMENDED", "STEPPERS", "Stepper", "get_stepper", "list_steppers"]
+__all__ = ["RECOMMENDED", "STEPPERS", "Stepper", "Trajectory", "get_stepper", "list_steppers"]
 
 for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
     importlib.import_module(_module.name)

@@ -10,9 +10,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError, SolverFailed
+from swe_sphere.files.user_file import users_code
 from swe_sphere.ranks.blas import one_thread
 from swe_sphere.steppers.error_measures import make_measure
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stepper import Stepper, Trajectory
 
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4
@@ -80,8 +81,8 @@ class Cut:
         return f"at {self.time:.6g} s a step of {self.dt:.6g} s was taken back: {self.why}"
 
 
-class AdaptiveStepper(Stepper):
-    """An implicit scheme whose steps follow their error; `dt` is the outer step, met exactly.
+class AdaptiveSteps(Trajectory):
+    """Steps of an implicit scheme that follow their error; `dt` is the outer step, met exactly.
 
     `by="embedded"`: the difference to the embedded method in the energy norm, over the norm of the
     state, a step.  The error of a run then goes with the tolerance for rosenbrock-w, whose estimate
@@ -105,23 +106,16 @@ class AdaptiveStepper(Stepper):
     Raises ConfigError for what has no such estimate.
     """
 
-    diffusion_apart = False
-
     def __init__(
-        self,
-        scheme: Stepper,
-        tolerance: float,
-        by: str = "embedded",
-        first: float | None = None,
+        self, scheme: Stepper, tolerance: float, by: str = "embedded", first: float | None = None
     ) -> None:
-        self._scheme, self._measure = make_measure(by, scheme)
+        self.scheme, self._measure = make_measure(by, scheme)
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
         super().__init__(scheme.model, scheme.dt)
-        self.state = scheme.state
-        self.counters = scheme.counters
+        self.state, self.counters = scheme.state, scheme.counters
         self.counters["accepted_steps"] = 0
         self.controller = PIController(tolerance, self._measure.order)
-        self._loosest = self._scheme.loosest
+        self._loosest = self.scheme.solver.loosest
         if first is not None and not (math.isfinite(first) and first > 0.0):
             raise ConfigError(f"adaptive: the first step must be positive and finite, not {first}")
         self._first, self._next, self._before = first, 0.0, tolerance
@@ -138,52 +132,47 @@ class AdaptiveStepper(Stepper):
         """Length of the next step [s], if the outer step leaves room for it."""
         return self._next
 
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the step is limited by accuracy alone."""
-        return np.inf
-
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
-        self._scheme.start(state, t)
+        self.scheme.start(state, t)
         self._before = self.controller.tolerance
         self._next = min(self.dt, self._first or self._first_guess())
         self._cuts.clear()
 
     def step(self) -> None:
         """Move `state` forward by dt."""
-        with one_thread():
-            super().step()
+        done = 0.0
+        wp.copy(self._start, self.state)
+        with users_code(), one_thread():
+            while done < self.dt:
+                dt = self._fitted(self.dt - done)
+                if self._try(self.time + done, dt):
+                    # the last one ends the outer step whatever the round-off of the sum
+                    done = self.dt if dt >= self.dt - done else done + dt
+            if self.model.limiter is not None:
+                self.model.limiter(self.state)
+        self.steps += 1
 
     def costs(self) -> dict[str, float]:
         """What the steps so far have taken."""
-        return self._scheme.costs()
+        return self.scheme.costs()
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all that a bitwise exact restart needs, the controller's included."""
         control = {"adaptive": np.array([self._next, self._before])}
-        return self._scheme.state_dict() | control
+        return self.scheme.state_dict() | control
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many outer steps.
+        """Resume from what `state_dict` returned after that many outer steps.
 
         Raises ConfigError when the state is not that of an adaptive stepper.
         """
         if "adaptive" not in state:
             raise ConfigError("the restart data are of a run with fixed steps: leave adaptive out")
-        self._scheme.load_state_dict(state, steps)
+        self.scheme.load_state_dict(state, steps)
         self._origin, self.steps = float(state["origin"]), steps
         self._next, self._before = (float(value) for value in state["adaptive"])
-
-    def _advance(self) -> None:
-        done = 0.0
-        wp.copy(self._start, self.state)
-        while done < self.dt:
-            dt = self._fitted(self.dt - done)
-            if self._try(self.time + done, dt):
-                # the last one ends the outer step whatever the round-off of the sum
-                done = self.dt if dt >= self.dt - done else done + dt
 
     def _fitted(self, rest: float) -> float:
         """The next step, fitted to the rest of the outer step without leaving a sliver of it."""
@@ -193,7 +182,8 @@ class AdaptiveStepper(Stepper):
 
     def _try(self, t: float, dt: float) -> bool:
         """Attempt a step, keep it if it is good, and set the length of the next one."""
-        fault = self._attempt(t, dt)
+        self._set_solver(dt)
+        fault = self.scheme.attempt(t, dt)
         if fault is not None:
             self._cut(t, dt, fault, LEAST, "try a finer mesh or more dissipation")
             return False
@@ -208,7 +198,7 @@ class AdaptiveStepper(Stepper):
 
     def _keep(self, dt: float, error: float) -> None:
         """Accept; after a step that was short to fit the outer one, what came before holds."""
-        self._scheme.accept(dt)
+        self.scheme.accept(dt)
         self.counters["accepted_steps"] += 1
         proposed = dt * self.controller.ratio(error, self._before)
         if dt >= self._next * (1.0 - 1e-9):
@@ -227,22 +217,17 @@ class AdaptiveStepper(Stepper):
                 f" {why}; {advice}"
             )
 
-    def _attempt(self, t: float, dt: float) -> str | None:
-        """Put the state after dt into the scheme's new state; what went wrong, if anything did."""
-        self._set_solver(dt)
-        return self._scheme.attempt(t, dt)
-
     def _set_solver(self, dt: float) -> None:
         """Have the equations solved as exactly as a step of dt [s] needs it."""
         change = self._measure.per_change(dt)
         needed = SOLVER * self.controller.tolerance / change if change > 0.0 else math.inf
-        self._scheme.tighten(min(self._loosest, needed))
+        self.scheme.solver.loosest = min(self._loosest, needed)
 
     def _first_guess(self) -> float:
         """A step [s] from the time the state takes to change by itself; the outer one at rest."""
-        rate = self._scheme.motion.rate
-        if rate == 0.0:
+        solver = self.scheme.solver
+        if solver.motion.rate == 0.0:
             return self.dt
-        scale = self._scheme.space.norm(self.state) / rate
+        scale = solver.space.norm(self.state) / solver.motion.rate
         part = self.controller.tolerance ** (1.0 / self.controller.order)
         return float(max(CAUTION * part * scale, 1e-3 * self.dt))

@@ -6,7 +6,8 @@ from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
+from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.newton_stages import StageProblem
 
 
 class AverageProblem(StageProblem):
@@ -57,29 +58,28 @@ class AverageVectorField(ImplicitStepper):
     default_tolerance = 1e-6
     vectors = 28
     error_constant = 1.0 / 12.0  # that of the midpoint rule
+    equations = AverageProblem
 
-    def _allocate(self, model: Model) -> None:
-        self._past = model.zeros()
+    def allocate(self) -> None:
+        """Make room for the slope of the step before."""
+        self._past = self.model.zeros()
 
-    def _begin(self, slope: wp.array) -> None:
+    def begin(self, slope: wp.array) -> None:
+        """Guess the slope at the start for the first step."""
         self.space.copy(slope, self._past)
 
-    def _make_problem(self, preconditioner: str) -> AverageProblem:
-        return AverageProblem(self.model, self.space, preconditioner)
-
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and the slope of the last step for the guess of the next."""
         return {"state": self.state, "slope": self._past}
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        """Solve for the state one step of dt [s] after `state`, at t [s]."""
         self.space.copy(self.state, out)
         self.space.axpy(dt, self._past, out)
-        result = self._solve(0.5 * dt, t + 0.5 * dt, self.state, out)
+        result = self.solver.solve(0.5 * dt, t + 0.5 * dt, self.state, out)
         return None if result.converged else result
-
-    def _mass_gain(self, tau: float, t: float) -> float:
-        return super()._mass_gain(2.0 * tau, t)
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slope for the guess of the next step."""
-        self._slope(self.new, self.state, dt, self._past)
+        self.implied_slope(self.new, self.state, dt, self._past)
         super().accept(dt)

@@ -2,7 +2,6 @@
 
 import warp as wp
 
-from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.dirk import TRBDF2
 from swe_sphere.steppers.implicit import Failure, ImplicitStepper
@@ -26,28 +25,30 @@ class BDF2(ImplicitStepper):
     vectors = TRBDF2.vectors + 9
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
-    def _allocate(self, model: Model) -> None:
+    def allocate(self) -> None:
+        """Make room for the state before, and the method that takes the first step."""
         if self.diffusion_apart:
             raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
-        self._previous, self._rhs = model.zeros(), model.zeros()
-        self._starter = TRBDF2(model, self.dt, self.loosest, "none")
-        self._starter.share_solver(self)
+        self._previous, self._rhs = self.model.zeros(), self.model.zeros()
+        self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and the one before."""
         return {"state": self.state, "previous": self._previous}
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> Failure | None:
-        last_dt = self.motion.last_dt
-        if last_dt == 0.0:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> Failure | None:
+        """Solve for the state one step of dt [s] after `state`, at t [s]."""
+        motion = self.solver.motion
+        if motion.last_dt == 0.0:
             return self._start_up(t, dt, out)
-        w = dt / last_dt
+        w = dt / motion.last_dt
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.copy(self.state, self._rhs)
         self.space.axpby(past, self._previous, now, self._rhs)
         self.space.copy(self.state, out)
         self.space.axpby(-w, self._previous, 1.0 + w, out)
-        self.space.axpy(0.5 * EXPECTED * dt * (dt + last_dt), self.motion.bend, out)
-        result = self._solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
+        self.space.axpy(0.5 * EXPECTED * dt * (dt + motion.last_dt), motion.bend, out)
+        result = self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
         return None if result.converged else result
 
     def accept(self, dt: float) -> None:
@@ -57,7 +58,9 @@ class BDF2(ImplicitStepper):
 
     def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
         """A few more iterations with the set-up of the steps to come cost less than another one."""
-        self._starter.prepared_for = 2.0 / 3.0 * dt
-        self._starter.tighten(self.loosest)
         self._starter.start(self.state, t)
-        return self._starter.step_to(t, dt, out)
+        self.solver.prepared_for = 2.0 / 3.0 * dt
+        self.solver.aim(self._starter, dt)
+        failure = self._starter.solve_step(t, dt, out)
+        self.solver.prepared_for = None
+        return failure

@@ -7,15 +7,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.solvers.newton import NewtonResult
-from swe_sphere.steppers.stability import tableau
-from swe_sphere.steppers.successive_stages import SuccessiveStages
+from swe_sphere.steppers.implicit import Failure, ImplicitStepper
+from swe_sphere.steppers.stability import error_constant, tableau
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
 
 
-class DiagonallyImplicit(SuccessiveStages):
+class DiagonallyImplicit(ImplicitStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
@@ -25,16 +24,39 @@ class DiagonallyImplicit(SuccessiveStages):
 
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
+    b: ClassVar[tuple[float, ...]]
+    embedded: ClassVar[tuple[float, ...] | None] = None
+    """Weights of an embedded method of another order, where there is one."""
     followed: ClassVar[float] = 0.0
     """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
 
-    @classmethod
-    def matrix(cls) -> NDArray[np.float64]:
-        """A (stages, stages)."""
-        return tableau(cls.a, len(cls.b))
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "name" in vars(cls):
+            cls.vectors = 19 + 2 * len(cls.b)  # slopes of two steps, and those of the solver
+            matrix = tableau(cls.a, len(cls.b))
+            cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def allocate(self) -> None:
+        """Make room for the slopes of two steps."""
+        stages = range(len(self.b))
+        self._stack, self._past = self.space.stack(len(stages)), self.space.stack(len(stages))
+        self._slopes = [self._stack[i] for i in stages]
+        self._guesses = [self._past[i] for i in stages]
+        self._rhs, self._attempted = self.model.zeros(), 0.0
+
+    def begin(self, slope: wp.array) -> None:
+        """Guess the slope at the start for all stages."""
+        for guess in self._guesses:
+            self.space.copy(slope, guess)
+
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and the slopes of the last step for the guesses of the next."""
+        return {"state": self.state, "slopes": self._past}
+
+    def solve_step(self, t: float, dt: float, out: wp.array) -> Failure | None:
+        """Solve the stages of a step of dt [s] from `state`, at t [s], to `out`."""
         for i, row in enumerate(self.a):
             earlier, gamma = dt * np.array(row[:i]), dt * row[i]
             stage_time = t + dt * sum(row)
@@ -43,10 +65,10 @@ class DiagonallyImplicit(SuccessiveStages):
                 self.model.tendency(self._rhs, stage_time, self._slopes[i])
                 continue
             self._guess(i, gamma, out)
-            result = self._solve(gamma, stage_time, self._rhs, out)
+            result = self.solver.solve(gamma, stage_time, self._rhs, out)
             if not result.converged:
                 return result
-            self._slope(out, self._rhs, gamma, self._slopes[i])
+            self.implied_slope(out, self._rhs, gamma, self._slopes[i])
         self._finish(dt, out)
         return None
 
@@ -57,6 +79,28 @@ class DiagonallyImplicit(SuccessiveStages):
         if i > 0 and self.followed:
             self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
             self.space.axpy(-self.followed * gamma, self._guesses[i - 1], out)
+
+    def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
+        """Weights of the vectors in the stack for the weights b of the tableau."""
+        return np.array(b)
+
+    def _finish(self, dt: float, out: wp.array) -> None:
+        """The state at the end of a step of dt [s] all of whose slopes are known."""
+        self._attempted = dt
+        self.space.combine(self.state, self._stack, dt * self._weights(self.b), out)
+
+    def error_estimate(self) -> float:
+        """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
+        assert self.embedded is not None
+        difference = self._attempted * (self._weights(self.b) - self._weights(self.embedded))
+        self.space.clear(self._rhs)
+        self.space.combine(self._rhs, self._stack, difference, self._rhs)
+        return self.space.norm(self._rhs)
+
+    def accept(self, dt: float) -> None:
+        """Make `new` the present state, and keep the slopes for the guesses of the next step."""
+        super().accept(dt)
+        self.space.copy(self._stack, self._past)
 
 
 class ImplicitEuler(DiagonallyImplicit):
@@ -113,10 +157,10 @@ class TRBDF2(DiagonallyImplicit):
         scheme damps (Hosea & Shampine 1996); it is taken only where it is the smaller.
         """
         difference = super().error_estimate()
-        self.problem.tau = self.a[-1][-1] * self._attempted
-        self.problem.linearise(self.state)
-        damped = self.space.zeros()
-        converged = self._solve_linear(self._rhs, damped, rtol=ROUGH, guess=False).converged
+        problem, damped = self.solver.problem, self.space.zeros()
+        problem.tau = self.a[-1][-1] * self._attempted
+        problem.linearise(self.state)
+        converged = self.solver.solve_linear(self._rhs, damped, rtol=ROUGH, guess=False).converged
         return min(difference, self.space.norm(damped)) if converged else difference
 
 

@@ -36,7 +36,7 @@ class Measure(ABC):
 
     def relative_rate(self) -> float:
         """Rate of the last step [s-1], over the norm of the state."""
-        return self._scheme.motion.rate / self._scheme.space.norm(self._scheme.state)
+        return self._scheme.solver.motion.rate / self._scheme.space.norm(self._scheme.state)
 
 
 class LocalError(Measure):

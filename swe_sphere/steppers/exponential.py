@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
-from swe_sphere.steppers.solving import SteppedInParts
+from swe_sphere.steppers.stage_solver import StageSolver
+from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.sub_steps import step_in_parts
 
 STAGE = 0.75
 """Where the one-step method has its second stage, in time steps."""
 DRIFT = np.array([-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4])
 """Weights of values at quarters of a step in the derivative at its beginning, of fourth order."""
-WORTHLESS = 0.3
-"""What a solve leaves is no less than so many round-offs of the state."""
 
 
-class ExponentialMultistep(SteppedInParts):
+class ExponentialMultistep(Stepper):
     """An exponential propagation iterative (EPI) method of several steps, as its weights.
 
     x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
@@ -27,11 +27,12 @@ class ExponentialMultistep(SteppedInParts):
     Explicit dependence on time is a further variable: R_i has - dF/dt (t_i - t), and dt^2 phi_2
     dF/dt joins.  The first steps, and those of another length than the one before, are taken by
     exprb42, which has one step, two stages and fourth order (Luan 2017).  `tolerance`: as for
-    `SolvingStepper`, of the error of the Krylov solver in a step.
+    `StageSolver`, of the error of the Krylov solver in a step.
     """
 
     family = "exponential"
     diffusion_apart = False
+    solver: StageSolver
     weights: ClassVar[tuple[tuple[float, ...], ...]] = ()
     """w_ki: rows for k = 2, 3, ..., columns for i = 1, 2, ..."""
     default_tolerance = 1e-4
@@ -45,22 +46,22 @@ class ExponentialMultistep(SteppedInParts):
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
-        super().__init__(model, dt, tolerance)
-        self.counters |= {"krylov_iterations": 0, "krylov_steps": 0}
-        space, past = self.space, len(self.weights[0]) if self.weights else 0
-        terms = max(3, 1 + len(self.weights))
-        self._solver, self._sources = KrylovExponential(space, terms), Sources(space, terms)
+        super().__init__(model, dt)
+        self.solver = StageSolver(model, self, tolerance)
+        self.counters = self.solver.counters | {"rejected_steps": 0, "krylov_steps": 0}
+        self.space = space = self.solver.space
+        past, terms = len(self.weights[0]) if self.weights else 0, max(3, 1 + len(self.weights))
+        self._krylov, self._sources = KrylovExponential(space, terms), Sources(space, terms)
         self._jacobian = model.jacobian()
-        self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
+        self.new, self._slope, self._drift, self._work = (model.zeros() for _ in range(4))
         self._has_drift = not model.scene.autonomous
         self._states = [model.zeros() for _ in range(past)]
         self._slopes = [model.zeros() for _ in range(past)]
         self._known, self._spacing = 0, 0.0
         self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
+    def begin(self, slope: wp.array) -> None:
+        """Forget the steps before."""
         self._known, self._spacing = 0, 0.0
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -68,24 +69,35 @@ class ExponentialMultistep(SteppedInParts):
         return super().state_dict() | {"past": np.array([self._known, self._spacing])}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many steps."""
+        """Resume from the result of `state_dict` after that many steps."""
         super().load_state_dict(state, steps)
         self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and states and slopes of the steps before."""
         states = {f"state_{i}": array for i, array in enumerate(self._states, 1)}
         slopes = {f"slope_{i}": array for i, array in enumerate(self._slopes, 1)}
         return {"state": self.state} | states | slopes
 
+    advance = step_in_parts
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Infinite: the step is limited by accuracy alone."""
+        return np.inf
+
     def attempt(self, t: float, dt: float) -> str | None:
-        """Write the state one step dt [s] after `state`, at t [s], to `new`; see there."""
-        self.tolerance = self._goal(dt)
+        """Write the state one step dt [s] after `state`, at t [s], to `new`.
+
+        Returns what is wrong with it, in words; `state` has not changed before `accept`.
+        """
+        self.solver.aim(self, dt)
         self.model.tendency(self.state, t, self._slope)
         self._jacobian.update(self.state, t)
         self._prepare_sources(t, dt)
         known = self._known == len(self._states) and self._spacing == dt
         fault = self._multistep(dt) if known or not self.weights else self._one_step(t, dt)
-        return fault or self._fault()
+        return fault or self.solver.fault(self.new)
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and the present one that before it."""
@@ -95,7 +107,8 @@ class ExponentialMultistep(SteppedInParts):
                 self.space.copy(value, arrays[0])
         self._known = min(len(self._states), 1 + (self._known if dt == self._spacing else 0))
         self._spacing = dt
-        super().accept(dt)
+        self.solver.motion.accept(self.state, self.new, dt)
+        self.space.copy(self.new, self.state)
 
     def _multistep(self, dt: float) -> str | None:
         space, sources = self.space, self._sources
@@ -131,13 +144,12 @@ class ExponentialMultistep(SteppedInParts):
 
     def _propagate(self, length: float, dt: float, terms: int) -> str | None:
         """new = state + the solution of the linear equations after `length`; or what is wrong."""
-        space = self.space
-        least = WORTHLESS * space.epsilon * space.norm(self.state) if self.loosest > 0.0 else 0.0
-        goal = max(self.tolerance * self.motion.rate * dt, least)
-        result = self._solver.solve(self._jacobian, self._sources, terms, length, goal, self.new)
+        solver = self.solver
+        goal = max(solver.tolerance * solver.motion.rate * dt, solver.worthless())
+        result = self._krylov.solve(self._jacobian, self._sources, terms, length, goal, self.new)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps
-        space.axpy(1.0, self.state, self.new)
+        self.space.axpy(1.0, self.state, self.new)
         return result.fault
 
     def _prepare_sources(self, t: float, dt: float) -> None:

@@ -77,8 +77,7 @@ NOTHING_BUT_WIND = 1.0
 class FlowLimited(Stepper):
     """A stepper whose steps are limited by waves and wind together."""
 
-    reach: ClassVar[float] = 4.0
-    """No step is longer over one by the spectral radius."""
+    reach = 4.0
     looks: ClassVar[int] = 1
     """Parts of the reach of which the first that is not stable holds the limit."""
 
@@ -111,7 +110,10 @@ class FlowLimited(Stepper):
             waves, winds = (1.0 - share) * z_wave, share * z_wave
             cases = [(waves, part * winds) for part in parts]
             cases += [(0.0 * waves, carried) for carried in (winds, turn * z_wave)]
-            grown = [cls._growth(share, c, u, z_dissipation) for c, u in cases]
+            grown = [
+                np.abs(np.linalg.eigvals(cls.propagator(share, c, u, z_dissipation))).max(axis=-1)
+                for c, u in cases
+            ]
             largest: NDArray[np.float64] = np.max(grown, axis=0)
             return largest
 
@@ -120,20 +122,10 @@ class FlowLimited(Stepper):
         )
 
     @classmethod
-    def _growth(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
-        """Spectral radius of a step for these eigenvalues times dt of the three parts."""
-        radius: NDArray[np.float64] = np.abs(
-            np.linalg.eigvals(cls._matrix(share, z_wave, z_wind, z_dissipation))
-        ).max(axis=-1)
-        return radius
-
-    @classmethod
-    def _matrix(
+    def propagator(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
-        """(..., n, n) what a step does to the levels of h' sqrt(g/H) and then of u of a wave.
+        """(..., n, n) change of the levels of h' sqrt(g/H), and then of u, of a wave by a step.
 
         With dh/dt = -(z_wind h + z_wave u) / dt + z_dissipation h / dt, and so for u.
         """

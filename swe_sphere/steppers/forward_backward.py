@@ -99,7 +99,8 @@ class ForwardBackward(SplitExplicit):
             return cls.advection
         return cls.strong if share > STRONG else cls.waves
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Step the depth, then the wind; the first two steps are those of rk4."""
         if self.steps < self.repeats_from:
             self._first_step()
             return
@@ -118,7 +119,8 @@ class ForwardBackward(SplitExplicit):
         """Where the new level comes: what changes it in between needs the past one again."""
         return self._older if self._altered else self._past
 
-    def _turn(self) -> None:
+    def swap(self) -> None:
+        """Make the new level the present one."""
         if self.steps < self.repeats_from:
             return
         new = self._new
@@ -139,7 +141,8 @@ class ForwardBackward(SplitExplicit):
         levels = self.state, self._past, self._older
         self._passes.prepare(levels, self._masses, self._winds)
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """Three levels, and their combinations in the passes."""
         levels = {"state": self.state, "previous": self._past, "older": self._older}
         return levels | {"carried": self._passes.carried, "pushed": self._passes.pushed}
 
@@ -149,9 +152,10 @@ class ForwardBackward(SplitExplicit):
         return self.state, self._past, self._older
 
     @classmethod
-    def _matrix(
+    def propagator(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
+        """(..., 6, 6) change of three levels of (h' sqrt(g/H), u) by a step, see `FlowLimited`."""
         mine = cls.weights_in(share)
         mass, turn = (np.array(mine.extrapolation(b)) for b in (mine.mass, mine.wind))
         wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
@@ -209,7 +213,8 @@ class ForwardBackwardRK3(SplitExplicit):
         levels = self.state, self.state, self.state
         self._passes.prepare(levels, self._last, self._last)
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Take a step, stage by stage."""
         now, new, passes = self.state, self._stage, self._passes
         if self._altered:
             self._prepare()
@@ -221,13 +226,15 @@ class ForwardBackwardRK3(SplitExplicit):
             passes.step_wind(tau, (now, new), new, self._last)
             offset = fraction
 
-    def _turn(self) -> None:
+    def swap(self) -> None:
+        """Make the last stage the present state."""
         self.state, self._stage = self._stage, self.state
 
     @classmethod
-    def _matrix(
+    def propagator(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
+        """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
         wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
         depth, speed = (np.zeros((*wave.shape[:-1], 2), complex) for _ in range(2))
         depth[..., 0] = speed[..., 1] = 1.0

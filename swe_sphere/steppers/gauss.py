@@ -14,8 +14,8 @@ from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.implicit import ImplicitStepper
-from swe_sphere.steppers.solving import energy_weights
 from swe_sphere.steppers.stability import error_constant
+from swe_sphere.steppers.stage_solver import energy_weights
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
@@ -77,6 +77,7 @@ class CoupledStages:
     """
 
     def __init__(self, model: Model, single: VectorSpace, preconditioner: str) -> None:
+        """single: the space of one stage."""
         self._model, self._single = model, single
         # mean over the stages, so that a tolerance means what it does for one state
         weights = np.tile(energy_weights(model), 2) / 2.0
@@ -87,33 +88,42 @@ class CoupledStages:
         self.precondition: Operator | None = pair
         self._slopes = single.stack(len(C))
         self._jacobians = [model.jacobian() for _ in C]
-        self.time, self.dt = 0.0, 0.0
-        self.start: wp.array = None
+        self.time, self.tau = 0.0, 0.0
+        self.rhs: wp.array = None
+        """The state from which the step is taken."""
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out_i = X_i - x - dt sum_j a_ij F(X_j)."""
-        for i, stage in enumerate(self.split(x)):
-            self._model.tendency(stage, self.time + C[i] * self.dt, self._slopes[i])
-        for i, (stage, mine) in enumerate(zip(self.split(x), self.split(out), strict=True)):
-            self._single.combine(stage, self._slopes, -self.dt * np.array(A[i]), mine)
-            self._single.axpy(-1.0, self.start, mine)
+        for i, stage in enumerate(split(x)):
+            self._model.tendency(stage, self.time + C[i] * self.tau, self._slopes[i])
+        for i, (stage, mine) in enumerate(zip(split(x), split(out), strict=True)):
+            self._single.combine(stage, self._slopes, -self.tau * np.array(A[i]), mine)
+            self._single.axpy(-1.0, self.rhs, mine)
 
     def linearise(self, x: wp.array) -> None:
         """Fix the stages at which the derivatives are taken."""
-        for jacobian, stage, c in zip(self._jacobians, self.split(x), C, strict=True):
-            jacobian.update(stage, self.time + c * self.dt)
+        for jacobian, stage, c in zip(self._jacobians, split(x), C, strict=True):
+            jacobian.update(stage, self.time + c * self.tau)
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """out_i = d_i - dt sum_j a_ij J(X_j) d_j."""
-        directions = self.split(d)
+        directions = split(d)
         for i, jacobian in enumerate(self._jacobians):
             jacobian(directions[i], self._slopes[i])
-        for i, mine in enumerate(self.split(out)):
-            self._single.combine(directions[i], self._slopes, -self.dt * np.array(A[i]), mine)
+        for i, mine in enumerate(split(out)):
+            self._single.combine(directions[i], self._slopes, -self.tau * np.array(A[i]), mine)
 
-    def split(self, pair: wp.array) -> tuple[wp.array, wp.array]:
-        """The two stages (n,) of a pair (2n,), as views."""
-        return pair[: self._single.n], pair[self._single.n :]
+    def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
+        """The state before, and each stage, which has the sources of depth more."""
+        sources = np.array([self._model.mean_source(self.time + c * self.tau) for c in C])
+        gains = self.tau * np.array(A) @ sources
+        return [(self.rhs, stage, float(gain)) for stage, gain in zip(split(x), gains, strict=True)]
+
+
+def split(pair: wp.array) -> tuple[wp.array, wp.array]:
+    """The two stages (n,) of a pair (2n,), as views."""
+    n = pair.size // 2
+    return pair[:n], pair[n:]
 
 
 class GaussLegendre(ImplicitStepper):
@@ -131,32 +141,31 @@ class GaussLegendre(ImplicitStepper):
     coupled_stages, vectors = len(C), 35
     error_constant = error_constant(np.array(A), np.array(B), order)
 
-    def _allocate(self, model: Model) -> None:
-        self._past, self._pair = self.space.stack(len(C)), self.problem.space.zeros()
+    equations = CoupledStages
+
+    def allocate(self) -> None:
+        """Make room for the stages, and the slopes of the step before."""
+        self._past, self._pair = self.space.stack(len(C)), self.solver.problem.space.zeros()
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
 
-    def _begin(self, slope: wp.array) -> None:
+    def begin(self, slope: wp.array) -> None:
+        """Guess the slope at the start for both stages."""
         for i in range(len(C)):
             self.space.copy(slope, self._past[i])
 
-    def _make_problem(self, preconditioner: str) -> CoupledStages:
-        return CoupledStages(self.model, self.space, preconditioner)
-
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and the slopes of the last step for the guess of the next."""
         return {"state": self.state, "slopes": self._past}
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
-        problem, stages = self.problem, self.problem.split(self._pair)
-        problem.time, problem.dt, problem.start = t, dt, self.state
+    def solve_step(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+        """Solve both stages of a step of dt [s] from `state`, at t [s], to `out`."""
+        stages = split(self._pair)
         for stage, row in zip(stages, dt * np.array(A) @ _EXTRAPOLATION, strict=True):
             self.space.combine(self.state, self._past, row, stage)
-        result = self._newton_solve(dt, self._pair, dt * self.motion.rate)
+        result = self.solver.solve(dt, t, self.state, self._pair)
         if not result.converged:
             return result
-        sources = np.array([self.model.mean_source(t + c * dt) for c in C])
-        for stage, gain in zip(stages, dt * np.array(A) @ sources, strict=True):
-            self._restore_mass(self.state, stage, float(gain))
         for stage in stages:
             self.space.axpy(-1.0, self.state, stage)
         self.space.combine(self.state, self._changes, (-_ROOT, _ROOT), out)

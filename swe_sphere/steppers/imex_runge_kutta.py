@@ -8,22 +8,34 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
+from swe_sphere.steppers.combinations import Combiner
+from swe_sphere.steppers.imex_limit import explicit_spectrum, implicit_explicit_step
 from swe_sphere.steppers.stability import Complex, error_constant, runge_kutta_growth, tableau
-from swe_sphere.steppers.stepper import Combiner
+from swe_sphere.steppers.stage_solver import WaveSolver
+from swe_sphere.steppers.stepper import Stepper
 
-Array = NDArray[np.float64]
 Rows = tuple[tuple[float, ...], ...]
 
 
-class ImexRungeKutta(ImexStepper):
+class ImexRungeKutta(Stepper):
     """Y_i = x + dt sum_j (explicit_ij N(Y_j) + implicit_ij L Y_j), N = F - L; one solve a stage.
 
     The first stage is x.  Solved for is the change Y_i - x, so that the tolerance of the solver is
     one of the change; L Y_i is what the solved equation implies, and the guess for it is the one of
-    a step before.
+    a step before.  The step is limited by the wind (docs/imex_steps.md).
+
+    `tolerance`: see `StageSolver`; `coriolis`: see `WaveSolver`; `solver`: the one of another
+    stepper of the same model, to share it with its options.
     """
+
+    family = "imex"
+    solver: WaveSolver
+    faster: ClassVar[float] = 8.0
+    """How many times faster than the explicit waves the implicit ones are at least in the analysis
+    of stability.  (Waves of nearly one frequency in both parts would grow in any implicit-explicit
+    Runge-Kutta method; but such are long ones, whose growth is tiny.)"""
 
     explicit: ClassVar[Rows]
     """Rows below the diagonal, from the second stage on."""
@@ -39,19 +51,26 @@ class ImexRungeKutta(ImexStepper):
             implicit = tableau(cls.implicit, len(cls.b))
             cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
 
-    def _allocate(self, model: Model) -> None:
-        stages, n, dt = len(self.b), model.device_mesh.size, self.dt
+    def __init__(
+        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit",
+        solver: WaveSolver | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(model, dt)
+        self.solver = solver or WaveSolver(model, self, tolerance, coriolis)
+        self.counters, self.space = self.solver.counters, self.solver.space
+        stages, n, mesh = len(self.b), model.device_mesh.size, model.device_mesh
         self._tau = dt * self.implicit[0][-1]
         stack = self.space.stack(2 * stages)
         self._full = [stack[i] for i in range(stages)]
         self._linear = [stack[stages + i] for i in range(stages)]
-        real = model.device_mesh.real
-        self._slopes = wp.zeros((stages, n), dtype=real, device=model.device)
+        self._slopes = wp.zeros((stages, n), dtype=mesh.real, device=model.device)
         self._past = [self._slopes[i] for i in range(stages)]
-        self._rhs, self._change, self._stage = model.zeros(), model.zeros(), model.zeros()
-        self._known, self._guess = model.zeros(), wp.zeros(n, dtype=real, device=model.device)
-        self._nothing = model.zeros()
-        self._depths = VectorSpace(model.mesh.area, mesh=model.device_mesh)
+        self._rhs, self._change, self._stage, self._known, self._nothing = (
+            model.zeros() for _ in range(5)
+        )
+        self._guess = wp.zeros(n, dtype=mesh.real, device=model.device)
+        self._depth = slice(2 * n, 3 * n)
+        self._depths = VectorSpace(model.mesh.area, mesh=mesh)
         a_e, a_i = tableau(self.explicit, stages), tableau(self.implicit, stages)
         self._sums = [
             Combiner(model, stack, dt * np.concatenate([e, np.tril(a_i, -1)[i] - e]))
@@ -60,26 +79,30 @@ class ImexRungeKutta(ImexStepper):
         self._last = Combiner(model, stack, dt * np.array(self.b))
         self._offsets = dt * a_e.sum(axis=1)
 
-    def _begin(self, slope: wp.array) -> None:
-        self.waves.linearise(self.state)
-        self.waves.apply(self.state, self._linear[0])
+    def begin(self, slope: wp.array) -> None:
+        """Guess the linear part of the slope at the start for all stages."""
+        self.solver.waves.linearise(self.state)
+        self.solver.waves.apply(self.state, self._linear[0])
         for guess in self._past:
-            wp.copy(guess, depth_of(self._linear[0], guess.size))
+            wp.copy(guess, self._linear[0][self._depth])
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """The state, and the linear slopes of depth in the last step for the guesses."""
         return {"state": self.state, "slopes": self._slopes}
 
-    def _advance(self) -> None:
-        self.waves.linearise(self.state)
+    def advance(self) -> None:
+        """Take a step, stage by stage."""
+        self.solver.aim(self, self.dt)
+        self.solver.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])
-        self.waves.apply(self.state, self._linear[0])
+        self.solver.waves.apply(self.state, self._linear[0])
         for i in range(1, len(self.b)):
             self._solve_stage(i)
             self.space.copy(self.state, self._stage)
             self.space.axpy(1.0, self._change, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
         self._last(self.state, self._stage)
-        self.motion.accept(self.state, self._stage, self.dt)
+        self.solver.motion.accept(self.state, self._stage, self.dt)
         self.space.copy(self._stage, self.state)
 
     def _solve_stage(self, i: int) -> None:
@@ -87,20 +110,29 @@ class ImexRungeKutta(ImexStepper):
         self._sums[i](self._nothing, self._known)
         self.space.copy(self._known, self._rhs)
         self.space.axpy(self._tau, self._linear[0], self._rhs)
-        wp.copy(self._guess, depth_of(self._known, self._guess.size))
+        wp.copy(self._guess, self._known[self._depth])
         self._depths.axpy(self._tau, self._past[i], self._guess)
-        self._solve(self._tau, self._rhs, self._guess, self._change)
+        self.solver.solve(self._tau, self.time, self._rhs, self._guess, self._change)
         slope = self._linear[i]
         self.space.copy(self._change, slope)
         self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
-        wp.copy(self._past[i], depth_of(slope, self._guess.size))
+        wp.copy(self._past[i], slope[self._depth])
 
     @classmethod
-    def _growth(
-        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1] of the explicit part: see `explicit_spectrum`."""
+        return explicit_spectrum(model, state, t)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Largest step [s] that amplifies no mode: see `implicit_explicit_step`."""
+
         a_e, a_i = (tableau(rows, len(cls.b)) for rows in (cls.explicit, cls.implicit))
-        return runge_kutta_growth(np.array(cls.b), (a_e, z_wave + z_dissipation), (a_i, z_implicit))
+
+        def growth(z_implicit: Complex, z_wave: Complex, z_loss: Complex) -> NDArray[np.float64]:
+            return runge_kutta_growth(np.array(cls.b), (a_e, z_wave + z_loss), (a_i, z_implicit))
+
+        return implicit_explicit_step(growth, wave, dissipation, cls.faster)
 
 
 class ARK2(ImexRungeKutta):

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.vectors import leapfrog_kernel
+from swe_sphere.steppers.combinations import Combiner
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import Complex, largest_step
-from swe_sphere.steppers.stepper import Combiner, Stepper
+from swe_sphere.steppers.stability import Complex
+from swe_sphere.steppers.stepper import Stepper
 
 
 class Leapfrog(Stepper):
@@ -26,6 +27,7 @@ class Leapfrog(Stepper):
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
+    reach = 2.0
     vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
@@ -49,7 +51,8 @@ class Leapfrog(Stepper):
         self._kernel = leapfrog_kernel(real)
         model.launch.load(self._kernel)
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Take a step from the past level; the first one by rk4."""
         if self.steps == 0:
             self._first_step()
             return
@@ -75,24 +78,21 @@ class Leapfrog(Stepper):
         """The present and the past state."""
         return self.state, self._previous
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """Both states."""
         return {"state": self.state, "previous": self._previous}
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """One with the filter."""
+        """1 with the filter."""
         strength = options.get("strength")
         filtered = cls.default_strength if strength is None else strength
         return 1 if filtered else super().order_in(model, **options)
 
     @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Largest step [s] for which the filtered scheme amplifies no mode."""
-        return largest_step(_growth, wave, dissipation, reach=2.0)
-
-
-def _growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-    return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+        """Largest amplification factors of the scheme with its usual filter."""
+        return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
 
 
 def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:

@@ -14,9 +14,9 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
+from swe_sphere.steppers.combinations import Combiner
 from swe_sphere.steppers.flow_limit import FlowLimited, columns, strongest_advection, wind_share
 from swe_sphere.steppers.stability import Complex, tableau
-from swe_sphere.steppers.stepper import Combiner
 
 Rows = tuple[tuple[float, ...], ...]
 Matrix = NDArray[np.float64]
@@ -78,7 +78,8 @@ class InfinitesimalStep(FlowLimited):
         model.launch.load(self._add)
         model.counters["fast_steps"] = 0
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Take a step, stage by stage."""
         model, x, stage = self.model, self.state, self.state
         for i, change in enumerate(self._changes):
             model.tendency(stage, self.time + self._offsets[i], self._slopes[i])
@@ -126,9 +127,10 @@ class InfinitesimalStep(FlowLimited):
         return replace(found, wind=min(slow, found.wave))
 
     @classmethod
-    def _matrix(
+    def propagator(
         cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
     ) -> Complex:
+        """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
         alpha, beta, gamma = cls._matrices()
         z, wind, loss = columns(z_wave, z_wind, z_dissipation)
         x = np.broadcast_to(np.eye(2, dtype=complex), (*z.shape[:-1], 2, 2))

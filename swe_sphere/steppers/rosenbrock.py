@@ -4,16 +4,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.model import Model
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.steppers.successive_stages import SuccessiveStages
+from swe_sphere.steppers.dirk import DiagonallyImplicit
 
-Array = NDArray[np.float64]
 FRACTION = 1e-3
 """Spacing of the differences that give dF/dt, in time steps."""
 
 
-class RosenbrockW(SuccessiveStages):
+class RosenbrockW(DiagonallyImplicit):
     """Rosenbrock-W method RA34PW2: linearly implicit, four stages, third order, L-stable.
 
     (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
@@ -41,38 +39,37 @@ class RosenbrockW(SuccessiveStages):
     )
     b = (0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900)
     embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
+    a = tuple(map(tuple, (np.array(alpha) + lower + gamma * np.eye(4)).tolist()))
+    """For linear equations the method is a diagonally implicit one with this tableau."""
 
-    @classmethod
-    def matrix(cls) -> Array:
-        """That with which the method is a diagonally implicit one for linear equations."""
-        matrix: Array = np.array(cls.alpha) + cls.lower + cls.gamma * np.eye(len(cls.b))
-        return matrix
-
-    def _allocate(self, model: Model) -> None:
-        super()._allocate(model)
-        self._point, self._drift = model.zeros(), model.zeros()
-        self._has_drift = not model.scene.autonomous
+    def allocate(self) -> None:
+        """Make room for the slopes of two steps, and for dF/dt."""
+        super().allocate()
+        self._point, self._drift = self.model.zeros(), self.model.zeros()
+        self._has_drift = not self.model.scene.autonomous
         sums = np.array(self.lower) + self.gamma * np.eye(len(self.b))
         self._inverse = np.linalg.inv(sums)
-        self._c, self._gammas = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
+        self._c, self._sums = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
         self._inner, self._coupling = self.alpha @ self._inverse, -np.tril(self._inverse, -1)
 
-    def _weights(self, b: tuple[float, ...]) -> Array:
-        weights: Array = b @ self._inverse
+    def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
+        weights: NDArray[np.float64] = b @ self._inverse
         return weights
 
-    def _begin(self, slope: wp.array) -> None:
-        super()._begin(slope)
-        for guess, part in zip(self._guesses, self._gammas, strict=True):
+    def begin(self, slope: wp.array) -> None:
+        """Guess the solutions that the slope at the start would have."""
+        super().begin(slope)
+        for guess, part in zip(self._guesses, self._sums, strict=True):
             self.space.scale(float(part), guess)
 
-    def _attempt(self, t: float, dt: float, out: wp.array) -> LinearResult | None:
-        tau = self.gamma * dt
-        self.problem.tau = tau
-        self._prepare(tau)
+    def solve_step(self, t: float, dt: float, out: wp.array) -> LinearResult | None:
+        """Solve the linear stages of a step of dt [s] from `state`, at t [s], to `out`."""
+        problem = self.solver.problem
+        problem.tau = self.gamma * dt
+        self.solver.prepare(problem.tau)
         self._differentiate(t, dt)
-        self.problem.time = t
-        self.problem.linearise(self.state)
+        problem.time = t
+        problem.linearise(self.state)
         for i in range(len(self.b)):
             self._right_hand_side(i, t, dt)
             result = self._solve_stage(i, dt)
@@ -89,15 +86,16 @@ class RosenbrockW(SuccessiveStages):
         space.scale(self.gamma, self._rhs)
         space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
         if self._has_drift:
-            space.axpy(self.gamma * self._gammas[i] * dt, self._drift, self._rhs)
+            space.axpy(self.gamma * self._sums[i] * dt, self._drift, self._rhs)
 
     def _solve_stage(self, i: int, dt: float) -> LinearResult:
         """(I - tau J) u_i = right-hand side; u_i has its mass, which J does not move."""
         u = self._slopes[i]
         self.space.copy(self._guesses[i], u)
-        goal, floor = self.tolerance * self.gamma * self.motion.rate, self._worthless() / dt
-        result = self._solve_linear(self._rhs, u, atol=goal, floor=floor)
-        self._restore_mass(self._rhs, u)
+        solver = self.solver
+        goal, floor = solver.tolerance * self.gamma * solver.motion.rate, solver.worthless() / dt
+        result = solver.solve_linear(self._rhs, u, atol=goal, floor=floor)
+        solver.restore_mass(self._rhs, u)
         return result
 
     def _differentiate(self, t: float, dt: float) -> None:

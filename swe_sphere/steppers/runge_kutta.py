@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
-from swe_sphere.steppers.stability import Complex, largest_step, runge_kutta_growth, tableau
-from swe_sphere.steppers.stepper import Mixer, Stepper
+from swe_sphere.steppers.combinations import Mixer
+from swe_sphere.steppers.stability import Complex, runge_kutta_growth, tableau
+from swe_sphere.steppers.stepper import Stepper
 
 
 class _Stage(NamedTuple):
@@ -40,7 +41,7 @@ class RungeKutta(Stepper):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "name" in vars(cls):
-            cls.vectors = 2 + len(cls.b)
+            cls.vectors, cls.reach = 2 + len(cls.b), 2.0 * len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
@@ -57,7 +58,8 @@ class RungeKutta(Stepper):
             self._stages.append(_Stage(mixer, start, where, offset, rhs, level))
             point = level if share else start
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Take a step, stage by stage."""
         for stage in self._stages:
             if stage.mixer is not None:
                 stage.mixer(self.state, stage.start)
@@ -78,14 +80,10 @@ class RungeKutta(Stepper):
             yield np.linalg.solve(told[:i, :i].T, row[:i]), row[i]
 
     @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Largest step [s] with |R(z)| <= 1 over the spectrum."""
-        a, b = tableau(cls.a, len(cls.b)), np.array(cls.b)
-
-        def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-            return runge_kutta_growth(b, (a, z_wave + z_dissipation))
-
-        return largest_step(growth, wave, dissipation, reach=2.0 * len(b))
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+        """|R(z)| for the sum z of both parts."""
+        a = tableau(cls.a, len(cls.b))
+        return runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
 
 
 class RK4(RungeKutta):

@@ -7,14 +7,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.kernels.vectors import leapfrog_kernel
+from swe_sphere.steppers.imex_limit import explicit_spectrum, implicit_explicit_step
 from swe_sphere.steppers.imex_runge_kutta import ARK2
-from swe_sphere.steppers.imex_stepper import ImexStepper, depth_of
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
 from swe_sphere.steppers.stability import Complex
+from swe_sphere.steppers.stage_solver import WaveSolver
+from swe_sphere.steppers.stepper import Stepper
 
 
-class SemiImplicit(ImexStepper):
+class SemiImplicit(Stepper):
     """Semi-implicit leapfrog, Robert-Asselin-Williams filter: one right-hand side and one solve.
 
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
@@ -24,7 +27,8 @@ class SemiImplicit(ImexStepper):
     tolerance leaves a hundredth of the error in time in williamson5 after 5 days.
     """
 
-    name, order = "semi-implicit", 2
+    name, order, family = "semi-implicit", 2, "imex"
+    solver: WaveSolver
     diffusion_steps = 2
     holds_damping = True
     default_tolerance = 1e-2
@@ -33,20 +37,23 @@ class SemiImplicit(ImexStepper):
     style = ("#E69F00", "D")
     expected_error = ((900.0, 5.462867e-05, 1.128908e-03), (450.0, 1.447359e-05, 3.498897e-04))
 
-    def _allocate(self, model: Model) -> None:
-        self._starter = ARK2(model, self.dt, solver=self.solver)
-        # which take note of its step
-        self._starter.motion, self._starter.counters = self.motion, self.counters
-        self._previous, self._slope, self._linear = model.zeros(), model.zeros(), model.zeros()
-        self._change, self._difference = model.zeros(), model.zeros()
+    def __init__(
+        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"
+    ) -> None:
+        super().__init__(model, dt)
+        self.solver = WaveSolver(model, self, tolerance, coriolis)
+        self.counters, self.space = self.solver.counters, self.solver.space
+        self._starter = ARK2(model, dt, solver=self.solver)
+        self._previous, self._slope, self._linear, self._change, self._difference = (
+            model.zeros() for _ in range(5)
+        )
         real, n = model.device_mesh.real, model.device_mesh.size
-        self._guess = wp.zeros(n, dtype=real, device=model.device)
+        self._guess, self._depth = wp.zeros(n, dtype=real, device=model.device), slice(2 * n, 3 * n)
         self._kernel = leapfrog_kernel(real)
         model.launch.load(self._kernel)
 
-    def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
-        super().start(state, t)
+    def begin(self, slope: wp.array) -> None:
+        """Forget the change before."""
         self._guess.zero_()
 
     @property
@@ -54,30 +61,33 @@ class SemiImplicit(ImexStepper):
         """The present and the past state."""
         return self.state, self._previous
 
-    def _remembered(self) -> dict[str, wp.array]:
+    def memory(self) -> dict[str, wp.array]:
+        """Both states, and the last change of depth for the guess of the next."""
         return {"state": self.state, "previous": self._previous, "guess": self._guess}
 
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Take a step from the past level; the first one by ARK2."""
         if self.steps == 0:
             self._first_step()
             return
-        self.waves.linearise(self.state)
+        self.solver.aim(self, self.dt)
+        self.solver.waves.linearise(self.state)
         self._explicit_tendency()
         self.space.scale(2.0 * self.dt, self._slope)
-        self._solve(self.dt, self._slope, self._guess, self._change)
-        wp.copy(self._guess, depth_of(self._change, self._guess.size))
+        self.solver.solve(self.dt, self.time, self._slope, self._guess, self._change)
+        wp.copy(self._guess, self._change[self._depth])
         self.model.launch(
             self._kernel, self.model.size, self._previous, self.state, self._change,
             1.0, 0.5 * Leapfrog.default_strength, Leapfrog.default_share,
         )  # fmt: skip
-        self.motion.accept(self._previous, self.state, self.dt)
+        self.solver.motion.accept(self._previous, self.state, self.dt)
 
     def _explicit_tendency(self) -> None:
         """slope = F(x) + L (x- - x), drag and relaxation from x-, and diffusion from there on."""
         self.model.conservative_tendency(self.state, self.time, self._slope)
         self.space.copy(self._previous, self._difference)
         self.space.axpy(-1.0, self.state, self._difference)
-        self.waves.apply(self._difference, self._linear)
+        self.solver.waves.apply(self._difference, self._linear)
         self.space.axpy(1.0, self._linear, self._slope)
         if self.model.dissipative:
             self.model.dissipative_tendency(self._previous, self._linear)
@@ -92,16 +102,24 @@ class SemiImplicit(ImexStepper):
         wp.copy(self.state, self._starter.state)
         self.space.copy(self.state, self._difference)
         self.space.axpby(-2.0, self._previous, 2.0, self._difference)
-        wp.copy(self._guess, depth_of(self._difference, self._guess.size))
+        wp.copy(self._guess, self._difference[self._depth])
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """One with the filter."""
+        """1 with the filter."""
         return 1 if Leapfrog.default_strength else super().order_in(model, **options)
 
     @classmethod
-    def _growth(
-        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
-    ) -> NDArray[np.float64]:
-        old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
-        return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
+    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+        """Spectral radii [s-1] of the explicit part: see `explicit_spectrum`."""
+        return explicit_spectrum(model, state, t)
+
+    @classmethod
+    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
+        """Largest step [s] that amplifies no mode: see `implicit_explicit_step`."""
+
+        def growth(z_implicit: Complex, z_wave: Complex, z_loss: Complex) -> NDArray[np.float64]:
+            old = (1.0 + z_implicit + 2.0 * z_loss) / (1.0 - z_implicit)
+            return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
+
+        return implicit_explicit_step(growth, wave, dissipation)

@@ -15,6 +15,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.stages import diffusive_stage_kernel
 from swe_sphere.operators.launch import in_runs
+from swe_sphere.operators.replay import Replay
 
 REACH = 0.75
 """Part of the stable interval that is used: with two or four stages the fastest modes are hardly
@@ -66,7 +67,8 @@ class Diffusion:
         mesh = model.device_mesh
         stage_of = partial(diffusive_stage_kernel, mesh.real)
         self._runs = in_runs(stage_of, mesh.lanes, 0, model.size)
-        """What launches a stage."""
+        """The launches of a stage: kernels, threads and first numbers."""
+        self._replay = Replay(model.launch)
         model.launch.load(*(kernel for kernel, _, _ in self._runs))
 
     @property
@@ -77,7 +79,7 @@ class Diffusion:
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
         last, _ = self._changes
-        self._step(state, None, 1.0, last, state)
+        self._replay(state.ptr, lambda: self._step(state, None, 1.0, last, state))
 
     def join(self, past: wp.array, slope: wp.array) -> None:
         """Make of the slope of all else, held from `past` on, the mean slope of both together.

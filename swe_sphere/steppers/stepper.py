@@ -1,7 +1,7 @@
-"""What every stepper does: it owns its state and moves it forward by one step at a time."""
+"""What every stepper does: it moves its state forward by one step at a time."""
 
-import itertools
 from abc import ABC, abstractmethod
+from contextlib import nullcontext
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -12,12 +12,12 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import users_code
-from swe_sphere.kernels import combine_kernel
-from swe_sphere.kernels.stages import mix_kernel
-from swe_sphere.kernels.vectors import AT_ONCE
-from swe_sphere.operators.replay import Replay
+from swe_sphere.ranks.blas import one_thread
 from swe_sphere.settings.registry import Registry
+from swe_sphere.steppers.recorded_steps import CheckedReplay, Replay
 from swe_sphere.steppers.split_diffusion import Diffusion
+from swe_sphere.steppers.stability import Complex, largest_step
+from swe_sphere.steppers.stage_solver import StageSolver
 
 RECOMMENDED = "tr-bdf2"
 """The fully implicit scheme that the measurements recommend."""
@@ -38,73 +38,27 @@ STEPPERS: "Registry[Stepper]" = Registry(
 defined."""
 
 
-class Stepper(ABC):
-    """Time integrator of a model with a fixed step dt [s].
+class Trajectory:
+    """A state that moves in time, with what an exact restart needs.
 
-    The stepper owns the state; `state_dict` returns all it needs to go on from there bit for bit.
-    With `diffusion_apart` its `model` has no viscosity and no hyperviscosity: `diffusion` steps
-    them, and `step` has it act after even steps and before odd ones, which is Strang's splitting of
-    two steps and of second order.
-    Raises ConfigError for a step that is not positive and finite.
+    Steppers are trajectories, and so are controllers that hold one: of its step size, or of tracers
+    that take longer steps.  Raises ConfigError for a step that is not positive and finite.
     """
 
     name: ClassVar[str]
-    """By which users call it; a class without a name of its own is a base of others."""
+    """The name that users type; a class without a name of its own is a base of others."""
     order: ClassVar[int]
-    family: ClassVar[Family] = "explicit"
-    estimate_order: ClassVar[int | None] = None
-    """The power of dt that its estimate of the error goes with; None where it has none."""
-    style: ClassVar[tuple[str, Marker] | None] = None
-    """Its colour and its marker in pictures; None: whatever is free."""
-    expected_error: ClassVar[tuple[tuple[float, float, float], ...]] = ()
-    """Time steps [s] with the l2 errors of height and wind in scene lauter, ne 3, after 3 hours,
-    that `swe-sphere verify` holds it to."""
-    vectors: ClassVar[int] = 50
-    """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
-    coupled_stages: ClassVar[int] = 1
-    """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
-    diffusion_apart: bool = True
-    """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
-    diffusion_steps: ClassVar[int | None] = None
-    """Steps over which it has `diffusion` join its change itself; None: `step` sees to it."""
-    diffusion_order: ClassVar[int] = 2
-    """Of diffusion by itself; more than it has together with the rest costs, and gains nothing."""
-    holds_damping: ClassVar[bool] = False
-    """Whether it holds drag and relaxation over a step, which is of first order."""
-    repeats_from: ClassVar[int | None] = None
-    """The step from which on all launch the same kernels, on arrays that `_turn` exchanges, and so
-    can be recorded; None: never.  A class that defines `_advance` says so itself."""
-    safety: ClassVar[float] = 0.85
-    """Part of the stability limit that an automatic step uses: winds grow during a run."""
-    courant: ClassVar[float] = 2.0
-    """Advective Courant number of an automatic step without a stability limit."""
-    longest: ClassVar[float] = 3600.0
-    """An automatic step without a stability limit is no longer than this [s]."""
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "_advance" in vars(cls) and "repeats_from" not in vars(cls):
-            cls.repeats_from = None
-        if "name" in vars(cls):
-            if not hasattr(cls, "order"):
-                raise ConfigError(f"stepper {cls.name} has no `order`: say it beside its name")
-            STEPPERS.add(cls)
 
     def __init__(self, model: Model, dt: float) -> None:
+        """dt: time step [s]."""
         if not (np.isfinite(dt) and dt > 0.0):
             raise ConfigError(f"the time step must be positive and finite, not {dt} s")
-        self.diffusion: Diffusion | None = None
-        if model.diffusive and self.diffusion_apart:
-            whole = dt * (self.diffusion_steps or 1)
-            self.diffusion = Diffusion(model, whole, self.diffusion_order)
-            model = model.inviscid
         self.model, self.dt = model, float(dt)
         self.state: wp.array = model.zeros()
         self.steps = 0
+        """Number of steps of dt since the start."""
         self.counters: dict[str, int] = {}
         self._origin = 0.0
-        repeats = self.repeats_from is not None and model.repeats
-        self._replay = Replay(model.launch, model.counters) if repeats else None
 
     @property
     def time(self) -> float:
@@ -117,134 +71,197 @@ class Stepper(ABC):
         self._origin, self.steps = t, 0
 
     def step(self) -> None:
+        """Move `state` forward."""
+        raise NotImplementedError
+
+    def costs(self) -> dict[str, float]:
+        """Counts of the steps so far, and seconds where the name says so."""
+        return dict(self.counters)
+
+    def memory(self) -> dict[str, wp.array]:
+        """Arrays that a method must keep between steps; they are written to checkpoints."""
+        return {"state": self.state}
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
+
+        They are those of the whole mesh, on all ranks that share it.
+        """
+        mesh = self.model.device_mesh
+        arrays = {name: mesh.collect(array).copy() for name, array in self.memory().items()}
+        return arrays | {"origin": np.array(self._origin)}
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
+        """Resume from the result of `state_dict` after that many steps.
+
+        Raises ConfigError when the arrays are those of another stepper or of another size.
+        """
+        mesh = self.model.device_mesh
+        for name, array in self.memory().items():
+            if name not in state or not mesh.matches(state[name], array):
+                raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
+            wp.copy(array, mesh.scatter(state[name]))
+        self._origin, self.steps = float(state["origin"]), steps
+
+
+class Stepper(Trajectory, ABC):
+    """Time integrator of a model with a fixed step dt [s].
+
+    A method defines `advance`, which changes `state` in place, and `growth`, from which its longest
+    stable step follows.  With `diffusion_apart` its `model` has no viscosity and no hyperviscosity:
+    `diffusion` steps them, after even steps and before odd ones, which is Strang's splitting of two
+    steps and of second order.
+    """
+
+    family: ClassVar[Family] = "explicit"
+    estimate_order: ClassVar[int | None] = None
+    """Power of dt that the estimate of its error goes with; None: it has no estimate."""
+    style: ClassVar[tuple[str, Marker] | None] = None
+    """Colour and marker in pictures; None: whatever is free."""
+    expected_error: ClassVar[tuple[tuple[float, float, float], ...]] = ()
+    """Time steps [s] with the l2 errors of height and wind in scene lauter, ne 3, after 3 hours,
+    against which `swe-sphere verify` checks it."""
+    vectors: ClassVar[int] = 50
+    """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
+    coupled_stages: ClassVar[int] = 1
+    """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
+    diffusion_apart: bool = True
+    """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
+    diffusion_steps: ClassVar[int | None] = None
+    """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
+    diffusion_order: ClassVar[int] = 2
+    """Order of diffusion by itself; a higher one than that of the splitting gains nothing."""
+    holds_damping: ClassVar[bool] = False
+    """Whether it holds drag and relaxation over a step, which is of first order."""
+    repeats_from: ClassVar[int | None] = None
+    """The step from which on `advance` launches the same kernels on arrays that `swap` exchanges,
+    with no other work, so that it can be recorded; None: never.  A class that defines `advance`
+    defines it as well."""
+    safety: ClassVar[float] = 0.85
+    """Part of the stability limit that an automatic step uses: winds grow during a run."""
+    courant: ClassVar[float] = 2.0
+    """Advective Courant number of an automatic step without a stability limit."""
+    longest: ClassVar[float] = 3600.0
+    """Longest automatic step without a stability limit [s]."""
+    reach: ClassVar[float] = 20.0
+    """Longest step that `stable_dt` considers, times the sum of the spectral radii."""
+    default_tolerance: ClassVar[float] = 1e-3
+    """Default of the option `tolerance`, where a method solves equations."""
+    error_constant: ClassVar[float]
+    """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
+    solver: StageSolver | None = None
+    """Solver of the equations in a step; None: it solves none."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "advance" in vars(cls) and "repeats_from" not in vars(cls):
+            cls.repeats_from = None
+        if "name" in vars(cls):
+            if not hasattr(cls, "order"):
+                raise ConfigError(f"stepper {cls.name} has no `order`: say it beside its name")
+            STEPPERS.add(cls)
+
+    def __init__(self, model: Model, dt: float) -> None:
+        super().__init__(model, dt)
+        self.diffusion: Diffusion | None = None
+        if model.diffusive and self.diffusion_apart:
+            whole = dt * (self.diffusion_steps or 1)
+            self.diffusion = Diffusion(model, whole, self.diffusion_order)
+            self.model = model.inviscid
+        self._apart = self.diffusion if self.diffusion_steps is None else None
+        self._replay: Replay | CheckedReplay | None = None
+        if self.repeats_from is not None and model.repeats:
+            self._replay = Replay(model.launch, model.counters)
+            if not type(self).__module__.startswith("swe_sphere."):
+                self._replay = CheckedReplay(self._replay, self)
+
+    def start(self, state: wp.array, t: float = 0.0) -> None:
+        """Begin from a copy of the state at time t [s]."""
+        super().start(state, t)
+        if self.solver is not None:
+            self.begin(self.solver.start(self.state, t, self.dt))
+
+    def begin(self, slope: wp.array) -> None:
+        """Make the first guesses of a method with a solver from the slope at the start."""
+
+    def step(self) -> None:
         """Move `state` forward by dt."""
-        with users_code():
+        apart, limiter = self._apart, self.model.limiter
+        with users_code(), nullcontext() if self.solver is None else one_thread():
+            if apart is not None and self.steps % 2:
+                apart.act(self.state)
             if self._replay is None or self.steps < (self.repeats_from or 0):
-                self._launch_step()
-            elif self._replay(key := (self.state.ptr, self._apart is not None and self.steps % 2)):
-                self._turn()
-            else:
+                self.advance()
+            elif not self._replay(key := self.state.ptr):
                 with self._replay.record(key):
-                    self._launch_step()
+                    self.advance()
+            self.swap()
+            if apart is not None and not self.steps % 2:
+                apart.act(self.state)
+            if limiter is not None:
+                limiter(self.state)
         self.steps += 1
 
-    @property
-    def _apart(self) -> Diffusion | None:
-        return self.diffusion if self.diffusion_steps is None else None
-
-    def _launch_step(self) -> None:
-        apart = self._apart
-        if apart and self.steps % 2:
-            apart.act(self.state)
-        self._advance()
-        self._turn()
-        if apart and not self.steps % 2:
-            apart.act(self.state)
-        if self.model.limiter is not None:
-            self.model.limiter(self.state)
-
     @abstractmethod
-    def _advance(self) -> None: ...
+    def advance(self) -> None:
+        """Move `state` from `time` forward by dt."""
 
-    def _turn(self) -> None:  # noqa: B027 - most have none that do
-        """Let arrays exchange their roles after `_advance`, where they do; launches nothing."""
+    def swap(self) -> None:
+        """Let arrays exchange their roles after `advance`; launches nothing."""
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of what is stepped explicitly, which `stable_dt` asks for."""
+        """Spectral radii [s-1] of the explicit part of the method, for `stable_dt`."""
         return model.inviscid.spectrum(state, t)
 
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
-        """Largest stable step [s] where the spectrum is what the method of that name returned."""
+        """Largest stable step [s] for the result of `spectrum`."""
         return cls.stable_dt(spectrum.wave, spectrum.dissipation)
 
     @classmethod
-    @abstractmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
         """Largest stable step [s] for spectral radii of waves and dissipation [s-1]."""
+        return largest_step(cls.growth, wave, dissipation, cls.reach)
+
+    @classmethod
+    def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
+        """Largest amplification factors of a step, for eigenvalues times dt of both parts."""
+        raise ConfigError(f"stepper {cls.name} defines no `growth`, from which its limit follows")
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """Its order for a model, if it is built with those options."""
+        """Order of the method for a model, if it is built with those options."""
         if cls.holds_damping and model.inviscid.dissipative:
             return 1
         apart = cls.diffusion_apart or options.get("diffusion") == "apart"
         return min(cls.order, cls.diffusion_order) if model.diffusive and apart else cls.order
 
     def costs(self) -> dict[str, float]:
-        """What the steps so far have taken: counts, and seconds where the name says so."""
-        return dict(self.counters)
+        """Counts of the steps so far, and seconds where the name says so."""
+        return super().costs() | ({} if self.solver is None else self.solver.costs())
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
-
-        Of the whole mesh, however many ranks share it, and on all of them.
-        """
-        mesh = self.model.device_mesh
-        arrays = {name: mesh.collect(array).copy() for name, array in self._remembered().items()}
-        return arrays | {"origin": np.array(self._origin)}
+        """Copies of all arrays that a bitwise exact restart needs, those of the solver included."""
+        return super().state_dict() | ({} if self.solver is None else self.solver.state_dict())
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many steps.
+        """Resume from the result of `state_dict` after that many steps.
 
-        Raises ConfigError when the state is of another stepper or another size.
+        Raises ConfigError when the arrays are those of another stepper or of another size.
         """
-        mesh = self.model.device_mesh
-        for name, array in self._remembered().items():
-            if name not in state or not mesh.matches(state[name], array):
-                raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
-            wp.copy(array, mesh.scatter(state[name]))
-        self._origin, self.steps = float(state["origin"]), steps
-
-    def _remembered(self) -> dict[str, wp.array]:
-        return {"state": self.state}
+        super().load_state_dict(state, steps)
+        if self.solver is not None:
+            self.solver.load_state_dict(state)
 
     @property
     def levels(self) -> tuple[wp.array, ...]:
-        """The states among what it remembers: the present one, and those before."""
+        """The states in `memory`: the present one, and those before."""
         return (self.state,)
 
-    def untold_levels(self) -> list[str]:
-        """Names of what may be states of times before, where a class does not say its `levels`."""
+    def undeclared_levels(self) -> list[str]:
+        """Names of arrays in `memory` that may be earlier states, if a class has no `levels`."""
         if type(self).levels is not Stepper.levels:
             return []
-        found = self._remembered().items()
+        found = self.memory().items()
         return [k for k, x in found if x.ptr != self.state.ptr and x.shape[-1:] == self.state.shape]
-
-
-class Combiner:
-    """out = x + sum_s c[s] stack[s], with coefficients fixed so that launches can be recorded."""
-
-    def __init__(self, model: Model, stack: wp.array, coefficients: NDArray[np.float64]) -> None:
-        self._model = model
-        terms = [(stack[s], float(c)) for s, c in enumerate(coefficients) if c != 0.0]
-        self._parts = [
-            list(itertools.chain(*terms[i : i + AT_ONCE])) for i in range(0, len(terms), AT_ONCE)
-        ]
-        real = model.device_mesh.real
-        self._kernels = [combine_kernel(real, len(part) // 2) for part in self._parts]
-        model.launch.load(*self._kernels)
-
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        if not self._parts:
-            wp.copy(out, x)
-        for kernel, part in zip(self._kernels, self._parts, strict=True):
-            self._model.launch(kernel, self._model.size, x, *part, out)
-            x = out
-
-
-class Mixer:
-    """out = x + sum_k w_k (levels_k - x), fixed likewise; `out` is another array."""
-
-    def __init__(self, model: Model, levels: wp.array, weights: NDArray[np.float64]) -> None:
-        mesh, (used,) = model.device_mesh, np.nonzero(weights)
-        first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, 0)
-        lanes = mesh.lanes if model.size >= mesh.lanes else 1
-        self._launch, self._kernel = model.launch, mix_kernel(mesh.real, lanes)
-        self._dim, self._size = -(-model.size // lanes), model.size
-        self._given = levels, mesh.upload(weights), first, last
-        model.launch.load(self._kernel)
-
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        self._launch(self._kernel, self._dim, self._size, x, *self._given, out)

@@ -1,7 +1,7 @@
 """Tracers on a step of their own: one for several steps of the flow that carries them."""
 
 import math
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep
 from swe_sphere.operators.transport_operator import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stepper import Stepper, Trajectory
 from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
 
 FLOW = "flow_"
@@ -87,8 +87,8 @@ def tracer_limit(model: Model) -> float:
     return PARTS * LONGEST / (MARGIN * radius) if radius > 0.0 else math.inf
 
 
-class TracerSteps(Stepper):
-    """A stepper that takes `every` steps of `dt` at once, and one of tracers over all of them.
+class TracerSteps(Trajectory, ABC):
+    """Takes `every` steps of `dt` at once, and one step of tracers over all of them.
 
     Its state is whole, and observed, after those only.  Of second order at the most.  Diffusion of
     tracers is split off as that of the flow is.
@@ -121,12 +121,6 @@ class TracerSteps(Stepper):
 
     def step(self) -> None:
         """Move `state` forward by all those steps."""
-        self._advance()
-        if self.model.limiter is not None:
-            self.model.limiter(self.state)
-        self.steps += self.every
-
-    def _advance(self) -> None:
         first = self.steps // self.every % 2 == 1
         if self.diffusion and first:
             self.diffusion.act(self.state)
@@ -137,6 +131,9 @@ class TracerSteps(Stepper):
         if self.diffusion and not first:
             self.diffusion.act(self.state)
         self._finish()
+        if self.model.limiter is not None:
+            self.model.limiter(self.state)
+        self.steps += self.every
 
     @abstractmethod
     def _move(self, t: float) -> None:
@@ -153,11 +150,6 @@ class TracerSteps(Stepper):
         new, air = self._block, self._air
         self.model.launch(self._add, new.size, air.start, air.rate, self._length, new)
 
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the flow's own stepper limits the step."""
-        return np.inf
-
 
 class CarriedTracers(TracerSteps):
     """Tracers carried by the time-averaged mass flux of a stepper on `model.carrier`.
@@ -168,10 +160,10 @@ class CarriedTracers(TracerSteps):
     """
 
     def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
-        if untold := scheme.untold_levels():
+        if undeclared := scheme.undeclared_levels():
             raise ConfigError(
-                f"tracer-steps: {scheme.name} remembers {', '.join(untold)}: its `levels` have to "
-                "say which of them are states of times before"
+                f"tracer-steps: {scheme.name} remembers {', '.join(undeclared)}: its"
+                " `levels` have to say which of them are states of times before"
             )
         self.scheme = scheme
         self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]

@@ -1,0 +1,192 @@
+"""The Newton-Krylov solver of implicit stages: problem, preconditioner and conserved masses."""
+
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.effects import MASSES
+from swe_sphere.equations.model import Model
+from swe_sphere.kernels import combine_kernel
+from swe_sphere.solvers.gmres import FlexibleGMRES
+from swe_sphere.solvers.linear_result import LinearResult
+from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult, Problem
+from swe_sphere.solvers.newton_steps import FollowedNonlinearity
+from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.stage_solver import Scheme, StageSolver
+
+KRYLOV_SIZE = 200
+KRYLOV_MEMORY = 2e9
+"""Basis vectors kept by GMRES, and the memory they may take [bytes]."""
+NEWTON_ITERATIONS = 12
+"""A solve that needs more is cheaper in two halves of the step."""
+FORCING = FollowedNonlinearity(first=0.02)
+
+
+class Stages(Problem, Protocol):
+    """Equations of one or more stages, for an implicit step tau [s] at a time [s]."""
+
+    space: VectorSpace
+    preconditioner: Preconditioner | None
+    tau: float
+    time: float
+    rhs: wp.array
+
+    def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
+        """States that share the mass of a solution x: (source, state, more mean depth [m])."""
+        ...
+
+
+class StageProblem:
+    """x - tau F(x, t) = rhs with exact Jacobian products."""
+
+    slopes: ClassVar[float] = 1.0
+    """Factor of tau F in the residual."""
+
+    def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
+        self._model, self.space = model, space
+        self.preconditioner = make_preconditioner(preconditioner, model)
+        self.precondition = self.preconditioner
+        self._slope, self._operator = model.zeros(), model.jacobian()
+        self._add = combine_kernel(model.device_mesh.real, 2)
+        model.launch.load(self._add)
+        self.tau, self.time = 0.0, 0.0
+        self.rhs: wp.array = None
+
+    def residual(self, x: wp.array, out: wp.array) -> None:
+        """out = x - tau F(x) - rhs."""
+        self._evaluate(x)
+        factor = -self.slopes * self.tau
+        self._model.launch(self._add, x.size, x, self._slope, factor, self.rhs, -1.0, out)
+
+    def _evaluate(self, x: wp.array) -> None:
+        self._model.tendency(x, self.time, self._slope)
+
+    def linearise(self, x: wp.array) -> None:
+        """Fix the state of the Jacobian."""
+        self._operator.update(x, self.time)
+
+    def jacobian(self, d: wp.array, out: wp.array) -> None:
+        """out = d - tau J d."""
+        self._operator(d, out)
+        self.space.axpby(1.0, d, -self.tau, out)
+
+    def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
+        """Right-hand side and solution, which has the sources of depth more."""
+        return [(self.rhs, x, self.slopes * self.tau * self._model.mean_source(self.time))]
+
+
+class NewtonStages(StageSolver):
+    """Solver of the nonlinear equations of implicit stages, and of their linearised form.
+
+    equations: class of the problem, made from the model, the space and the preconditioner's name.
+    """
+
+    prepared_for: float | None = None
+    """The tau [s] for which the preconditioner is set up; None: that of the stage."""
+
+    def __init__(
+        self, model: Model, scheme: Scheme, tolerance: float | None, preconditioner: str,
+        krylov_block: int, equations: type[Any] = StageProblem,
+    ) -> None:  # fmt: skip
+        super().__init__(model, scheme, tolerance)
+        self.problem: Stages = equations(model, self.space, preconditioner)
+        space = self.problem.space
+        # a large basis pays at large advective Courant numbers; it has the same size on any number
+        # of ranks, so that they agree when to restart
+        size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.whole))))
+        self.newton = NewtonKrylov(
+            space,
+            FlexibleGMRES(space, size, krylov_block),
+            max_iterations=NEWTON_ITERATIONS,
+            max_krylov=2 * KRYLOV_SIZE,
+            forcing=FORCING,
+        )
+        self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
+        self._units = self._unit_masses()
+
+    def start(self, state: wp.array, t: float, dt: float) -> wp.array:
+        """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
+        if self.problem.preconditioner is not None:
+            self.problem.preconditioner.load_state_dict({})
+        self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
+        return super().start(state, t, dt)
+
+    def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
+        """Solve the problem for the implicit step tau [s] at the time t [s] from the guess x.
+
+        The solution replaces x, and has the masses of the exact one.
+        """
+        problem = self.problem
+        problem.tau, problem.time, problem.rhs = tau, t, rhs
+        self.prepare(tau)
+        self.newton.rtol = self.tolerance
+        result = self.newton.solve(problem, x, tau * self.motion.rate, self.worthless())
+        self.counters["newton_iterations"] += result.newton_iterations
+        self.counters["krylov_iterations"] += result.krylov_iterations
+        if result.converged:
+            for masses in problem.masses(x):
+                self.restore_mass(*masses)
+        return result
+
+    def solve_linear(self, rhs: wp.array, x: wp.array, **goal: Any) -> LinearResult:
+        """Solve the linearised problem from the guess x, as exactly as `goal` says."""
+        result = self.newton.gmres.solve(
+            self.problem.jacobian,
+            rhs,
+            x,
+            self.problem.precondition,
+            **({"rtol": 0.0} | goal),
+            max_iterations=self.newton.max_krylov,
+        )
+        self.counters["krylov_iterations"] += result.iterations
+        return result
+
+    def prepare(self, tau: float) -> None:
+        """Bring the preconditioner to the state of the step and tau [s]."""
+        if self.problem.preconditioner is not None:
+            point = self.model.point_of_tangent(self.state)
+            self.problem.preconditioner.update(point, self.prepared_for or tau)
+
+    def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
+        """Give x the masses of the right-hand side, and as much mean depth [m] more as `gain`.
+
+        Only masses that all effects conserve are restored; forcing has no tracer in it.
+        """
+        for conserved, unit, square in self._units:
+            more = gain if conserved == "mass" else 0.0
+            self.space.match_mean(rhs, x, unit, square, more)
+
+    def _unit_masses(self) -> list[tuple[str, wp.array, float]]:
+        """What is conserved, a state that is zero but for 1 m of it, and the square of its norm."""
+        model, n, found = self.model, self.model.device_mesh.size, []
+        kept = MASSES.intersection(*(effect.conserves for effect in model.scene.effects))
+        for i, name in enumerate(model.names):
+            mass = "mass" if name == "h" else "tracers"
+            if name not in ("u", "v") and mass in kept:
+                unit = model.zeros()
+                unit[i * n : (i + 1) * n].fill_(1.0)
+                found.append((mass, unit, self.space.dot(unit, unit)))
+        return found
+
+    def costs(self) -> dict[str, float]:
+        """Counts of the preconditioner, and seconds of its set-ups."""
+        made = self.problem.preconditioner
+        return {} if made is None else made.costs()
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """What an exact restart needs, with the set-up of the preconditioner in use."""
+        made, known = self.problem.preconditioner, self.newton.nonlinearity
+        in_use = {} if made is None else made.state_dict()
+        learnt = {"nonlinearity": np.array(-1.0 if known is None else known)}
+        return super().state_dict() | in_use | learnt
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
+        """Resume from the result of `state_dict`."""
+        super().load_state_dict(state)
+        known = float(state["nonlinearity"])
+        self.newton.nonlinearity = known if known >= 0.0 else None
+        if self.problem.preconditioner is not None:
+            self.problem.preconditioner.load_state_dict(state)

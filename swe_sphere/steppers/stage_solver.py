@@ -1,0 +1,149 @@
+"""Solvers of the equations in a step: in which norm, how exactly, and with which result."""
+
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from swe_sphere.equations.model import Model
+from swe_sphere.equations.tracer_equations import MassFlux, mixing_ratios
+from swe_sphere.errors import ConfigError, SolverFailed
+from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.solvers.vector_space import VectorSpace
+from swe_sphere.steppers.motion import Motion
+
+TRACER_SHARE = 0.1
+"""About the Froude number of the flows here: with it the change of a tracer that the wind carries
+along weighs as much as the change of the wind, and does not drown it."""
+NOTHING = 1e-60
+"""Weights have to be positive."""
+WORTHLESS = 0.3
+"""Residuals below so many round-offs of the state are worth one iteration, not two: rounding alone
+leaves as much.  With more they add up, in float32, where steps are short."""
+
+
+def energy_weights(model: Model) -> NDArray[np.float64]:
+    """Weights (n,) of the energy inner product: area, times g/H for depth, over the whole area.
+
+    With them a norm is in [m s-1], and tolerances mean the same in any units and on any planet.
+    The mass hq of a tracer counts as depth does, over the largest q of the start, and under a wind
+    that is stepped by `TRACER_SHARE` of that; the mass that has crossed a point not at all.
+    """
+    share: NDArray[np.float64] = model.mesh.area / model.mesh.area.sum()
+    ratios = mixing_ratios(model.scene, model.mesh).values()
+    largest = [float(np.abs(q).max()) or 1.0 for q in ratios]
+    if model.scene.wind is not None:
+        return np.concatenate([share, *(share / q**2 for q in largest)])
+    _, _, depth = model.scene.initial(model.mesh.lon, model.mesh.lat)
+    heights = share * model.scene.planet.gravity / float(np.average(depth, weights=share))
+    if isinstance(model.carried, MassFlux):
+        return np.concatenate([share, share, heights, NOTHING * share, NOTHING * share])
+    tracers = (heights * (TRACER_SHARE / q) ** 2 for q in largest)
+    return np.concatenate([share, share, heights, *tracers])
+
+
+class Scheme(Protocol):
+    """A stepper, as far as the exactness of its solves depends on it."""
+
+    name: ClassVar[str]
+    order: ClassVar[int]
+    error_constant: ClassVar[float]
+    default_tolerance: ClassVar[float]
+    state: wp.array
+
+
+class StageSolver:
+    """What all solvers of stages share: solves leave less than the truncation error of a step.
+
+    `tolerance`: largest residual, relative to the change over a step; solved for is a part of the
+    estimated truncation error, where that is smaller (see `Motion`).  Raises ConfigError for one
+    out of range.
+    """
+
+    def __init__(self, model: Model, scheme: Scheme, tolerance: float | None) -> None:
+        tolerance = scheme.default_tolerance if tolerance is None else tolerance
+        if not 0.0 <= tolerance < 1.0:
+            raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
+        self.model = model
+        self.loosest = tolerance
+        """Largest residual that a solve may leave, relative to the change over a step."""
+        self.tolerance = tolerance
+        """Residual of the solves of the present step, relative to the change over it."""
+        self.space = VectorSpace(energy_weights(model), mesh=model.device_mesh)
+        self.motion = Motion(self.space)
+        self.counters = {"krylov_iterations": 0}
+        self.state: wp.array = None
+        """The state from which the present step is taken."""
+        waves = model.scene.effect("pressure-gradient") is not None
+        self._needs_depth = waves and not model.scene.linear
+
+    def start(self, state: wp.array, t: float, dt: float) -> wp.array:
+        """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
+        return self.motion.start(self.model, state, t, dt)
+
+    def aim(self, scheme: Scheme, dt: float) -> None:
+        """Set the tolerance for a step of dt [s] of a scheme from its state."""
+        self.state = scheme.state
+        truncation = self.motion.truncation(scheme.error_constant, scheme.order, dt)
+        self.tolerance = min(self.loosest, truncation)
+
+    def worthless(self) -> float:
+        """Residual that is worth one iteration, not two; 0 if the tolerance is 0."""
+        least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)
+        return least if self.loosest > 0.0 else 0.0
+
+    def fault(self, state: wp.array) -> str | None:
+        """What is wrong with a new state: gravity waves need a positive depth."""
+        if not self._needs_depth:
+            return None
+        end = self.model.fluid_size
+        lowest = self.space.lowest(state, end - self.model.device_mesh.size, end)
+        return None if lowest > 0.0 else f"the depth falls to {lowest:.3g} m"
+
+    def costs(self) -> dict[str, float]:
+        """Counts of set-ups and applications of a preconditioner, and seconds of set-ups."""
+        return {}
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """What an exact restart needs of the solver."""
+        return self.motion.state_dict()
+
+    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
+        """Resume from the result of `state_dict`."""
+        self.motion.load_state_dict(state)
+
+
+class WaveSolver(StageSolver):
+    """Solver of (I - tau L) x = r, with L of `GravityWaves`.
+
+    The tolerance is relative to the right-hand side of the eliminated equation for the depth.
+
+    coriolis: "explicit", or "implicit" as part of L.  Raises ConfigError for another word, and for
+    a scene without gravity waves.
+    """
+
+    def __init__(
+        self, model: Model, scheme: Scheme, tolerance: float | None, coriolis: str
+    ) -> None:
+        super().__init__(model, scheme, tolerance)
+        self._solver = GravityWaveSolver(GravityWaves(model, coriolis))
+        self.waves, self._name = self._solver.waves, scheme.name
+
+    def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
+        """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].
+
+        Raises SolverFailed where that does not converge.
+        """
+        self._solver.setup(tau)
+        result = self._solver.solve(r, guess, out, self.tolerance)
+        self.counters["krylov_iterations"] += result.iterations
+        if not result.converged:
+            raise SolverFailed(
+                f"{self._name}: the gravity waves at {t:.0f} s cannot be solved for: "
+                f"{result.message}; choose a smaller --dt"
+            )
+
+    def costs(self) -> dict[str, float]:
+        """Number of set-ups, and seconds that they took."""
+        return {"setups": self._solver.setups, "setup_seconds": self._solver.setup_seconds}
