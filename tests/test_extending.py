@@ -114,6 +114,17 @@ def test_the_low_storage_limit_is_that_of_all_methods_of_order_and_stages_three(
         assert get_stepper(file).stable_dt(1e-3) == pytest.approx(limit, rel=1e-3)
 
 
+def test_a_stepper_without_growth_is_one_line(here) -> None:
+    text = EXAMPLES["low_storage.py"].split("    @classmethod")[0]
+    Path("low_storage.py").write_text(text)
+    with pytest.raises(ConfigError, match="stepper low-storage defines no `growth`"):
+        run(
+            make_config(
+                {k: v for k, v in SMALL.items() if k != "dt"} | {"stepper": "low_storage.py"}
+            )
+        )
+
+
 def test_a_class_is_as_good_as_its_name() -> None:
     assert get_stepper(RK4) is RK4 is get_stepper("rk4")
 
@@ -190,8 +201,8 @@ def test_a_failing_step_names_the_line(here) -> None:
      ("-5", "the stability limit of low-storage is -5 s: choose a step")],
 )  # fmt: skip
 def test_a_limit_that_is_none_is_one_clear_line(here, limit: str, message: str) -> None:
-    returned = f"        return {limit}\n        def growth"
-    Path("mine.py").write_text(EXAMPLES["low_storage.py"].replace("        def growth", returned))
+    limited = f"    @classmethod\n    def stable_dt(cls, wave, loss=0.0):\n        return {limit}\n"
+    Path("mine.py").write_text(EXAMPLES["low_storage.py"] + limited)
     with pytest.raises(ConfigError, match=message):
         run(make_config(SMALL | {"stepper": "mine.py", "dt": "auto"}))
 

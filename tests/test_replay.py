@@ -9,7 +9,7 @@ import warp as wp
 from swe_sphere import Simulation
 from swe_sphere.equations.effects import Forcing, Hyperviscosity, Tracers
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import Unstable
+from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels.vectors import axpby_kernel
 from swe_sphere.operators.replay import Replay, between
 from swe_sphere.simulation.observers import HealthCheck
@@ -166,6 +166,59 @@ def test_a_replay_inside_a_recording_is_part_of_it(plain, monkeypatch):
         run(outer, block)
         assert x.numpy()[0] == counters["blocks"] == calls
     assert len(launched) == 4
+
+
+class Hosted(get_stepper("rk4")):
+    """Does work on the host in steps that it declares to repeat."""
+
+    repeats_from = 0
+
+    def advance(self):
+        super().advance()
+        self.state.assign(self.state.numpy() * 0.9)
+
+
+class Timed(get_stepper("rk4")):
+    """Launches with numbers that change from step to step."""
+
+    repeats_from = 0
+
+    def advance(self):
+        super().advance()
+        kernel = axpby_kernel(wp.float64)
+        self.model.launch(kernel, self.state.size, 1e-9 * self.steps, self.state, 1.0, self.state)
+
+
+class Whole(get_stepper("rk4")):
+    """Repeats, as it declares."""
+
+    repeats_from = 0
+
+    def advance(self):
+        super().advance()
+
+
+@pytest.mark.parametrize("kind", [Hosted, Timed])
+def test_steps_that_do_not_repeat_as_declared_are_refused(plain, kind):
+    stepper = kind(plain, 200.0)
+    stepper.start(plain.initial_state())
+    with pytest.raises(ConfigError, match=r"stepper rk4: a recorded step .*repeats_from"):
+        for _ in range(STEPS):
+            stepper.step()
+
+
+def test_a_custom_stepper_that_repeats_is_recorded(plain, monkeypatch):
+    launched = graphs(monkeypatch)
+    found = []
+    for kind in (Whole, get_stepper("rk4")):
+        stepper = kind(plain, 200.0)
+        stepper.start(plain.initial_state())
+        before = plain.counters["rhs_evaluations"]
+        for _ in range(STEPS):
+            stepper.step()
+        found.append((stepper.state.numpy(), plain.counters["rhs_evaluations"] - before))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert launched and found[0][1] == found[1][1]
 
 
 def test_why_a_recording_fails_is_told(plain, monkeypatch):
