@@ -11,7 +11,7 @@ from support import IMPLICIT, make_scene
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 SECOND_ORDER = ("crank-nicolson", "bdf2", "tr-bdf2", "sdirk3", "esdirk4", "gauss-legendre")
 NEWTON = tuple(name for name in IMPLICIT if name != "rosenbrock-w")
@@ -38,7 +38,7 @@ def exact(model: Model, t: float, curved: bool) -> np.ndarray:
     return np.repeat(now, model.mesh.size)
 
 
-def take_steps(name: str, model: Model, curved: bool) -> ImplicitStepper:
+def take_steps(name: str, model: Model, curved: bool) -> VariableStepper:
     """A stepper after steps of all these lengths from the exact start."""
     stepper = STEPPERS[name](model, STEPS[0], tolerance=1e-12, preconditioner="none")
     stepper.start(model.device_mesh.upload(exact(model, 0.0, curved)))

@@ -4,10 +4,9 @@ import warp as wp
 
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.implicit import ImplicitStepper
-from swe_sphere.steppers.newton_stages import StageProblem
+from swe_sphere.steppers.newton_stages import NewtonStages, StageProblem
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 
 class AverageProblem(StageProblem):
@@ -44,7 +43,7 @@ class AverageProblem(StageProblem):
         return self._mean
 
 
-class AverageVectorField(ImplicitStepper):
+class AverageVectorField(VariableStepper):
     """Average vector field: second order, keeps the energy to the solver's tolerance.
 
     x_new = x + dt S(mean) (average gradient of the energy between the two), S skew (Celledoni et
@@ -59,27 +58,25 @@ class AverageVectorField(ImplicitStepper):
     vectors = 28
     error_constant = 1.0 / 12.0  # that of the midpoint rule
     equations = AverageProblem
+    solver: NewtonStages
+    memory = "state", "slope"  # that of the last step
 
     def allocate(self) -> None:
         """Make room for the slope of the step before."""
-        self._past = self.model.zeros()
+        self.slope = self.model.zeros()
 
     def begin(self, slope: wp.array) -> None:
         """Guess the slope at the start for the first step."""
-        self.space.copy(slope, self._past)
+        self.space.copy(slope, self.slope)
 
-    def memory(self) -> dict[str, wp.array]:
-        """The state, and the slope of the last step for the guess of the next."""
-        return {"state": self.state, "slope": self._past}
-
-    def solve_step(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Solve for the state one step of dt [s] after `state`, at t [s]."""
         self.space.copy(self.state, out)
-        self.space.axpy(dt, self._past, out)
+        self.space.axpy(dt, self.slope, out)
         result = self.solver.solve(0.5 * dt, t + 0.5 * dt, self.state, out)
-        return None if result.converged else result
+        return None if result.converged else result.message
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slope for the guess of the next step."""
-        self.implied_slope(self.new, self.state, dt, self._past)
+        self.implied_slope(self.new, self.state, dt, self.slope)
         super().accept(dt)

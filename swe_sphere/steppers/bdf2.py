@@ -4,14 +4,15 @@ import warp as wp
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.dirk import TRBDF2
-from swe_sphere.steppers.implicit import Failure, ImplicitStepper
+from swe_sphere.steppers.newton_stages import NewtonStages
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 EXPECTED = 0.3
 """Part of the last change of slope that the guess expects again.  Slow flow would have all of it,
 but so it would double the noise of waves that steps do not resolve."""
 
 
-class BDF2(ImplicitStepper):
+class BDF2(VariableStepper):
     """BDF2: second order, one solve a step, damps fast waves; started by TR-BDF2.
 
     Variable steps: with w the ratio of the step to the one before,
@@ -22,6 +23,8 @@ class BDF2(ImplicitStepper):
     style = ("#516CF6", "^")
     expected_error = ((900.0, 4.102155e-05, 7.407046e-04), (450.0, 1.169645e-05, 2.008829e-04))
     default_tolerance = 1e-2
+    memory = "state", "previous"
+    solver: NewtonStages
     vectors = TRBDF2.vectors + 9
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
@@ -29,14 +32,10 @@ class BDF2(ImplicitStepper):
         """Make room for the state before, and the method that takes the first step."""
         if self.diffusion_apart:
             raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
-        self._previous, self._rhs = self.model.zeros(), self.model.zeros()
+        self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
-    def memory(self) -> dict[str, wp.array]:
-        """The state, and the one before."""
-        return {"state": self.state, "previous": self._previous}
-
-    def solve_step(self, t: float, dt: float, out: wp.array) -> Failure | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Solve for the state one step of dt [s] after `state`, at t [s]."""
         motion = self.solver.motion
         if motion.last_dt == 0.0:
@@ -44,19 +43,19 @@ class BDF2(ImplicitStepper):
         w = dt / motion.last_dt
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.copy(self.state, self._rhs)
-        self.space.axpby(past, self._previous, now, self._rhs)
+        self.space.axpby(past, self.previous, now, self._rhs)
         self.space.copy(self.state, out)
-        self.space.axpby(-w, self._previous, 1.0 + w, out)
+        self.space.axpby(-w, self.previous, 1.0 + w, out)
         self.space.axpy(0.5 * EXPECTED * dt * (dt + motion.last_dt), motion.bend, out)
         result = self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
-        return None if result.converged else result
+        return None if result.converged else result.message
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and the present one that before it."""
-        self.space.copy(self.state, self._previous)
+        self.space.copy(self.state, self.previous)
         super().accept(dt)
 
-    def _start_up(self, t: float, dt: float, out: wp.array) -> Failure | None:
+    def _start_up(self, t: float, dt: float, out: wp.array) -> str | None:
         """A few more iterations with the set-up of the steps to come cost less than another one."""
         self._starter.start(self.state, t)
         self.solver.prepared_for = 2.0 / 3.0 * dt

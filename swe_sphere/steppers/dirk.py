@@ -7,14 +7,15 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.steppers.implicit import Failure, ImplicitStepper
+from swe_sphere.steppers.newton_stages import NewtonStages
 from swe_sphere.steppers.stability import error_constant, tableau
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
 
 
-class DiagonallyImplicit(ImplicitStepper):
+class DiagonallyImplicit(VariableStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
@@ -22,6 +23,8 @@ class DiagonallyImplicit(ImplicitStepper):
     and a part of what the slope of the stage before it has changed by since.
     """
 
+    memory = "state", "slopes"  # those of the last step
+    solver: NewtonStages
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
     b: ClassVar[tuple[float, ...]]
@@ -41,9 +44,9 @@ class DiagonallyImplicit(ImplicitStepper):
     def allocate(self) -> None:
         """Make room for the slopes of two steps."""
         stages = range(len(self.b))
-        self._stack, self._past = self.space.stack(len(stages)), self.space.stack(len(stages))
+        self._stack, self.slopes = self.space.stack(len(stages)), self.space.stack(len(stages))
         self._slopes = [self._stack[i] for i in stages]
-        self._guesses = [self._past[i] for i in stages]
+        self._guesses = [self.slopes[i] for i in stages]
         self._rhs, self._attempted = self.model.zeros(), 0.0
 
     def begin(self, slope: wp.array) -> None:
@@ -51,11 +54,7 @@ class DiagonallyImplicit(ImplicitStepper):
         for guess in self._guesses:
             self.space.copy(slope, guess)
 
-    def memory(self) -> dict[str, wp.array]:
-        """The state, and the slopes of the last step for the guesses of the next."""
-        return {"state": self.state, "slopes": self._past}
-
-    def solve_step(self, t: float, dt: float, out: wp.array) -> Failure | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Solve the stages of a step of dt [s] from `state`, at t [s], to `out`."""
         for i, row in enumerate(self.a):
             earlier, gamma = dt * np.array(row[:i]), dt * row[i]
@@ -67,7 +66,7 @@ class DiagonallyImplicit(ImplicitStepper):
             self._guess(i, gamma, out)
             result = self.solver.solve(gamma, stage_time, self._rhs, out)
             if not result.converged:
-                return result
+                return result.message
             self.implied_slope(out, self._rhs, gamma, self._slopes[i])
         self._finish(dt, out)
         return None
@@ -100,7 +99,7 @@ class DiagonallyImplicit(ImplicitStepper):
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guesses of the next step."""
         super().accept(dt)
-        self.space.copy(self._stack, self._past)
+        self.space.copy(self._stack, self.slopes)
 
 
 class ImplicitEuler(DiagonallyImplicit):

@@ -9,8 +9,8 @@ import warp as wp
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
-from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stepper import STEPPERS, Stepper
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 ROUNDOFFS = 10.0
 """Changes of the energy by fewer round-offs of it are no drift."""
@@ -22,7 +22,7 @@ class Measure(ABC):
     unit: ClassVar[str]
     """What its values are, in words."""
 
-    def __init__(self, scheme: ImplicitStepper, order: int) -> None:
+    def __init__(self, scheme: VariableStepper, order: int) -> None:
         """order: the power of dt that the values go with."""
         self._scheme, self.order = scheme, order
 
@@ -48,7 +48,7 @@ class LocalError(Measure):
 
     unit: ClassVar[str] = "relative error of a step"
 
-    def __init__(self, scheme: ImplicitStepper) -> None:
+    def __init__(self, scheme: VariableStepper) -> None:
         if scheme.estimate_order is None:
             raise ConfigError(
                 f"adaptive: stepper {scheme.name} has no error estimate; take one of "
@@ -70,7 +70,7 @@ class EnergyDrift(Measure):
 
     unit: ClassVar[str] = "relative energy drift per day"
 
-    def __init__(self, scheme: ImplicitStepper) -> None:
+    def __init__(self, scheme: VariableStepper) -> None:
         model = scheme.model
         driven = model.scene.forcing is not None
         if driven or model.dissipative or not PoissonTendency.fits(model):
@@ -105,14 +105,14 @@ MEASURES = {"embedded": LocalError, "energy": EnergyDrift}
 """Measures by name."""
 
 
-def make_measure(by: str, scheme: Stepper) -> tuple[ImplicitStepper, Measure]:
+def make_measure(by: str, scheme: Stepper) -> tuple[VariableStepper, Measure]:
     """The scheme, if its steps can follow an error, and the measure of that name.
 
     Raises ConfigError where they cannot.
     """
     if by not in MEASURES:
         raise ConfigError(f"adaptive-by: there is no {by!r}; there are {', '.join(MEASURES)}")
-    if not isinstance(scheme, ImplicitStepper):
+    if not isinstance(scheme, VariableStepper) or scheme.family != "implicit":
         raise ConfigError(
             f"adaptive: stepper {scheme.name} only takes equal steps; take one of "
             f"{_with_estimate()}"

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
 from swe_sphere.steppers.stage_solver import StageSolver
-from swe_sphere.steppers.stepper import Stepper
-from swe_sphere.steppers.sub_steps import step_in_parts
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 STAGE = 0.75
 """Where the one-step method has its second stage, in time steps."""
@@ -19,7 +18,7 @@ DRIFT = np.array([-25 / 12, 4.0, -3.0, 4 / 3, -1 / 4])
 """Weights of values at quarters of a step in the derivative at its beginning, of fourth order."""
 
 
-class ExponentialMultistep(Stepper):
+class ExponentialMultistep(VariableStepper):
     """An exponential propagation iterative (EPI) method of several steps, as its weights.
 
     x+ = x + dt phi_1 F + dt sum_k phi_k sum_i w_ki R_i, R_i = F(x_i) - F(x) - J (x_i - x) of i
@@ -31,8 +30,6 @@ class ExponentialMultistep(Stepper):
     """
 
     family = "exponential"
-    diffusion_apart = False
-    solver: StageSolver
     weights: ClassVar[tuple[tuple[float, ...], ...]] = ()
     """w_ki: rows for k = 2, 3, ..., columns for i = 1, 2, ..."""
     default_tolerance = 1e-4
@@ -46,14 +43,22 @@ class ExponentialMultistep(Stepper):
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
-        super().__init__(model, dt)
-        self.solver = StageSolver(model, self, tolerance)
-        self.counters = self.solver.counters | {"rejected_steps": 0, "krylov_steps": 0}
-        self.space = space = self.solver.space
-        past, terms = len(self.weights[0]) if self.weights else 0, max(3, 1 + len(self.weights))
+        super().__init__(model, dt, tolerance)
+
+    def make_solver(
+        self, tolerance: float | None, preconditioner: str, krylov_block: int
+    ) -> StageSolver:
+        """The rule for the tolerance of `KrylovExponential`, which takes no other options."""
+        return StageSolver(self.model, self, tolerance)
+
+    def allocate(self) -> None:
+        """Make room for states and slopes of the steps before, and for the sources."""
+        model, space, past = self.model, self.space, len(self.weights[0]) if self.weights else 0
+        self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
+        terms = max(3, 1 + len(self.weights))
         self._krylov, self._sources = KrylovExponential(space, terms), Sources(space, terms)
         self._jacobian = model.jacobian()
-        self.new, self._slope, self._drift, self._work = (model.zeros() for _ in range(4))
+        self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
         self._has_drift = not model.scene.autonomous
         self._states = [model.zeros() for _ in range(past)]
         self._slopes = [model.zeros() for _ in range(past)]
@@ -73,31 +78,21 @@ class ExponentialMultistep(Stepper):
         super().load_state_dict(state, steps)
         self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
 
-    def memory(self) -> dict[str, wp.array]:
+    def arrays(self) -> dict[str, wp.array]:
         """The state, and states and slopes of the steps before."""
         states = {f"state_{i}": array for i, array in enumerate(self._states, 1)}
         slopes = {f"slope_{i}": array for i, array in enumerate(self._slopes, 1)}
         return {"state": self.state} | states | slopes
 
-    advance = step_in_parts
-
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Infinite: the step is limited by accuracy alone."""
-        return np.inf
-
-    def attempt(self, t: float, dt: float) -> str | None:
-        """Write the state one step dt [s] after `state`, at t [s], to `new`.
-
-        Returns what is wrong with it, in words; `state` has not changed before `accept`.
-        """
-        self.solver.aim(self, dt)
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
+        """Write the state one step dt [s] after `state`, at t [s], to `out`."""
         self.model.tendency(self.state, t, self._slope)
         self._jacobian.update(self.state, t)
         self._prepare_sources(t, dt)
         known = self._known == len(self._states) and self._spacing == dt
-        fault = self._multistep(dt) if known or not self.weights else self._one_step(t, dt)
-        return fault or self.solver.fault(self.new)
+        if known or not self.weights:
+            return self._multistep(dt, out)
+        return self._one_step(t, dt, out)
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and the present one that before it."""
@@ -107,10 +102,9 @@ class ExponentialMultistep(Stepper):
                 self.space.copy(value, arrays[0])
         self._known = min(len(self._states), 1 + (self._known if dt == self._spacing else 0))
         self._spacing = dt
-        self.solver.motion.accept(self.state, self.new, dt)
-        self.space.copy(self.new, self.state)
+        super().accept(dt)
 
-    def _multistep(self, dt: float) -> str | None:
+    def _multistep(self, dt: float, out: wp.array) -> str | None:
         space, sources = self.space, self._sources
         for i in range(len(self._states)):
             for past, present, change in (
@@ -125,31 +119,31 @@ class ExponentialMultistep(Stepper):
             c = np.array(row) / dt**k
             space.combine(sources.moved[k], self._moved, -c, sources.moved[k])
             space.combine(sources.plain[k], self._bent, c, sources.plain[k])
-        return self._propagate(dt, dt, max(1 + len(self.weights), 1 + self._has_drift))
+        return self._propagate(dt, dt, max(1 + len(self.weights), 1 + self._has_drift), out)
 
-    def _one_step(self, t: float, dt: float) -> str | None:
+    def _one_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
         space, moved, bent = self.space, self._sources.moved[2], self._sources.plain[2]
-        fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift)
+        fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift, out)
         if fault is not None:
             return fault
         weight = 2.0 / (STAGE * dt) ** 2
-        self.model.tendency(self.new, t + STAGE * dt, bent)
+        self.model.tendency(out, t + STAGE * dt, bent)
         space.axpby(-weight, self._slope, weight, bent)
         if self._has_drift:
             space.axpy(-weight * STAGE * dt, self._drift, bent)
         space.copy(self.state, moved)
-        space.axpby(-weight, self.new, weight, moved)
-        return self._propagate(dt, dt, 3)
+        space.axpby(-weight, out, weight, moved)
+        return self._propagate(dt, dt, 3, out)
 
-    def _propagate(self, length: float, dt: float, terms: int) -> str | None:
-        """new = state + the solution of the linear equations after `length`; or what is wrong."""
+    def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:
+        """out = state + the solution of the linear equations after `length`; or what is wrong."""
         solver = self.solver
         goal = max(solver.tolerance * solver.motion.rate * dt, solver.worthless())
-        result = self._krylov.solve(self._jacobian, self._sources, terms, length, goal, self.new)
+        result = self._krylov.solve(self._jacobian, self._sources, terms, length, goal, out)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps
-        self.space.axpy(1.0, self.state, self.new)
+        self.space.axpy(1.0, self.state, out)
         return result.fault
 
     def _prepare_sources(self, t: float, dt: float) -> None:

@@ -69,6 +69,8 @@ class ForwardBackward(SplitExplicit):
     """
 
     name, order = "forward-backward", 2
+    levels = "state", "previous", "older"
+    memory = *levels, "carried", "pushed"
     diffusion_steps = 1
     diffusion_order = 1
     expected_error = ((900.0, 3.130558e-05, 7.691910e-04), (450.0, 8.782066e-06, 2.055525e-04))
@@ -83,7 +85,8 @@ class ForwardBackward(SplitExplicit):
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
-        self._past, self._older = model.zeros(), model.zeros()
+        self.previous, self.older = model.zeros(), model.zeros()
+        self.carried, self.pushed = self._passes.carried, self._passes.pushed
         self._starter = RK4(model, dt)
         mine = self.weights_in(wind_share(model, model.initial_state()))
         weights = self._passes.weights
@@ -104,7 +107,7 @@ class ForwardBackward(SplitExplicit):
         if self.steps < self.repeats_from:
             self._first_step()
             return
-        now, past, passes, dt = self.state, self._past, self._passes, self.dt
+        now, past, passes, dt = self.state, self.previous, self._passes, self.dt
         if self._altered:
             self._extrapolate()
         new = self._new
@@ -117,7 +120,7 @@ class ForwardBackward(SplitExplicit):
     @property
     def _new(self) -> wp.array:
         """Where the new level comes: what changes it in between needs the past one again."""
-        return self._older if self._altered else self._past
+        return self.older if self._altered else self.previous
 
     def swap(self) -> None:
         """Make the new level the present one."""
@@ -125,12 +128,12 @@ class ForwardBackward(SplitExplicit):
             return
         new = self._new
         if self._altered:
-            self._older = self._past
-        self.state, self._past = new, self.state
+            self.older = self.previous
+        self.state, self.previous = new, self.state
 
     def _first_step(self) -> None:
-        wp.copy(self._older, self._past)
-        wp.copy(self._past, self.state)
+        wp.copy(self.older, self.previous)
+        wp.copy(self.previous, self.state)
         self._starter.start(self.state, self.time)
         self._starter.step()
         wp.copy(self.state, self._starter.state)
@@ -138,18 +141,8 @@ class ForwardBackward(SplitExplicit):
             self._extrapolate()
 
     def _extrapolate(self) -> None:
-        levels = self.state, self._past, self._older
+        levels = self.state, self.previous, self.older
         self._passes.prepare(levels, self._masses, self._winds)
-
-    def memory(self) -> dict[str, wp.array]:
-        """Three levels, and their combinations in the passes."""
-        levels = {"state": self.state, "previous": self._past, "older": self._older}
-        return levels | {"carried": self._passes.carried, "pushed": self._passes.pushed}
-
-    @property
-    def levels(self) -> tuple[wp.array, ...]:
-        """The present state and the two before."""
-        return self.state, self._past, self._older
 
     @classmethod
     def propagator(

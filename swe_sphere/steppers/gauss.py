@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.linear_result import Operator
-from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.implicit import ImplicitStepper
+from swe_sphere.steppers.newton_stages import NewtonStages
 from swe_sphere.steppers.stability import error_constant
 from swe_sphere.steppers.stage_solver import energy_weights
+from swe_sphere.steppers.variable_stepper import VariableStepper
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
@@ -126,7 +126,7 @@ def split(pair: wp.array) -> tuple[wp.array, wp.array]:
     return pair[:n], pair[n:]
 
 
-class GaussLegendre(ImplicitStepper):
+class GaussLegendre(VariableStepper):
     """Gauss-Legendre, two coupled stages: fourth order, symplectic, no damping.
 
     The step is consistent with the solved stages: x_new = x + sqrt(3) (X_2 - X_1), which is
@@ -142,30 +142,28 @@ class GaussLegendre(ImplicitStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
+    solver: NewtonStages
+    memory = "state", "slopes"  # those of the last step
 
     def allocate(self) -> None:
         """Make room for the stages, and the slopes of the step before."""
-        self._past, self._pair = self.space.stack(len(C)), self.solver.problem.space.zeros()
+        self.slopes, self._pair = self.space.stack(len(C)), self.solver.problem.space.zeros()
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
 
     def begin(self, slope: wp.array) -> None:
         """Guess the slope at the start for both stages."""
         for i in range(len(C)):
-            self.space.copy(slope, self._past[i])
+            self.space.copy(slope, self.slopes[i])
 
-    def memory(self) -> dict[str, wp.array]:
-        """The state, and the slopes of the last step for the guess of the next."""
-        return {"state": self.state, "slopes": self._past}
-
-    def solve_step(self, t: float, dt: float, out: wp.array) -> NewtonResult | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Solve both stages of a step of dt [s] from `state`, at t [s], to `out`."""
         stages = split(self._pair)
         for stage, row in zip(stages, dt * np.array(A) @ _EXTRAPOLATION, strict=True):
-            self.space.combine(self.state, self._past, row, stage)
+            self.space.combine(self.state, self.slopes, row, stage)
         result = self.solver.solve(dt, t, self.state, self._pair)
         if not result.converged:
-            return result
+            return result.message
         for stage in stages:
             self.space.axpy(-1.0, self.state, stage)
         self.space.combine(self.state, self._changes, (-_ROOT, _ROOT), out)
@@ -174,8 +172,8 @@ class GaussLegendre(ImplicitStepper):
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guess of the next step."""
         for i, row in enumerate(_INVERSE / dt):
-            self.space.copy(self._changes[0], self._past[i])
-            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self._past[i])
+            self.space.copy(self._changes[0], self.slopes[i])
+            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self.slopes[i])
         super().accept(dt)
 
 

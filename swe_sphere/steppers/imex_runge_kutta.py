@@ -31,6 +31,7 @@ class ImexRungeKutta(Stepper):
     """
 
     family = "imex"
+    memory = "state", "slopes"  # the linear ones of depth in the last step
     solver: WaveSolver
     faster: ClassVar[float] = 8.0
     """How many times faster than the explicit waves the implicit ones are at least in the analysis
@@ -63,8 +64,8 @@ class ImexRungeKutta(Stepper):
         stack = self.space.stack(2 * stages)
         self._full = [stack[i] for i in range(stages)]
         self._linear = [stack[stages + i] for i in range(stages)]
-        self._slopes = wp.zeros((stages, n), dtype=mesh.real, device=model.device)
-        self._past = [self._slopes[i] for i in range(stages)]
+        self.slopes = wp.zeros((stages, n), dtype=mesh.real, device=model.device)
+        self._past = [self.slopes[i] for i in range(stages)]
         self._rhs, self._change, self._stage, self._known, self._nothing = (
             model.zeros() for _ in range(5)
         )
@@ -85,10 +86,6 @@ class ImexRungeKutta(Stepper):
         self.solver.waves.apply(self.state, self._linear[0])
         for guess in self._past:
             wp.copy(guess, self._linear[0][self._depth])
-
-    def memory(self) -> dict[str, wp.array]:
-        """The state, and the linear slopes of depth in the last step for the guesses."""
-        return {"state": self.state, "slopes": self._slopes}
 
     def advance(self) -> None:
         """Take a step, stage by stage."""

@@ -24,6 +24,7 @@ class Leapfrog(Stepper):
     """
 
     name, order = "leapfrog", 2
+    memory = levels = "state", "previous"
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
@@ -43,7 +44,7 @@ class Leapfrog(Stepper):
         super().__init__(model, dt)
         self._displacement = 0.5 * (self.default_strength if strength is None else strength)
         self._share = self.default_share if share is None else share
-        self._previous, self._slope = model.zeros(), model.zeros()
+        self.previous, self._slope = model.zeros(), model.zeros()
         self._damping = wp.zeros((1, model.size), dtype=self.state.dtype, device=model.device)
         self._add_damping = Combiner(model, self._damping, np.ones(1))
         self._starter = RK4(model, dt)
@@ -58,29 +59,20 @@ class Leapfrog(Stepper):
             return
         self.model.conservative_tendency(self.state, self.time, self._slope)
         if self.model.dissipative:
-            self.model.dissipative_tendency(self._previous, self._damping[0])
+            self.model.dissipative_tendency(self.previous, self._damping[0])
             self._add_damping(self._slope, self._slope)
         if self.diffusion is not None:
-            self.diffusion.join(self._previous, self._slope)
+            self.diffusion.join(self.previous, self._slope)
         self.model.launch(
-            self._kernel, self.model.size, self._previous, self.state, self._slope,
+            self._kernel, self.model.size, self.previous, self.state, self._slope,
             2.0 * self.dt, self._displacement, self._share,
         )  # fmt: skip
 
     def _first_step(self) -> None:
-        wp.copy(self._previous, self.state)
+        wp.copy(self.previous, self.state)
         self._starter.start(self.state, self.time)
         self._starter.step()
         wp.copy(self.state, self._starter.state)
-
-    @property
-    def levels(self) -> tuple[wp.array, ...]:
-        """The present and the past state."""
-        return self.state, self._previous
-
-    def memory(self) -> dict[str, wp.array]:
-        """Both states."""
-        return {"state": self.state, "previous": self._previous}
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:

@@ -114,6 +114,15 @@ class NewtonStages(StageSolver):
         self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         return super().start(state, t, dt)
 
+    def aim(self, scheme: Scheme, dt: float) -> None:
+        """Set the tolerance for a step of dt [s] of a scheme from its state."""
+        super().aim(scheme, dt)
+        self._known = self.newton.nonlinearity
+
+    def reject(self) -> None:
+        """Forget what the solves of the present step have shown."""
+        self.newton.nonlinearity = self._known
+
     def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
         """Solve the problem for the implicit step tau [s] at the time t [s] from the guess x.
 

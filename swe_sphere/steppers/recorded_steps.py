@@ -23,7 +23,7 @@ class Repeating(Protocol):
     name: ClassVar[str]
     model: Model
 
-    def memory(self) -> dict[str, wp.array]:
+    def arrays(self) -> dict[str, wp.array]:
         """Arrays that it keeps between steps."""
         ...
 
@@ -46,7 +46,7 @@ class CheckedReplay:
             self._replay(key, advance)
             return
         counters = self._stepper.model.counters
-        arrays, counted = self._stepper.memory(), dict(counters)
+        arrays, counted = self._stepper.arrays(), dict(counters)
         before = [wp.clone(array) for array in arrays.values()]
         self._replay(key, advance)
         repeated = [array.numpy().copy() for array in arrays.values()]

@@ -62,7 +62,7 @@ class RosenbrockW(DiagonallyImplicit):
         for guess, part in zip(self._guesses, self._sums, strict=True):
             self.space.scale(float(part), guess)
 
-    def solve_step(self, t: float, dt: float, out: wp.array) -> LinearResult | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Solve the linear stages of a step of dt [s] from `state`, at t [s], to `out`."""
         problem = self.solver.problem
         problem.tau = self.gamma * dt
@@ -74,7 +74,7 @@ class RosenbrockW(DiagonallyImplicit):
             self._right_hand_side(i, t, dt)
             result = self._solve_stage(i, dt)
             if not result.converged:
-                return result
+                return result.message
         self._finish(dt, out)
         return None
 

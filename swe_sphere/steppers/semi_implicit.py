@@ -29,6 +29,8 @@ class SemiImplicit(Stepper):
 
     name, order, family = "semi-implicit", 2, "imex"
     solver: WaveSolver
+    memory = "state", "previous", "guess"  # the last change of depth
+    levels = "state", "previous"
     diffusion_steps = 2
     holds_damping = True
     default_tolerance = 1e-2
@@ -44,26 +46,17 @@ class SemiImplicit(Stepper):
         self.solver = WaveSolver(model, self, tolerance, coriolis)
         self.counters, self.space = self.solver.counters, self.solver.space
         self._starter = ARK2(model, dt, solver=self.solver)
-        self._previous, self._slope, self._linear, self._change, self._difference = (
+        self.previous, self._slope, self._linear, self._change, self._difference = (
             model.zeros() for _ in range(5)
         )
         real, n = model.device_mesh.real, model.device_mesh.size
-        self._guess, self._depth = wp.zeros(n, dtype=real, device=model.device), slice(2 * n, 3 * n)
+        self.guess, self._depth = wp.zeros(n, dtype=real, device=model.device), slice(2 * n, 3 * n)
         self._kernel = leapfrog_kernel(real)
         model.launch.load(self._kernel)
 
     def begin(self, slope: wp.array) -> None:
         """Forget the change before."""
-        self._guess.zero_()
-
-    @property
-    def levels(self) -> tuple[wp.array, ...]:
-        """The present and the past state."""
-        return self.state, self._previous
-
-    def memory(self) -> dict[str, wp.array]:
-        """Both states, and the last change of depth for the guess of the next."""
-        return {"state": self.state, "previous": self._previous, "guess": self._guess}
+        self.guess.zero_()
 
     def advance(self) -> None:
         """Take a step from the past level; the first one by ARK2."""
@@ -74,35 +67,35 @@ class SemiImplicit(Stepper):
         self.solver.waves.linearise(self.state)
         self._explicit_tendency()
         self.space.scale(2.0 * self.dt, self._slope)
-        self.solver.solve(self.dt, self.time, self._slope, self._guess, self._change)
-        wp.copy(self._guess, self._change[self._depth])
+        self.solver.solve(self.dt, self.time, self._slope, self.guess, self._change)
+        wp.copy(self.guess, self._change[self._depth])
         self.model.launch(
-            self._kernel, self.model.size, self._previous, self.state, self._change,
+            self._kernel, self.model.size, self.previous, self.state, self._change,
             1.0, 0.5 * Leapfrog.default_strength, Leapfrog.default_share,
         )  # fmt: skip
-        self.solver.motion.accept(self._previous, self.state, self.dt)
+        self.solver.motion.accept(self.previous, self.state, self.dt)
 
     def _explicit_tendency(self) -> None:
         """slope = F(x) + L (x- - x), drag and relaxation from x-, and diffusion from there on."""
         self.model.conservative_tendency(self.state, self.time, self._slope)
-        self.space.copy(self._previous, self._difference)
+        self.space.copy(self.previous, self._difference)
         self.space.axpy(-1.0, self.state, self._difference)
         self.solver.waves.apply(self._difference, self._linear)
         self.space.axpy(1.0, self._linear, self._slope)
         if self.model.dissipative:
-            self.model.dissipative_tendency(self._previous, self._linear)
+            self.model.dissipative_tendency(self.previous, self._linear)
             self.space.axpy(1.0, self._linear, self._slope)
         if self.diffusion is not None:
-            self.diffusion.join(self._previous, self._slope)
+            self.diffusion.join(self.previous, self._slope)
 
     def _first_step(self) -> None:
-        wp.copy(self._previous, self.state)
+        wp.copy(self.previous, self.state)
         self._starter.start(self.state, self.time)
         self._starter.step()
         wp.copy(self.state, self._starter.state)
         self.space.copy(self.state, self._difference)
-        self.space.axpby(-2.0, self._previous, 2.0, self._difference)
-        wp.copy(self._guess, self._difference[self._depth])
+        self.space.axpby(-2.0, self.previous, 2.0, self._difference)
+        wp.copy(self.guess, self._difference[self._depth])
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:

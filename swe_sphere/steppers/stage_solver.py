@@ -88,6 +88,9 @@ class StageSolver:
         truncation = self.motion.truncation(scheme.error_constant, scheme.order, dt)
         self.tolerance = min(self.loosest, truncation)
 
+    def reject(self) -> None:
+        """Forget what the solves of the present step have shown."""
+
     def worthless(self) -> float:
         """Residual that is worth one iteration, not two; 0 if the tolerance is 0."""
         least = WORTHLESS * self.space.epsilon * self.space.norm(self.state)

@@ -48,6 +48,8 @@ class Trajectory:
     name: ClassVar[str]
     """The name that users type; a class without a name of its own is a base of others."""
     order: ClassVar[int]
+    memory: ClassVar[tuple[str, ...]] = ("state",)
+    """Arrays that a method must keep between steps, by name; they are written to checkpoints."""
 
     def __init__(self, model: Model, dt: float) -> None:
         """dt: time step [s]."""
@@ -78,9 +80,9 @@ class Trajectory:
         """Counts of the steps so far, and seconds where the name says so."""
         return dict(self.counters)
 
-    def memory(self) -> dict[str, wp.array]:
-        """Arrays that a method must keep between steps; they are written to checkpoints."""
-        return {"state": self.state}
+    def arrays(self) -> dict[str, wp.array]:
+        """The arrays in `memory`, by name."""
+        return {name: getattr(self, name) for name in self.memory}
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
@@ -88,7 +90,7 @@ class Trajectory:
         They are those of the whole mesh, on all ranks that share it.
         """
         mesh = self.model.device_mesh
-        arrays = {name: mesh.collect(array).copy() for name, array in self.memory().items()}
+        arrays = {name: mesh.collect(array).copy() for name, array in self.arrays().items()}
         return arrays | {"origin": np.array(self._origin)}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
@@ -97,7 +99,7 @@ class Trajectory:
         Raises ConfigError when the arrays are those of another stepper or of another size.
         """
         mesh = self.model.device_mesh
-        for name, array in self.memory().items():
+        for name, array in self.arrays().items():
             if name not in state or not mesh.matches(state[name], array):
                 raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
             wp.copy(array, mesh.scatter(state[name]))
@@ -131,6 +133,8 @@ class Stepper(Trajectory, ABC):
     """Steps over which `advance` has `diffusion` join its change; None: `step` splits it off."""
     diffusion_order: ClassVar[int] = 2
     """Order of diffusion by itself; a higher one than that of the splitting gains nothing."""
+    levels: ClassVar[tuple[str, ...]] = ()
+    """Names of the arrays in `memory` that are states, the present one first; (): `state` alone."""
     holds_damping: ClassVar[bool] = False
     """Whether it holds drag and relaxation over a step, which is of first order."""
     repeats_from: ClassVar[int | None] = None
@@ -254,14 +258,8 @@ class Stepper(Trajectory, ABC):
         if self.solver is not None:
             self.solver.load_state_dict(state)
 
-    @property
-    def levels(self) -> tuple[wp.array, ...]:
-        """The states in `memory`: the present one, and those before."""
-        return (self.state,)
-
     def undeclared_levels(self) -> list[str]:
         """Names of arrays in `memory` that may be earlier states, if a class has no `levels`."""
-        if type(self).levels is not Stepper.levels:
-            return []
-        found = self.memory().items()
-        return [k for k, x in found if x.ptr != self.state.ptr and x.shape[-1:] == self.state.shape]
+        size = self.state.shape
+        others = {name: array for name, array in self.arrays().items() if name != "state"}
+        return [] if self.levels else [k for k, x in others.items() if x.shape[-1:] == size]

@@ -1,42 +1,19 @@
 """Steps that cannot be solved are taken in parts."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import warp as wp
 
 from swe_sphere.errors import SolverFailed
 
+if TYPE_CHECKING:
+    from swe_sphere.steppers.variable_stepper import VariableStepper
+
 SMALLEST_PART = 64
 """A step that cannot be solved is halved, and halved again, down to this part of it."""
 
 
-class AnyLength(Protocol):
-    """A stepper that attempts steps of any length, and accepts or repeats them."""
-
-    name: str
-    dt: float
-    state: wp.array
-    new: wp.array
-    counters: dict[str, int]
-
-    @property
-    def time(self) -> float:
-        """Time of the state [s]."""
-        ...
-
-    def attempt(self, t: float, dt: float) -> str | None:
-        """Write the state one step dt [s] after `state`, at t [s], to `new`.
-
-        Returns what is wrong with it, in words; `state` has not changed before `accept`.
-        """
-        ...
-
-    def accept(self, dt: float) -> None:
-        """Make `new`, a step of dt [s] on, the present state."""
-        ...
-
-
-def step_in_parts(stepper: AnyLength) -> None:
+def step_in_parts(stepper: "VariableStepper") -> None:
     """Take a step of `stepper.dt`, or as many equal parts of it as its solver needs.
 
     Raises SolverFailed, with the state as it was, where the smallest parts fail.

@@ -185,8 +185,8 @@ class CarriedTracers(TracerSteps):
     def _move(self, t: float) -> None:
         launch, scheme, size = self.model.launch, self.scheme, self._flux.size
         now = scheme.state[self._crossed]
-        for level in scheme.levels[::-1]:  # the present one comes last and becomes zero
-            past = level[self._crossed]
+        for name in (scheme.levels or ("state",))[::-1]:  # the present one becomes zero, at last
+            past = getattr(scheme, name)[self._crossed]
             launch(self._add, size, past, now, -1.0, past)
         for _ in range(self.every):
             scheme.step()

@@ -1,4 +1,4 @@
-"""The base of implicit methods, which solve the equations of their stages by Newton-Krylov."""
+"""The base of methods that take steps of any length, with a solver of their equations."""
 
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -8,30 +8,27 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.solvers.newton import NewtonResult
 from swe_sphere.steppers.newton_stages import NewtonStages, StageProblem
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stage_solver import StageSolver
+from swe_sphere.steppers.stepper import Family, Stepper
 from swe_sphere.steppers.sub_steps import step_in_parts
 
 DIFFUSION = ("whole", "apart")
 """Whether viscosity and hyperviscosity are part of the implicit equations, or split off."""
 
-Failure = NewtonResult | LinearResult
-"""The solve for which a step could not be taken."""
 
+class VariableStepper(Stepper):
+    """A stepper that takes steps of any length by `solve_step`, with a solver of their equations.
 
-class ImplicitStepper(Stepper):
-    """An implicit method: `solve_step` takes a step of any length with `solver`.
-
-    solver: the one of another stepper of the same model, to share it with its options.
+    A step of dt that cannot be solved is taken in parts.  `tolerance`: see `StageSolver`; `solver`:
+    the one of another stepper of the same model, to share it with its options.
     """
 
-    family = "implicit"
+    family: ClassVar[Family] = "implicit"
     diffusion_apart = False
     equations: ClassVar[type[Any]] = StageProblem
-    """The equations of a stage."""
-    solver: NewtonStages
+    """The equations of an implicit stage."""
+    solver: StageSolver
 
     def __init__(
         self,
@@ -41,19 +38,25 @@ class ImplicitStepper(Stepper):
         preconditioner: str = "helmholtz",
         diffusion: str = "whole",
         krylov_block: int = 1,
-        solver: NewtonStages | None = None,
+        solver: StageSolver | None = None,
     ) -> None:
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
         super().__init__(model, dt)
-        self.solver = solver or NewtonStages(
-            self.model, self, tolerance, preconditioner, krylov_block, self.equations
-        )
+        self.solver = solver or self.make_solver(tolerance, preconditioner, krylov_block)
         self.counters, self.space = self.solver.counters, self.solver.space
         self.new: wp.array = self.model.zeros()
         """The state after the step last attempted."""
         self.allocate()
+
+    def make_solver(
+        self, tolerance: float | None, preconditioner: str, krylov_block: int
+    ) -> StageSolver:
+        """The solver with those options."""
+        return NewtonStages(
+            self.model, self, tolerance, preconditioner, krylov_block, self.equations
+        )
 
     def allocate(self) -> None:
         """Make the arrays of the method, which has its model and solver already."""
@@ -70,20 +73,17 @@ class ImplicitStepper(Stepper):
 
         Returns what is wrong with it, in words; `state` has not changed before `accept`.
         """
-        newton = self.solver.newton
-        known = newton.nonlinearity
         self.solver.aim(self, dt)
-        failure = self.solve_step(t, dt, self.new)
-        fault = failure.message if failure else self.solver.fault(self.new)
-        if fault is not None:
-            newton.nonlinearity = known
+        fault = self.solve_step(t, dt, self.new) or self.solver.fault(self.new)
+        if fault:
+            self.solver.reject()
         return fault
 
     @abstractmethod
-    def solve_step(self, t: float, dt: float, out: wp.array) -> Failure | None:
+    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """Write the state one step dt [s] after `state`, at t [s], to `out`.
 
-        Returns the result of the solve that failed, if one did.
+        Returns why a solve failed, in words, if one did.
         """
 
     def accept(self, dt: float) -> None:
