@@ -8,7 +8,6 @@ the next.
 
 import math
 from collections.abc import Iterator, Sequence
-from enum import Enum, auto
 
 import numpy as np
 import warp as wp
@@ -95,15 +94,6 @@ UNTRUSTED = 1e4
 FEWEST_ROUNDOFFS, MOST_ROUNDOFFS = 1.0, 1e3
 
 
-class _End(Enum):
-    """Why a cycle ended."""
-
-    TARGET = auto()
-    FULL = auto()
-    LIMIT = auto()
-    BREAKDOWN = auto()
-
-
 class FlexibleGMRES(KrylovSolver):
     """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
 
@@ -133,7 +123,7 @@ class FlexibleGMRES(KrylovSolver):
         small = HessenbergLeastSquares(start, self.space.epsilon)
         goal = max(p.target, self.space.epsilon * start)
         self._basis.start(start)
-        end, columns, count = _End.LIMIT, 0, min(self.size, p.limit - p.iterations)
+        met, broken, count = False, False, min(self.size, p.limit - p.iterations)
         for k in range(0, count, self.block):
             block = range(k, min(k + self.block, count))
             for j in block:
@@ -151,28 +141,26 @@ class FlexibleGMRES(KrylovSolver):
                     p.end(Status.NAN, "a product or the preconditioner is not finite")
                     return
                 p.history.append(small.append(column.tolist(), below))
-                p.iterations, columns = p.iterations + 1, columns + 1
-                if p.residual <= goal:
-                    end = _End.TARGET
-                elif below == 0.0:
-                    end = _End.BREAKDOWN
-                elif columns == self.size:
-                    end = _End.FULL
-                if end in (_End.TARGET, _End.BREAKDOWN):
+                p.iterations += 1
+                met, broken = p.residual <= goal, below == 0.0 and p.residual > goal
+                if met or broken:
                     break
-            if end in (_End.TARGET, _End.BREAKDOWN):
+            if met or broken:
                 break
         self._update(p, small)
-        self._judge(p, end, start)
+        self._judge(p, start, met, broken)
 
-    def _judge(self, p: LinearResult, end: _End, start: float) -> None:
-        """End the solve if the residual after a cycle that began at `start` says so."""
+    def _judge(self, p: LinearResult, start: float, met: bool, broken: bool) -> None:
+        """End the solve if the residual after a cycle that began at `start` says so.
+
+        met, broken: whether the cycle reached its goal, or a breakdown; else it lacked room.
+        """
         if p.residual <= p.target and p.target >= UNTRUSTED * self.space.epsilon * p.terms:
             p.end(Status.CONVERGED, "converged")
             return
         residual = p.history[-1] = self._true_residual(p)
         # a full basis may creep; any other cycle is expected to gain far more than a half
-        stuck = residual > (0.999 if end in (_End.FULL, _End.LIMIT) else 0.5) * start
+        stuck = residual > (0.5 if met or broken else 0.999) * start
         roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
         if not math.isfinite(residual):
             p.end(Status.NAN, "the solution is not finite")
@@ -183,8 +171,7 @@ class FlexibleGMRES(KrylovSolver):
         elif residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
             p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
         elif stuck:
-            singular = ": the operator is singular" if end is _End.BREAKDOWN else ""
-            p.end(Status.STAGNATED, f"stagnated{singular}")
+            p.end(Status.STAGNATED, "stagnated" + ": the operator is singular" * broken)
         elif p.iterations >= p.limit:
             p.end(Status.STAGNATED, "out of iterations")
 

@@ -97,18 +97,13 @@ class Sources:
         )
 
 
-@dataclass(frozen=True)
-class ExponentialResult:
-    """The end of a solve: Krylov vectors and steps it took, and what went wrong, if anything."""
-
-    iterations: int
-    steps: int
-    fault: str | None = None
-
-
 @dataclass
-class _Solve:
-    """A solve under way: to `length` [s], with an error of at most `tolerance` in the norm."""
+class ExponentialResult:
+    """A solve, under way and after its end, to `length` [s] with an error of at most `tolerance`.
+
+    iterations: Krylov vectors; steps: parts of the length; done: the time [s] that is reached;
+    fault: what went wrong, if anything.
+    """
 
     operator: Operator
     sources: Sources
@@ -118,10 +113,7 @@ class _Solve:
     done: float = 0.0
     iterations: int = 0
     steps: int = 0
-
-    def end(self, fault: str | None = None) -> ExponentialResult:
-        """The result."""
-        return ExponentialResult(self.iterations, self.steps, fault)
+    fault: str | None = None
 
 
 class KrylovExponential:
@@ -135,37 +127,34 @@ class KrylovExponential:
         self._work = space.zeros()
 
     def solve(
-        self,
-        operator: Operator,
-        sources: Sources,
-        terms: int,
-        length: float,
-        tolerance: float,
+        self, operator: Operator, sources: Sources, terms: int, length: float, tolerance: float,
         out: wp.array,
-    ) -> ExponentialResult:
+    ) -> ExponentialResult:  # fmt: skip
         """out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance [norm of out].
 
         A tolerance that the arithmetic cannot reach, 0 included, is met by an error of round-off
         size.  After a fault `out` has no meaning.
         """
-        p = _Solve(operator, sources, terms, length, tolerance)
+        p = ExponentialResult(operator, sources, terms, length, tolerance)
         self.space.clear(out)
         while p.done < length:
             size = self._differentiate(p, out)
             if not math.isfinite(size):
-                return p.end("the slopes are not finite")
+                p.fault = "the slopes are not finite"
+                break
             found = self._reach(p, size, length - p.done)
             if found is None:
-                return p.end(f"the Krylov process does not converge ({p.iterations} vectors)")
+                p.fault = f"the Krylov process does not converge ({p.iterations} vectors)"
+                break
             t, coefficients = found
             powers = [t**j / math.factorial(j) for j in range(1, terms)]
             self.space.combine(out, self._derivatives, powers, out)
             self.space.combine(out, self._basis.stack, coefficients, out)
             p.done = length if t == length - p.done else p.done + t
             p.steps += 1
-        return p.end()
+        return p
 
-    def _differentiate(self, p: _Solve, w: wp.array) -> float:
+    def _differentiate(self, p: ExponentialResult, w: wp.array) -> float:
         """The first derivatives of w at the present time; the last is a basis' first vector."""
         space, sources, last = self.space, p.sources, w
         for j in range(p.terms):
@@ -181,7 +170,7 @@ class KrylovExponential:
             last = target
         return space.norm(last)
 
-    def _reach(self, p: _Solve, size: float, rest: float) -> tuple[float, Array] | None:
+    def _reach(self, p: ExponentialResult, size: float, rest: float) -> tuple[float, Array] | None:
         """How far a basis gets, and the coefficients of its vectors; None where it does not."""
         if size == 0.0:
             return rest, np.zeros(0)
@@ -207,7 +196,9 @@ class KrylovExponential:
             t *= SHORTER
         return None
 
-    def _look(self, p: _Solve, small: SmallMatrix, size: float, t: float) -> Array | None:
+    def _look(
+        self, p: ExponentialResult, small: SmallMatrix, size: float, t: float
+    ) -> Array | None:
         """The coefficients of the solution after t, if its error is small enough."""
         coefficients, error = small.phi(p.terms, t)
         least = self.space.epsilon * t**p.terms / math.factorial(p.terms)

@@ -108,12 +108,9 @@ class TracerSteps(Trajectory, ABC):
         self._air = Air(self._old, rate)
         self._flux = model.device_mesh.upload(np.zeros(2 * size))
         self._rate = TransportRate(model)
+        tracers = model.tracers.count, model.tracers.first
         self._transport = TracerStep(
-            model.device_mesh,
-            model.launch,
-            self._rate.crossings,
-            model.tracers.count,
-            model.tracers.first,
+            model.device_mesh, model.launch, self._rate.crossings, *tracers
         )
         self._add = combine_kernel(model.device_mesh.real, 1)
         model.launch.load(self._add)
@@ -236,8 +233,7 @@ class _Residual:
         wp.copy(state[self._depth], flow[self._depth])
         self._ratio.follow(before, state)
         for block in self._blocks:
-            there, here = space.dots((before[block], ones), (state[block], ones))
-            space.axpy(float(there - here), ones, state[block])
+            space.match_mean(before[block], state[block], ones)
 
 
 class CarriedWithDepth(TracerSteps):

@@ -71,7 +71,7 @@ TOLERANCE = _edits(
     ),
     (
         "default of implicit schemes × 10",
-        f"{STEPPERS}/solving.py",
+        f"{STEPPERS}/stepper.py",
         (f"{_DEFAULTS}[crank-nicolson]",),
         "default_tolerance: ClassVar[float] = 1e-3",
         "default_tolerance: ClassVar[float] = 1e-2",
@@ -105,8 +105,8 @@ VARIABLE_STEP = _edits(
         "BDF2: guess as for equal steps",
         BDF2,
         _GUESSES,
-        "axpby(-w, self._previous, 1.0 + w, out)",
-        "axpby(-1.0, self._previous, 2.0, out)",
+        "axpby(-w, self.previous, 1.0 + w, out)",
+        "axpby(-1.0, self.previous, 2.0, out)",
     ),
     (
         "Gauss-Legendre: slopes of the outer step",
