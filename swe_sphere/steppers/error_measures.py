@@ -1,6 +1,5 @@
 """Measures of the error of a step: to the embedded method, and by the total energy."""
 
-from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -16,23 +15,19 @@ ROUNDOFFS = 10.0
 """Changes of the energy by fewer round-offs of it are no drift."""
 
 
-class Measure(ABC):
-    """The error of the step last attempted by a scheme, which has not been accepted yet."""
+class Measure:
+    """The error of the step last attempted by a scheme, which has not been accepted yet.
+
+    measure(dt) is the error of that step, of dt [s]; measure.per_change(dt) the value that an error
+    as large as the present change over dt would have.
+    """
 
     unit: ClassVar[str]
-    """What its values are, in words."""
+    """What the values are, in words."""
 
     def __init__(self, scheme: VariableStepper, order: int) -> None:
         """order: the power of dt that the values go with."""
         self._scheme, self.order = scheme, order
-
-    @abstractmethod
-    def __call__(self, dt: float) -> float:
-        """Error of the step of dt [s]."""
-
-    @abstractmethod
-    def per_change(self, dt: float) -> float:
-        """The value that an error as large as the present change over dt [s] would have."""
 
     def relative_rate(self) -> float:
         """Rate of the last step [s-1], over the norm of the state."""
@@ -46,7 +41,7 @@ class LocalError(Measure):
     any units and on any planet.
     """
 
-    unit: ClassVar[str] = "relative error of a step"
+    unit = "relative error of a step"
 
     def __init__(self, scheme: VariableStepper) -> None:
         if scheme.estimate_order is None:
@@ -68,7 +63,7 @@ class LocalError(Measure):
 class EnergyDrift(Measure):
     """Relative change of the total energy I(h |V|^2/2 + g h (h/2 + b)), per day."""
 
-    unit: ClassVar[str] = "relative energy drift per day"
+    unit = "relative energy drift per day"
 
     def __init__(self, scheme: VariableStepper) -> None:
         model = scheme.model
@@ -101,11 +96,14 @@ class EnergyDrift(Measure):
         return float(0.5 * np.sum(self._area * h * (u**2 + v**2 + potential)))
 
 
-MEASURES = {"embedded": LocalError, "energy": EnergyDrift}
+MEASURES: dict[str, type[LocalError] | type[EnergyDrift]] = {
+    "embedded": LocalError,
+    "energy": EnergyDrift,
+}
 """Measures by name."""
 
 
-def make_measure(by: str, scheme: Stepper) -> tuple[VariableStepper, Measure]:
+def make_measure(by: str, scheme: Stepper) -> tuple[VariableStepper, LocalError | EnergyDrift]:
     """The scheme, if its steps can follow an error, and the measure of that name.
 
     Raises ConfigError where they cannot.

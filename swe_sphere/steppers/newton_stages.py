@@ -1,6 +1,6 @@
 """The Newton-Krylov solver of implicit stages: problem, preconditioner and conserved masses."""
 
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 import warp as wp
@@ -15,7 +15,10 @@ from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult, Problem
 from swe_sphere.solvers.newton_steps import FollowedNonlinearity
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.stage_solver import Scheme, StageSolver
+from swe_sphere.steppers.stage_solver import StageSolver
+
+if TYPE_CHECKING:
+    from swe_sphere.steppers.stepper import Stepper
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
@@ -88,7 +91,7 @@ class NewtonStages(StageSolver):
     """The tau [s] for which the preconditioner is set up; None: that of the stage."""
 
     def __init__(
-        self, model: Model, scheme: Scheme, tolerance: float | None, preconditioner: str,
+        self, model: Model, scheme: "Stepper", tolerance: float | None, preconditioner: str,
         krylov_block: int, equations: type[Any] = StageProblem,
     ) -> None:  # fmt: skip
         super().__init__(model, scheme, tolerance)
@@ -114,7 +117,7 @@ class NewtonStages(StageSolver):
         self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         return super().start(state, t, dt)
 
-    def aim(self, scheme: Scheme, dt: float) -> None:
+    def aim(self, scheme: "Stepper", dt: float) -> None:
         """Set the tolerance for a step of dt [s] of a scheme from its state."""
         super().aim(scheme, dt)
         self._known = self.newton.nonlinearity

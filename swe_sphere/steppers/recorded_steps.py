@@ -2,30 +2,21 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
-from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.operators.replay import Replay
+
+if TYPE_CHECKING:
+    from swe_sphere.steppers.stepper import Stepper
 
 __all__ = ["CheckedReplay", "Replay"]
 
 FIRST_REPEAT = 3
 """A step is run, recorded, and repeated from its third time on."""
-
-
-class Repeating(Protocol):
-    """A stepper, as far as its steps are recorded."""
-
-    name: ClassVar[str]
-    model: Model
-
-    def arrays(self) -> dict[str, wp.array]:
-        """Arrays that it keeps between steps."""
-        ...
 
 
 class CheckedReplay:
@@ -35,7 +26,7 @@ class CheckedReplay:
     Raises ConfigError where the repetition differs.
     """
 
-    def __init__(self, replay: Replay, stepper: Repeating) -> None:
+    def __init__(self, replay: Replay, stepper: "Stepper") -> None:
         self._replay, self._stepper = replay, stepper
         self._calls: Counter[int] = Counter()
 

@@ -1,6 +1,6 @@
 """Solvers of the equations in a step: in which norm, how exactly, and with which result."""
 
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -12,6 +12,9 @@ from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.motion import Motion
+
+if TYPE_CHECKING:
+    from swe_sphere.steppers.stepper import Stepper
 
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries
@@ -43,16 +46,6 @@ def energy_weights(model: Model) -> NDArray[np.float64]:
     return np.concatenate([share, share, heights, *tracers])
 
 
-class Scheme(Protocol):
-    """A stepper, as far as the exactness of its solves depends on it."""
-
-    name: ClassVar[str]
-    order: ClassVar[int]
-    error_constant: ClassVar[float]
-    default_tolerance: ClassVar[float]
-    state: wp.array
-
-
 class StageSolver:
     """What all solvers of stages share: solves leave less than the truncation error of a step.
 
@@ -61,7 +54,7 @@ class StageSolver:
     out of range.
     """
 
-    def __init__(self, model: Model, scheme: Scheme, tolerance: float | None) -> None:
+    def __init__(self, model: Model, scheme: "Stepper", tolerance: float | None) -> None:
         tolerance = scheme.default_tolerance if tolerance is None else tolerance
         if not 0.0 <= tolerance < 1.0:
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
@@ -82,7 +75,7 @@ class StageSolver:
         """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
         return self.motion.start(self.model, state, t, dt)
 
-    def aim(self, scheme: Scheme, dt: float) -> None:
+    def aim(self, scheme: "Stepper", dt: float) -> None:
         """Set the tolerance for a step of dt [s] of a scheme from its state."""
         self.state = scheme.state
         truncation = self.motion.truncation(scheme.error_constant, scheme.order, dt)
@@ -127,7 +120,7 @@ class WaveSolver(StageSolver):
     """
 
     def __init__(
-        self, model: Model, scheme: Scheme, tolerance: float | None, coriolis: str
+        self, model: Model, scheme: "Stepper", tolerance: float | None, coriolis: str
     ) -> None:
         super().__init__(model, scheme, tolerance)
         self._solver = GravityWaveSolver(GravityWaves(model, coriolis))
