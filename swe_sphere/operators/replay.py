@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 
 import warp as wp
 
@@ -117,4 +118,4 @@ def _captured(device: str, pieces: list[Callable[[], None]]) -> Iterator[None]:
 
 def _end(device: str) -> Callable[[], None]:
     graph = wp.capture_end(device)
-    return lambda: wp.capture_launch(graph)
+    return partial(wp.capture_launch, graph)

@@ -79,7 +79,9 @@ class Diffusion:
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
         last, _ = self._changes
-        self._replay(state.ptr, lambda: self._step(state, None, 1.0, last, state))
+        if not self._replay(state.ptr):
+            with self._replay.record(state.ptr):
+                self._step(state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
         """Make of the slope of all else, held from `past` on, the mean slope of both together.

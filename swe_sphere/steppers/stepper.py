@@ -12,9 +12,10 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import users_code
+from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.blas import one_thread
 from swe_sphere.settings.registry import Registry
-from swe_sphere.steppers.recorded_steps import CheckedReplay, Replay
+from swe_sphere.steppers.recorded_steps import CheckedReplay
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stability import Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
@@ -173,11 +174,10 @@ class Stepper(Trajectory, ABC):
             self.diffusion = Diffusion(model, whole, self.diffusion_order)
             self.model = model.inviscid
         self._apart = self.diffusion if self.diffusion_steps is None else None
-        self._replay: Replay | CheckedReplay | None = None
+        self._replay: Replay | None = None
         if self.repeats_from is not None and model.repeats:
-            self._replay = Replay(model.launch, model.counters)
-            if not type(self).__module__.startswith("swe_sphere."):
-                self._replay = CheckedReplay(self._replay, self)
+            custom = not type(self).__module__.startswith("swe_sphere.")
+            self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         """Begin from a copy of the state at time t [s]."""

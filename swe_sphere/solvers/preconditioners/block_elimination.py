@@ -75,10 +75,12 @@ class BlockElimination(KeptSetup):
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
-        if self.launches:
-            self._replay((r.ptr, out.ptr), lambda: self._eliminate(r, out))
-        else:
+        key = r.ptr, out.ptr
+        if not self.launches:
             self._eliminate(r, out)
+        elif not self._replay(key):
+            with self._replay.record(key):
+                self._eliminate(r, out)
 
     def _eliminate(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)
