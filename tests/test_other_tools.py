@@ -7,7 +7,7 @@ import cartopy.crs as crs
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
@@ -138,8 +138,12 @@ def test_fields_are_drawn_on_axes_of_cartopy(seen):
         axes.set_extent([-180, 180, 30, 90], crs.PlateCarree())
     fields = {"h": 7.0 + x + 2.0 * y * z, "b": 0.0 * x}
     draw_state(mesh, fields, 0.0, {"scene": "hills"}, "h", axes)
-    image = next(c for c in axes.collections if isinstance(c, QuadMesh))
-    places = image.get_coordinates().reshape(-1, 2).T
+    (image,) = axes.images
+    rows, columns = image.get_array().shape
+    left, right, bottom, top = image.get_extent()
+    x = left + (right - left) / columns * (0.5 + np.arange(columns))
+    y = bottom + (top - bottom) / rows * (0.5 + np.arange(rows))
+    places = np.stack(np.meshgrid(x, y)).reshape(2, -1)
     degrees = crs.Geodetic().transform_points(axes.projection, *places).T[:2]
     back = axes.projection.transform_points(crs.Geodetic(), *degrees).T[:2]
     inside = np.abs(back - places).max(axis=0) < 1.0  # metre: there and back again

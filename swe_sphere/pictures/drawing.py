@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from cartopy.crs import Stereographic
-from matplotlib.collections import QuadMesh
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from swe_sphere.arrays import Array
@@ -120,9 +121,12 @@ class Drawing:
         """
         values, (_, _, x, y) = self.values(time), self.grid
         low, high = self.look.limits or ends or limits(values, self.kind)
-        image = axes.pcolormesh(
-            x, y, values, cmap=self.colours, vmin=low, vmax=high, shading="gouraud",
-            rasterized=True,
+        dx, dy = 0.5 * (x[0, 1] - x[0, 0]), 0.5 * (y[1, 0] - y[0, 0])
+        # of matplotlib, as cartopy would sample an image beyond the edge of the globe again
+        image = Axes.imshow(
+            axes, values, cmap=self.colours, vmin=low, vmax=high, origin="lower",
+            interpolation="bilinear",
+            extent=(x[0, 0] - dx, x[0, -1] + dx, y[0, 0] - dy, y[-1, 0] + dy),
         )  # fmt: skip
         notes = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
         notes.append(self._overlaid(axes, time))
@@ -181,7 +185,7 @@ def _bottom_levels(bottom: Array) -> Array:
     return found[found > low + SEEN * (high - low)]
 
 
-def _draw_scale(axes: GeoAxes, image: QuadMesh, kind: Field) -> None:
+def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
     numbers = ScalarFormatter(useOffset=False, useMathText=True)
     numbers.set_powerlimits((-3, 5))
     bar = axes.figure.colorbar(
@@ -197,7 +201,7 @@ def _draw_scale(axes: GeoAxes, image: QuadMesh, kind: Field) -> None:
 
 SUBTITLE, TITLE = 6.0, 20.0
 """Distances of the subtitle from the map and of the title from the subtitle [points]."""
-LABELS = 18.0
+LABELS = 14.0
 """Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
 
