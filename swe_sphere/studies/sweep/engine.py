@@ -187,6 +187,8 @@ class Sweep:
         if self._plan.jobs > 1 or record is None or record.status != "completed":
             return False
         times = self._runner.timings(run)
+        if self._runner.repeats(run) > MOST_REPEATS * wanted:  # some of which failed
+            return False
         if len(times) < wanted:
             return True
         agree = wanted < 2 or times[1] <= (1.0 + AGREE) * times[0]
