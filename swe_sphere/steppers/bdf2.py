@@ -25,7 +25,6 @@ class BDF2(VariableStepper):
     default_tolerance = 1e-2
     memory = "state", "previous"
     solver: NewtonStages
-    vectors = TRBDF2.vectors + 9
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def allocate(self) -> None:

@@ -37,7 +37,6 @@ class DiagonallyImplicit(VariableStepper):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "name" in vars(cls):
-            cls.vectors = 19 + 2 * len(cls.b)  # slopes of two steps, and those of the solver
             matrix = tableau(cls.a, len(cls.b))
             cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
 

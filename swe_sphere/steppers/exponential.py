@@ -38,8 +38,6 @@ class ExponentialMultistep(VariableStepper):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        past = len(cls.weights[0]) if cls.weights else 0
-        cls.vectors = 28 + 4 * past
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:

@@ -138,7 +138,6 @@ class GaussLegendre(VariableStepper):
     style = ("#5229A3", (6, 1, 0))
     expected_error = ((900.0, 4.778152e-08, 4.285903e-07), (450.0, 3.042596e-09, 2.722186e-08))
     default_tolerance = 1e-4
-    coupled_stages, vectors = len(C), 35
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages

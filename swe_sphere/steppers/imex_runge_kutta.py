@@ -48,7 +48,6 @@ class ImexRungeKutta(Stepper):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "name" in vars(cls):
-            cls.vectors = 17 + 2 * len(cls.b)  # both slopes of a stage, and those of the solver
             implicit = tableau(cls.implicit, len(cls.b))
             cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
 

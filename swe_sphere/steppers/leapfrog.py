@@ -29,7 +29,6 @@ class Leapfrog(Stepper):
     holds_damping = True
     repeats_from = 1
     reach = 2.0
-    vectors = RK4.vectors + 4
     style = ("#D55E00", "s")
     expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
 

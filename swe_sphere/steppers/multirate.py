@@ -45,7 +45,6 @@ class InfinitesimalStep(FlowLimited):
     """Rows of the second and the third stage, as those of `gamma`."""
     beta: ClassVar[Rows]
     gamma: ClassVar[Rows]
-    vectors = 12
     reach, looks = 60.0, 120
     repeats_from = 0
 

@@ -41,7 +41,7 @@ class RungeKutta(Stepper):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "name" in vars(cls):
-            cls.vectors, cls.reach = 2 + len(cls.b), 2.0 * len(cls.b)
+            cls.reach = 2.0 * len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)

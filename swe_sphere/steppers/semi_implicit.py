@@ -34,7 +34,6 @@ class SemiImplicit(Stepper):
     diffusion_steps = 2
     holds_damping = True
     default_tolerance = 1e-2
-    vectors = ARK2.vectors + 26  # with the room of the second set-up
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
     expected_error = ((900.0, 5.462867e-05, 1.128908e-03), (450.0, 1.447359e-05, 3.498897e-04))

@@ -124,10 +124,6 @@ class Stepper(Trajectory, ABC):
     expected_error: ClassVar[tuple[tuple[float, float, float], ...]] = ()
     """Time steps [s] with the l2 errors of height and wind in scene lauter, ne 3, after 3 hours,
     against which `swe-sphere verify` checks it."""
-    vectors: ClassVar[int] = 50
-    """State vectors that it and its solver hold, without the Krylov basis; rather too many here."""
-    coupled_stages: ClassVar[int] = 1
-    """Stages that are solved for together, each with a preconditioner and a Krylov basis."""
     diffusion_apart: bool = True
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
     diffusion_steps: ClassVar[int | None] = None

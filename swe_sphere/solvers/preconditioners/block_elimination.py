@@ -19,7 +19,6 @@ from swe_sphere.solvers.preconditioners.preconditioner import (
     DEPTH_CHANGE,
     KeptSetup,
     refuse_if_large,
-    unique_nodes,
 )
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -130,12 +129,6 @@ class DirectElimination(BlockElimination):
         factors = f"the factors of a {n} x {n} Schur complement"
         refuse_if_large(12.0 * 2.2 * degree * n**1.5, factors, self.name)
         super().__init__(model)
-
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """With the factors of the whole matrix."""
-        factors: float = 30.0 * (np - 1) * unique_nodes(ne, np) ** 1.5
-        return super().memory_estimate(ne, np) + factors
 
     def invert(self, tau: float, depth: Array) -> None:
         """Factorise for the implicit step tau [s] and the depth (N,) [m]."""

@@ -14,7 +14,6 @@ from swe_sphere.solvers.preconditioners.preconditioner import (
     DEPTH_CHANGE,
     KeptSetup,
     refuse_if_large,
-    unique_nodes,
 )
 
 COURANT_CHANGE = 2.0
@@ -34,20 +33,14 @@ class JacobianDirect(KeptSetup):
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
-        mesh = model.mesh
-        memory = self.memory_estimate(mesh.ne, mesh.np)
+        mesh, n = model.mesh, model.mesh.size
+        memory = (330.0 * math.log2(n) + 1900.0 * mesh.np) * n  # measured, rather too much
         refuse_if_large(memory, "the factors of the Jacobian", self.name)
         self._probing = Probing(mesh)
         self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
         self._jacobian = model.inviscid.jacobian()
         self._direction, self._image = model.zeros(), model.zeros()
-
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """Memory [bytes] that it takes on that mesh; rather too much."""
-        n = unique_nodes(ne, np)
-        return (330.0 * math.log2(n) + 1900.0 * np) * n
 
     def _needed(self, fluid: Array) -> Array:
         return fluid

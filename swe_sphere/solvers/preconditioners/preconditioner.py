@@ -19,22 +19,6 @@ PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")
 """All preconditioners by name; a class with a `name` is entered where it is defined."""
 
 
-def elimination_memory(ne: int, np: int, real: int = 4) -> float:
-    """Memory [bytes] of block elimination on the device, in numbers of so many bytes."""
-    return (4 + 8 * real) * 6.0 * (ne * np) ** 2 + (32 + 10 * real) * unique_nodes(ne, np)
-
-
-def coarse_memory(ne: int, np: int) -> float:
-    """Memory [bytes] of the coarse spaces and their operators while these are made."""
-    more = 600 if np in (6, 12) else 0  # the smooth functions have a cell more on an edge
-    return (1300 + 1600 / (np - 1) ** 2 + more) * unique_nodes(ne, np)
-
-
-def unique_nodes(ne: int, np: int) -> float:
-    """Nodes of a mesh, counted once."""
-    return 6.0 * (ne * (np - 1)) ** 2 + 2.0
-
-
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
 
@@ -76,11 +60,6 @@ class Preconditioner(ABC):
     def for_model(cls, model: Model) -> Self | None:
         """The one for a model; None where there is nothing to precondition with."""
         return cls(model)  # type: ignore[call-arg]
-
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """Memory [bytes] that it takes on that mesh; rather too much."""
-        return elimination_memory(ne, np) + coarse_memory(ne, np)
 
     @abstractmethod
     def setup(self, state: wp.array, tau: float) -> None:
@@ -127,11 +106,6 @@ class Unpreconditioned(Preconditioner):
     @classmethod
     def for_model(cls, model: Model) -> None:
         """None."""
-
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """None [bytes]."""
-        return 0.0
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Nothing to prepare."""

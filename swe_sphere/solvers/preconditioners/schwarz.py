@@ -9,7 +9,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels.patches import patch_kernel
 from swe_sphere.operators.field import Field
 from swe_sphere.solvers.preconditioners.block_elimination import BlockElimination
-from swe_sphere.solvers.preconditioners.preconditioner import refuse_if_large, unique_nodes
+from swe_sphere.solvers.preconditioners.preconditioner import refuse_if_large
 
 
 class SchwarzElimination(BlockElimination):
@@ -27,11 +27,6 @@ class SchwarzElimination(BlockElimination):
         self._longest = (3 * model.mesh.np - 2) ** 2
         refuse_if_large(8.0 * model.mesh.size * self._longest, "the patch inverses", self.name)
         super().__init__(model)
-
-    @classmethod
-    def memory_estimate(cls, ne: int, np: int) -> float:
-        """With the inverses of the patches."""
-        return super().memory_estimate(ne, np) + 8.0 * (3 * np - 2) ** 2 * unique_nodes(ne, np)
 
     def invert(self, tau: float, depth: Array) -> None:
         """Invert the patches for the implicit step tau [s] and the depth (N,) [m]."""
