@@ -82,7 +82,7 @@ class Halo:
         into: the array to receive in, if it is not `flat`.
         """
         into = flat if into is None else into
-        self._device = str(flat.device)
+        self._device, self._on_gpu = str(flat.device), flat.device.is_cuda
         in_place, scattered = {}, {}
         for rank, places in receives.items():
             run = _run(places.ravel()) if comm.reaches(self._device) else None
@@ -116,7 +116,8 @@ class Halo:
         self._messages.wait()
 
     def _start(self) -> None:
-        wp.synchronize_device(self._device)  # a GPU may still be packing
+        if self._on_gpu:
+            wp.synchronize_device(self._device)  # it may still be packing
         self._messages.start()
         self.exchanges += 1
 

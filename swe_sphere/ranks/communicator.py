@@ -54,18 +54,19 @@ class Messages:
         """Prepare one message for each array; `comm` is a communicator of mpi4py."""
         from mpi4py.MPI import Prequest
 
-        self._start, self._test = Prequest.Startall, Prequest.Testall
-        self._requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
-        self._requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
-        weakref.finalize(self, _free, self._requests)
+        requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
+        requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
+        weakref.finalize(self, _free, requests)
+        self._start = functools.partial(Prequest.Startall, requests)
+        self._are_complete = functools.partial(Prequest.Testall, requests)
 
     def start(self) -> None:
         """Send all outgoing arrays, which must not change before `wait`, and begin to receive."""
-        self._start(self._requests)
+        self._start()
 
     def wait(self) -> None:
         """Return when all arrays have been sent and received."""
-        _complete(lambda: self._test(self._requests))
+        _complete(self._are_complete)
 
 
 def _free(requests: list[Any]) -> None:
