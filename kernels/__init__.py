@@ -1,7 +1,8 @@
 """Warp kernels of the shallow-water model: the ground floor, which imports nothing else of ours."""
 
 from swe_sphere.kernels.local import tendency_kernel
-from swe_sphere.kernels.terms import Terms, lanes_of
+from swe_sphere.kernels.simd.register import lanes_of
+from swe_sphere.kernels.terms import Terms
 from swe_sphere.kernels.vectors import combine_kernel
 
 __all__ = [

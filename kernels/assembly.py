@@ -9,46 +9,90 @@ compile a path for contiguous arrays, which is faster on a CPU.
 """
 
 import functools
+from dataclasses import dataclass
 from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import gather_run, run_of
-from swe_sphere.kernels.registers import product_of
-from swe_sphere.kernels.stages import node_types
+from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.element import Finish
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
+from swe_sphere.kernels.simd.arithmetic import product_of
+from swe_sphere.kernels.simd.memory import Contributors, gather_of, run_of
+from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.simd.stages import leave_of, stage_struct
+from swe_sphere.kernels.terms import KernelTypes
 
-CONTRIBUTORS = 4
-OPTIONS = {"max_unroll": 1}
-"""Of all kernels with loops, which compile for long when they are unrolled.  Compiler flags are
-left alone: each set of them costs a process 3 s for Warp's own headers."""
-Contributors = wp.types.vector(CONTRIBUTORS, wp.int32)
-"""Places of a node's first field in the local tendencies, -1 for a contributor it lacks."""
+
+@dataclass(frozen=True)
+class AssemblyKernels:
+    """Kernels for the tendency of the unique nodes, over nodes or runs that fill a register."""
+
+    assembly: wp.Kernel
+    """From local tendencies (entries,): arguments as in its definition, with the distance `stride`
+    between two fields in them, the first node to be written, N, and the result (unknowns*N,)."""
+    alone: wp.Kernel
+    """(N, structure, state, stage, result): no terms with derivatives, so nothing to assemble."""
+    structure: Any
+    """Warp structure of what the pointwise terms read, empty in a scene without such terms."""
 
 
 @functools.cache
-def means_of(unknowns: int, real: type, lanes: int) -> Any:
-    """Warp function (places, inverse_area, stride, node, local): DSS of a node, or of a run."""
-    place, vector = wp.array(dtype=Contributors), wp.array(dtype=real)
-    value, rows = node_types(real, lanes, unknowns)
-    gather, load = gather_run(value, Contributors, real, lanes), run_of(value, real, lanes)
-    mul = run_product(real, lanes)
+def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1) -> AssemblyKernels:
+    """Return the kernels with these pointwise terms, for runs of `lanes` nodes."""
+    register, vector, last = Register(real, lanes), wp.array(dtype=real), unknowns - 1
+    rows, added = register.rows(unknowns), pointwise_sum(unknowns, register, point)
+    leave, stage = leave_of(register, unknowns), stage_struct(real)
+    gather, load, mul = gather_of(register), run_of(register), product_of(register)
+    structure, add, place = added.structure, added.add, wp.array(dtype=Contributors)
 
     @no_type_check
     @wp.func
     def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
         scale = load(inverse_area, node)
-        if wp.static(unknowns == 1):
-            return mul(scale, gather(local, places, node, 0))
-        else:
-            r = rows()
-            r[0] = mul(scale, gather(local, places, node, 0))
+        r = rows()
+        r[0] = mul(scale, gather(local, places, node, 0))
+        if wp.static(last > 0):
             r[1] = mul(scale, gather(local, places, node, stride))
             r[2] = mul(scale, gather(local, places, node, 2 * stride))
-            return r
+        return r
 
-    return means
+    @no_type_check
+    @kernel
+    def assemble_pointwise(
+        places: place, inverse_area: vector, stride: int, first: int, size: int, local: vector,
+        c: structure, x: vector, s: stage, out: vector,
+    ):  # fmt: skip
+        node = first + lanes * wp.tid()
+        r = means(places, inverse_area, stride, node, local)
+        leave(s, node, size, add(c, node, size, x, r), out)
+
+    @no_type_check
+    @kernel
+    def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
+        node = lanes * wp.tid()
+        leave(s, node, size, add(c, node, size, x, rows()), out)
+
+    return AssemblyKernels(assemble_pointwise, pointwise_alone, structure)
 
 
-def run_product(real: type, lanes: int) -> Any:
-    """Warp function (p, q): the product of two numbers, or of two runs."""
-    return product_of(node_types(real, lanes)[0], real, lanes) if lanes > 1 else wp.mul
+def finish_rates(t: KernelTypes, fields: int) -> Finish:
+    """Return the `Finish` that leaves rates of so many fields, with the pointwise terms added."""
+    assert t.point is not None
+    load, mul, add = run_of(t.register), t.metric.mul, t.point.add
+    rows, leave, whole = t.register.rows(fields), leave_of(t.register, fields), t.terms.unknowns
+
+    @no_type_check
+    @wp.func
+    def finish(geo: t.geometry, x: t.vector, r: rows, k: int, node: int, done: t.vector):
+        scale = load(geo.inverse_area, node)
+        rate = rows()
+        for i in range(fields):
+            rate[i] = mul(scale, r[i])
+        if wp.static(fields == whole and t.terms.poisson):
+            rate = add(geo.point, node, geo.size, geo.base, rate)
+        elif wp.static(fields == whole):
+            rate = add(geo.point, node, geo.size, x, rate)
+        leave(geo.stage, node + k * geo.size, geo.size, rate, done)
+
+    return finish

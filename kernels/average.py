@@ -1,15 +1,25 @@
 """Averages of the energy's gradient between two states, node by node."""
 
 import functools
-from types import SimpleNamespace
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import warp as wp
 
+from swe_sphere.kernels.define import kernel, struct_of
+
+
+@dataclass(frozen=True)
+class AverageKernel:
+    """Kernel (structure, first, last, mean, base), all states (3N,): terms of the skew form."""
+
+    kernel: wp.Kernel
+    structure: Any
+
 
 @functools.cache
-def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
-    """Kernel (struct, first, last, mean, base), all states (3N,): what the skew form is made of.
+def average_kernel(real: Any, bottom: bool) -> AverageKernel:
+    """Return the kernel that averages the energy's gradient between two states.
 
     With F and B the averages of hV and |V|²/2 + g(h + b), the derivatives of the energy by V and h,
     along the straight line from `first` to `last`: `mean` becomes (wind half way, B) and `base`
@@ -17,10 +27,10 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
     structure holds `size` N, `gravity` [m s-2] and, with a bottom, its height `bottom` (N,) [m].
     """
     vector = wp.array(dtype=real)
-    members: dict[str, object] = {"size": wp.int32, "gravity": real}
+    members: dict[str, Any] = {"size": wp.int32, "gravity": real}
     if bottom:
         members["bottom"] = vector
-    constants = wp.struct(type("Constants", (), {"__annotations__": members}))
+    constants = struct_of("Constants", members)
 
     @no_type_check
     @wp.func
@@ -34,7 +44,7 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
         return (u0 * u0 + u0 * u1 + u1 * u1) / real(6.0)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def average(c: constants, first: vector, last: vector, mean: vector, base: vector):
         i = wp.tid()
         j = c.size + i
@@ -51,4 +61,4 @@ def average_kernel(real: type, bottom: bool) -> SimpleNamespace:
         base[j] = flux(first[k], first[j], last[k], last[j]) / h
         base[k] = h
 
-    return SimpleNamespace(kernel=average, structure=constants)
+    return AverageKernel(average, constants)

@@ -1,41 +1,52 @@
 """Coarse functions: transfers from and to fields on elements, and sparse products between them."""
 
 import functools
-from types import SimpleNamespace
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, gather_run
-from swe_sphere.kernels.assembly import OPTIONS, Contributors
-from swe_sphere.kernels.registers import (
+from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.simd.arithmetic import (
     columns_products,
     entries_sum,
     functions_sum,
     rows_product,
 )
-from swe_sphere.kernels.terms import kernel_types
+from swe_sphere.kernels.simd.memory import Contributors, entry_of, gather_of
+from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.terms import KernelTypes
+
+
+@dataclass(frozen=True)
+class CoarseKernels:
+    """Kernels for k coarse functions on an element, with nodal `values` (k, np*np)."""
+
+    restrict: wp.Kernel
+    """Integrals (groups, k) over each element of a field times each function, with the weights
+    `mass` (groups, np*np) [m2]; over (groups, k / `shares[0]`) threads."""
+    assembled: wp.Kernel
+    """Sums of the integrals of each function, at up to four places and at more; over the
+    functions."""
+    prolong: wp.Kernel
+    """Adds to a field the functions times the coefficients, those of an element at its `numbers`
+    (groups, k), with the same bits for a node in each of its elements; over (groups, np*np /
+    `shares[1]`) threads."""
+    shares: tuple[int, int]
 
 
 @functools.cache
-def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNamespace:
-    """Kernels for `functions` coarse functions on an element, with nodal `values` (k, np*np).
-
-    `restrict`, over (groups, k / `shares[0]`) threads: integrals (groups, k) over each element of a
-    field times each function, with the weights `mass` (groups, np*np) [m2].  `assembled`, over the
-    functions: their sums, of up to four places and of more.  `prolong`, over (groups, np*np /
-    `shares[1]`): adds to a field the functions times the coefficients, those of an element at its
-    `numbers` (groups, k); with the same bits for a node in each of its elements.
-    """
-    t = kernel_types(np_, real, shape, whole=False)
-    load, mul, value, points = t.ops.load, t.ops.mul, t.value, np_ * np_
+def coarse_kernels(np_: int, functions: int, real: Any, shape: str) -> CoarseKernels:
+    """Return the kernels for so many functions."""
+    t = KernelTypes(np_, real, shape, whole=False)
+    load, mul, value, points = t.load, t.metric.mul, t.value, np_ * np_
     few, many = (functions, points) if shape == "element" else (1, 1)
-    integrals = rows_product(value, real, t.lanes, few, points)
-    at_point = functions_sum(value, real, t.lanes, functions, points)
+    integrals = rows_product(t.register, few, points)
+    at_point = functions_sum(t.register, functions, points)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def restrict(values: matrix, mass: each, b: t.local, out: each):
         e, part = wp.tid()
         weighted = wp.zeros(shape=points, dtype=value)
@@ -47,7 +58,7 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
             out[e, part * few + k] = sums[k]
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def prolong(values: matrix, numbers: table, coefficients: t.vector, x: t.local):
         e, part = wp.tid()
         mine = wp.zeros(shape=functions, dtype=value)
@@ -56,11 +67,11 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
         for n in range(part * many, part * many + many):
             x[e, n, 0] = x[e, n, 0] + at_point(values, n, mine)
 
-    gather, places = gather_run(real, Contributors, real, 1), wp.array(dtype=Contributors)
+    gather, places = gather_of(Register(real)), wp.array(dtype=Contributors)
     place = entry_of(Contributors)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def assembled(four: places, more: places, local: t.vector, out: t.vector):
         row = wp.tid()
         total = gather(local, four, row, 0)
@@ -68,41 +79,28 @@ def coarse_kernels(np_: int, functions: int, real: type, shape: str) -> SimpleNa
             total += gather(local, more, row, 0)
         out[row] = total
 
-    return SimpleNamespace(
-        restrict=restrict, assembled=assembled, prolong=prolong, shares=(few, many)
-    )
+    return CoarseKernels(restrict, assembled, prolong, (few, many))
 
 
 @functools.cache
-def sweep_kernel(real: type, shape: str) -> wp.Kernel:
-    """Kernel over groups of `lanes` rows of a `SlicedMatrix`: a Chebyshev step.
+def sweep_kernel(real: Any, shape: str) -> wp.Kernel:
+    """Return the kernel of a Chebyshev step, over groups of `lanes` rows of a `SlicedMatrix`.
 
     The `values` of group g, from at[g] to at[g + 1], are coefficients of the numbers that begin at
     d[begin]; vectors have a `value` a group, and d a flat view.  r -= M d, after = keep d + take
     r/diagonal, x = before + beta after; `after` is another array than d.
     """
-    t = kernel_types(1, real, shape, whole=False)
-    mul, value = t.ops.mul, t.value
+    t = KernelTypes(1, real, shape, whole=False)
+    mul, value = t.metric.mul, t.value
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
-    row = entries_sum(value, real, t.lanes, "*registers(from)")
+    row = entries_sum(t.register, "*runs(from)")
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def sweep(
-        at: numbers,
-        begin: numbers,
-        values: rows,
-        per_diagonal: rows,
-        keep: real,
-        take: real,
-        beta: real,
-        flat_d: flat,
-        d: rows,
-        r: rows,
-        before: rows,
-        after: rows,
-        x: rows,
-    ):
+        at: numbers, begin: numbers, values: rows, per_diagonal: rows, keep: real, take: real,
+        beta: real, flat_d: flat, d: rows, r: rows, before: rows, after: rows, x: rows,
+    ):  # fmt: skip
         g = wp.tid()
         residual = r[g] - row(at, begin, values, flat_d, g)
         step = keep * d[g] + take * mul(per_diagonal[g], residual)
@@ -113,24 +111,32 @@ def sweep_kernel(real: type, shape: str) -> wp.Kernel:
     return sweep
 
 
-@functools.cache
-def tall_kernels(real: type, shape: str) -> SimpleNamespace:
+@dataclass(frozen=True)
+class TallKernels:
     """Kernels over groups of `lanes` rows of a `TallMatrix`, which share their columns.
 
     The `values` of group g, from at[g] to at[g + 1], are those of its rows in one column each.
-
-    `product`: out = M x, or out + M x if `add`.  `parts`: what each group adds to M' y in each of
-    its columns.  `total`, over the columns: the sums of their parts, which are `listed` by column
-    from ends[c] to ends[c + 1].
     """
-    t = kernel_types(1, real, shape, whole=False)
+
+    product: wp.Kernel
+    """out = M x, or out + M x if `add`."""
+    parts: wp.Kernel
+    """What each group adds to M' y in each of its columns."""
+    total: wp.Kernel
+    """Over the columns: sums of their parts, which are `listed` by column from ends[c] to
+    ends[c + 1]."""
+
+
+@functools.cache
+def tall_kernels(real: Any, shape: str) -> TallKernels:
+    """Return the kernels."""
+    t = KernelTypes(1, real, shape, whole=False)
     numbers, rows = wp.array(dtype=wp.int32), wp.array(dtype=t.value)
     flat = wp.array(dtype=real)
-    row = entries_sum(t.value, real, t.lanes, "*from")
-    products = columns_products(t.value, real, t.lanes)
+    row, products = entries_sum(t.register, "*from"), columns_products(t.register)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def product(at: numbers, columns: numbers, values: rows, x: flat, add: int, out: rows):
         g = wp.tid()
         total = row(at, columns, values, x, g)
@@ -139,12 +145,12 @@ def tall_kernels(real: type, shape: str) -> SimpleNamespace:
         out[g] = total
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def parts(at: numbers, values: rows, y: rows, out: flat):
         products(at, values, y, wp.tid(), out)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def total(ends: numbers, listed: numbers, parts: flat, out: flat):
         c = wp.tid()
         found = real(0.0)
@@ -152,4 +158,28 @@ def tall_kernels(real: type, shape: str) -> SimpleNamespace:
             found += parts[listed[k]]
         out[c] = found
 
-    return SimpleNamespace(product=product, parts=parts, total=total)
+    return TallKernels(product, parts, total)
+
+
+@functools.cache
+def patch_kernel(real: Any) -> wp.Kernel:
+    """Return the kernel (columns (N, m), rows (N, m) float32, b (N,), x) of a sparse product.
+
+    x_n = sum_k rows_nk b[column_nk].
+    """
+
+    @no_type_check
+    @kernel
+    def patch(
+        columns: wp.array2d(dtype=wp.int32),
+        rows: wp.array2d(dtype=wp.float32),
+        b: wp.array(dtype=real),
+        x: wp.array(dtype=real),
+    ):
+        node = wp.tid()
+        r = real(0.0)
+        for k in range(columns.shape[1]):
+            r += real(rows[node, k]) * b[columns[node, k]]
+        x[node] = r
+
+    return patch

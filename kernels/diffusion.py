@@ -1,13 +1,13 @@
 """Weak Laplacians at a point: of the wind (Hodge) and of the surface height."""
 
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
 from swe_sphere.kernels.dynamics import surface_height
-from swe_sphere.kernels.formulas import Formula, slopes, winds_at
+from swe_sphere.kernels.formulas import Formula, winds_at
+from swe_sphere.kernels.terms import KernelTypes
 
 
 @dataclass(frozen=True)
@@ -17,92 +17,75 @@ class Diffusion:
     """
 
     formula: Formula
-    """Of the fields that diffuse, without a result of its own."""
-    fluxes: wp.Function
+    """Derivatives of the fields that diffuse; it has no result of its own."""
+    fluxes: Any
     """(geometry, d1, d2, e, n): two rows, for the transposed derivatives along each line."""
-    result: wp.Function
-    """(geometry, t1, t2, e, n, out): what is made of those, a value or rows, added to what `out`
-    has from other terms."""
+    result: Any
+    """(geometry, t1, t2, e, n, out): rows of the result, added to what other terms left in
+    `out`."""
 
 
-def diffusion(t: SimpleNamespace, height: bool, wind: bool) -> Diffusion:
-    """The weak Laplacian of the surface height, of the wind or of both."""
-    np_, real, last, adds = t.np, t.real, t.terms.unknowns - 1, t.terms.dynamics
-    wedge, mul, value = t.ops.wedge, t.ops.mul, t.value
-    formula = _diffused(t, height, wind)
-    rows, at_div, at_curl = formula.rows, int(height), height + 1
-    results = t.rows(formula.fields)
-
-    @no_type_check
-    @wp.func
-    def raised(geo: t.geometry, w: value, d1: value, d2: value, e: int, n: int):
-        u = wedge(d1, d2, geo.basis[e, n, 1], geo.basis[e, n, 3])
-        v = wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], d1, d2)
-        f1 = mul(w, wedge(u, v, geo.basis[e, n, 2], geo.basis[e, n, 3]))
-        f2 = mul(w, wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], u, v))
-        return f1, f2
+def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
+    """Return the weak Laplacian of the surface height, of the wind or of both."""
+    np_, metric, formula = t.np, t.metric, _diffused(t, height, wind)
+    mul, flux, grad = metric.mul, metric.contravariant_flux, metric.gradient
+    divergence, curl = metric.divergence, metric.curl
+    rows, fields, at_div, at_curl = formula.rows, formula.fields, int(height), height + 1
+    results, adds, first = (
+        t.register.rows(fields), t.terms.dynamics, 0 if wind else t.terms.unknowns - 1
+    )  # fmt: skip
 
     @no_type_check
     @wp.func
     def fluxes(geo: t.geometry, d1: rows, d2: rows, e: int, n: int):
         w = geo.weight[n // np_, n % np_] * geo.inverse_jacobian[e, n]
-        f1 = rows(real(0.0))
-        f2 = rows(real(0.0))
-        if wp.static(height and wind):
-            g1, g2 = raised(geo, w, d1[0], d2[0], e, n)
-            f1[0] = g1
-            f2[0] = g2
-        elif wp.static(height):
-            f1, f2 = raised(geo, w, d1, d2, e, n)
+        f1 = rows()
+        f2 = rows()
+        if wp.static(height):
+            u, v = grad(geo.basis, e, n, d1[0], d2[0])
+            g1, g2 = flux(geo.basis, e, n, u, v)
+            f1[0] = mul(w, g1)
+            f2[0] = mul(w, g2)
         if wp.static(wind):
-            div = mul(w, d1[at_div] + d2[at_div])
-            curl = mul(w, d1[at_curl] - d2[at_curl])
+            div = mul(w, divergence(d1[at_div], d2[at_div]))
+            zeta = mul(w, curl(d1[at_curl], d2[at_curl]))
             f1[at_div] = div
-            f1[at_curl] = curl
+            f1[at_curl] = zeta
             f2[at_div] = div
-            f2[at_curl] = curl
+            f2[at_curl] = zeta
         return f1, f2
 
     @no_type_check
     @wp.func
     def result(geo: t.geometry, t1: rows, t2: rows, e: int, n: int, out: t.local):
-        if wp.static(not wind):
-            r = -t1 - t2
-            if wp.static(adds):
-                r += out[e, n, last]
-            return r
-        else:
-            a11 = geo.basis[e, n, 0]
-            a12 = geo.basis[e, n, 1]
-            a21 = geo.basis[e, n, 2]
-            a22 = geo.basis[e, n, 3]
-            ru = -wedge(t1[at_div], t2[at_div], a12, a22)
-            rv = -wedge(a11, a21, t1[at_div], t2[at_div])
-            ru -= wedge(t1[at_curl], t2[at_curl], a11, a21)
-            rv -= wedge(t1[at_curl], t2[at_curl], a12, a22)
-            r = results()
-            r[0] = ru
-            r[1] = rv
-            if wp.static(height):
-                r[2] = -t1[0] - t2[0]
-            if wp.static(adds):
-                for k in range(wp.static(formula.fields)):
-                    r[k] = r[k] + out[e, n, k]
-            return r
+        r = results()
+        if wp.static(height):
+            r[fields - 1] = -divergence(t1[0], t2[0])
+        if wp.static(wind):
+            gu, gv = grad(geo.basis, e, n, t1[at_div], t2[at_div])
+            cu, cv = grad(geo.basis, e, n, t1[at_curl], t2[at_curl])
+            r[0] = cv - gu
+            r[1] = -gv - cu
+        if wp.static(adds):
+            for k in range(fields):
+                r[k] = r[k] + out[e, n, first + k]
+        return r
 
     return Diffusion(formula, fluxes, result)
 
 
-def _diffused(t: SimpleNamespace, height: bool, wind: bool) -> Formula:
-    """The surface height and the wind, with their coefficients."""
-    load, surface, value, real = t.ops.load, surface_height(t), t.value, t.real
+def _diffused(t: KernelTypes, height: bool, wind: bool) -> Formula:
+    """Return the derivatives of the surface height and the wind, with their coefficients."""
+    load, surface, value, real, metric = t.load, surface_height(t), t.value, t.real, t.metric
+    flux, covariant = metric.contravariant_flux, metric.covariant_wind
     winds, no_wind = winds_at(t, own=False, base=False)
-    point, rows, first, second = slopes(t, scalar=height, flux=wind, curls=int(wind))
-    last = t.terms.unknowns - 1
+    rows, last, at_div, at_curl = (
+        t.register.rows(height + 2 * wind), t.terms.unknowns - 1, int(height), height + 1
+    )  # fmt: skip
 
     @no_type_check
     @wp.func
-    def scaled(geo: t.geometry, offset: int, node: t.index, x: t.value):
+    def scaled(geo: t.geometry, offset: int, node: t.index, x: value):
         r = value(real(0.0))
         if wp.static(t.terms.diffusion):
             r += geo.nu * x
@@ -112,19 +95,25 @@ def _diffused(t: SimpleNamespace, height: bool, wind: bool) -> Formula:
 
     @no_type_check
     @wp.func
-    def read(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
-        p = point()
+        r1 = rows()
+        r2 = rows()
         if wp.static(height):
             h = last * geo.size
-            p.s = scaled(geo, h, node, surface(geo, node, load(x, h, node)))
+            s = scaled(geo, h, node, surface(geo, node, load(x, h, node)))
+            r1[0] = s
+            r2[0] = s
         if wp.static(wind):
             u = scaled(geo, 0, node, load(x, 0, node))
             v = scaled(geo, geo.size, node, load(x, geo.size, node))
-            p.fu = u
-            p.fv = v
-            p.u = u
-            p.v = v
-        return p
+            f1, f2 = flux(geo.basis, e, n, u, v)
+            u1, u2 = covariant(geo.basis, e, n, u, v)
+            r1[at_div] = f1
+            r1[at_curl] = u2
+            r2[at_div] = f2
+            r2[at_curl] = u1
+        return r1, r2
 
-    return Formula(winds, no_wind, rows, first, second, read, fields=height + 2 * wind)
+    fields = height + 2 * wind
+    return Formula(winds, no_wind, rows, slopes, None, fields, is_scalar=not wind)

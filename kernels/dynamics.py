@@ -1,189 +1,256 @@
-"""The vector-invariant shallow-water equations at a point: transport, gradient, and all of them."""
+"""The vector-invariant shallow-water equations at a point, and their parts.
 
-from types import SimpleNamespace
-from typing import no_type_check
+The equations are quadratic, so the tangent at a state along a direction is the same sum with each
+product replaced by its derivative.
+"""
+
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.formulas import Formula, slopes, winds_at
+from swe_sphere.kernels.formulas import Formula, winds_at
+from swe_sphere.kernels.terms import KernelTypes
 
 
-def transport(t: SimpleNamespace, kind: str = "mass") -> Formula:
-    """Divergence of a flux, written to one field of the result.
-
-    "mass": -div(m V) of the mass m at `at` by the wind V of a, with the rounding of the depth in
-    `shallow_water`.  "tangent": its derivative at the state a along x, both with winds in front.
-    """
-    np_, geometry, vector, load = t.np, t.geometry, t.vector, t.ops.load
-    winds, wind = winds_at(t, own=False, base=False)
-    point, rows, first, second = slopes(t, flux=True)
-    flux = mass_flux(t, kind == "tangent")
+def transport(t: KernelTypes) -> Formula:
+    """Return the formula of -div(m V): mass m at `at`, wind V of a; rounded as in `state`."""
+    load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
+    winds, wind = winds_at(t, own=False, base=True)
 
     @no_type_check
     @wp.func
-    def read(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+        m = load(x, at, geo.nodes[e, n])
+        f1, f2 = flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))
+        return row(f1), row(f2)
+
+    return Formula(winds, wind, t.register.rows(1), slopes, _inflow(t, winds), 1)
+
+
+def transport_tangent(t: KernelTypes) -> Formula:
+    """Return the formula of -div(m' V + m V'), with (V, m) of the state a and (V', m') of x."""
+    load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
+    winds, wind = winds_at(t, own=True, base=True)
+
+    @no_type_check
+    @wp.func
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load(x, at, node)
-        bu = load(a, 0, node)
-        bv = load(a, geo.size, node)
-        if wp.static(kind == "mass"):
-            fu, fv = flux(bu, bv, m, bu, bv, m)
-            return point(fu, fv)
-        else:
-            u = load(x, 0, node)
-            v = load(x, geo.size, node)
-            fu, fv = flux(u, v, m, bu, bv, load(a, at, node))
-            return point(fu, fv)
+        mb = load(a, at, node)
+        fu = mul(mb, w[0]) + mul(m, w[2])
+        fv = mul(mb, w[1]) + mul(m, w[3])
+        f1, f2 = flux(geo.basis, e, n, fu, fv)
+        return row(f1), row(f2)
+
+    return Formula(winds, wind, t.register.rows(1), slopes, _inflow(t, winds), 1)
+
+
+def _inflow(t: KernelTypes, winds: Any) -> Any:
+    """Return `Formula.result` of minus the divergence of the flux in the only row."""
+    np_, rows, row, divergence = t.np, t.register.rows(1), one_row(t), t.metric.divergence
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
-        return -geo.weight[n // np_, n % np_] * (d1 + d2)
+    def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
+        return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
-    return Formula(winds, wind, rows, first, second, read, result, 1)
+    return result
 
 
-def gradient(t: SimpleNamespace) -> Formula:
-    """grad s of the field at `at`, written to two fields of the result."""
-    np_, geometry, vector, fields = t.np, t.geometry, t.vector, t.rows(2)
-    load, wedge = t.ops.load, t.ops.wedge
+def gradient(t: KernelTypes) -> Formula:
+    """Return the formula of grad s, for the field s at `at`."""
+    np_, load, grad, row = t.np, t.load, t.metric.gradient, one_row(t)
     winds, wind = winds_at(t, own=False, base=False)
-    point, rows, first, second = slopes(t, scalar=True)
+    rows, fields = t.register.rows(1), t.register.rows(2)
 
     @no_type_check
     @wp.func
-    def read(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
-        return point(load(x, at, geo.nodes[e, n]))
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+        s = row(load(x, at, geo.nodes[e, n]))
+        return s, s
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
+    def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         weight = geo.weight[n // np_, n % np_]
+        east, north = grad(geo.basis, e, n, d1[0], d2[0])
         r = fields()
-        r[0] = weight * wedge(d1, d2, geo.basis[e, n, 1], geo.basis[e, n, 3])
-        r[1] = weight * wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], d1, d2)
+        r[0] = weight * east
+        r[1] = weight * north
         return r
 
-    return Formula(winds, wind, rows, first, second, read, result, 2)
+    return Formula(winds, wind, rows, slopes, result, 2, is_scalar=True)
 
 
-def shallow_water(t: SimpleNamespace) -> Formula:
-    """-zeta k x V - grad B and -div(h V), with B the Bernoulli function; or their exact tangent.
-
-    The equations are quadratic, so the tangent at the state a along x is the same sum with each
-    product replaced by its derivative.  In the skew form of `Terms.poisson`, wind and depth of the
-    products zeta k x V and h V come from a, and B is given in the place of the depth.
-    """
-    np_, geometry, vector = t.np, t.geometry, t.vector
-    mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
-    terms, tangent, poisson = t.terms, t.terms.tangent, t.terms.poisson
-    winds, wind = winds_at(t, own=True, base=tangent or poisson)
-    mass, curls = not terms.momentum, terms.advection * (1 + tangent)
-    point, rows, first, second = slopes(t, True, mass, curls)
-    curl, alone, fields = 1 + mass, rows is t.value, t.rows(2 + mass)
-    flux, head, surface = mass_flux(t, tangent), bernoulli(t), surface_height(t)
+def state(t: KernelTypes) -> Formula:
+    """Return the formula of -zeta k x V - grad B and -div(h V), with B = |V|²/2 + g (h + b)."""
+    real, value, terms, load = t.real, t.value, t.terms, t.load
+    mul, dot, curl = t.metric.mul, t.metric.dot, t.metric.curl
+    winds, wind = winds_at(t, own=True, base=False)
+    rows, parts, rates = _equations(t, curls=1)
+    bernoulli, surface, last = bernoulli_of(t), surface_height(t), 2 - terms.momentum
 
     @no_type_check
     @wp.func
-    def read(geo: geometry, w: winds, a: vector, x: vector, at: int, e: int, n: int):
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load(x, 2 * geo.size, node)
-        p = point()
-        if wp.static(poisson):
-            hb = load(a, 2 * geo.size, node)
-            fu, fv = flux(w.bu, w.bv, hb, w.bu, w.bv, hb)
-            p.s = h
-        elif wp.static(tangent):
-            p.s = head(geo, w.bu, w.bv, w.u, w.v, h)
-            if wp.static(mass):
-                fu, fv = flux(w.u, w.v, h, w.bu, w.bv, load(a, 2 * geo.size, node))
-        else:
-            p.s = head(geo, w.u, w.v, w.u, w.v, surface(geo, node, h))
-            if wp.static(mass):
-                fu, fv = flux(w.u, w.v, h, w.u, w.v, h)
-        if wp.static(mass):
-            p.fu = fu
-            p.fv = fv
+        kinetic = value(real(0.0))
         if wp.static(terms.advection):
-            p.u = w.u
-            p.v = w.v
-            if wp.static(tangent):
-                p.bu = w.bu
-                p.bv = w.bv
-        return p
+            kinetic = real(0.5) * dot(w[0], w[1], w[0], w[1])
+        head = bernoulli(geo, kinetic, surface(geo, node, h))
+        return parts(geo, e, n, head, mul(h, w[0]), mul(h, w[1]), w[0], w[1])
 
     @no_type_check
     @wp.func
-    def result(geo: geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
-        weight = geo.weight[n // np_, n % np_]
-        if wp.static(alone):
-            s1 = d1
-            s2 = d2
-        else:
-            s1 = d1[0]
-            s2 = d2[0]
-        ru = -wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])
-        rv = -wedge(geo.basis[e, n, 0], geo.basis[e, n, 2], s1, s2)
+    def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         if wp.static(terms.advection):
-            zeta = d1[curl] - d2[curl]
-            if wp.static(tangent):
-                zeta_base = d1[curl + 1] - d2[curl + 1]
-                ru += mul(zeta_base, w.v) + mul(zeta, w.bv)
-                rv -= mul(zeta_base, w.u) + mul(zeta, w.bu)
-            elif wp.static(poisson):
-                ru += mul(zeta, w.bv)
-                rv -= mul(zeta, w.bu)
-            else:
-                ru += mul(zeta, w.v)
-                rv -= mul(zeta, w.u)
+            zeta = curl(d1[last], d2[last])
+            return rates(geo, d1, d2, e, n, mul(zeta, w[1]), mul(zeta, w[0]))
+        else:
+            return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
+
+    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum)
+
+
+def tangent(t: KernelTypes) -> Formula:
+    """Return the formula of the derivative of `state` at the state a along x."""
+    real, value, terms, load = t.real, t.value, t.terms, t.load
+    mul, dot, curl, covariant = t.metric.mul, t.metric.dot, t.metric.curl, t.metric.covariant_wind
+    winds, wind = winds_at(t, own=True, base=True)
+    rows, parts, rates = _equations(t, curls=2)
+    bernoulli, last = bernoulli_of(t), 2 - terms.momentum
+
+    @no_type_check
+    @wp.func
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+        node = geo.nodes[e, n]
+        h = load(x, 2 * geo.size, node)
+        hb = load(a, 2 * geo.size, node)
+        kinetic = value(real(0.0))
+        if wp.static(terms.advection):
+            kinetic = dot(w[2], w[3], w[0], w[1])
+        head = bernoulli(geo, kinetic, h)
+        fu = mul(hb, w[0]) + mul(h, w[2])
+        fv = mul(hb, w[1]) + mul(h, w[3])
+        r1, r2 = parts(geo, e, n, head, fu, fv, w[0], w[1])
+        if wp.static(terms.advection):
+            u1, u2 = covariant(geo.basis, e, n, w[2], w[3])
+            r1[last + 1] = u2
+            r2[last + 1] = u1
+        return r1, r2
+
+    @no_type_check
+    @wp.func
+    def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
+        if wp.static(terms.advection):
+            zeta = curl(d1[last], d2[last])
+            zeta_base = curl(d1[last + 1], d2[last + 1])
+            tu = mul(zeta_base, w[1]) + mul(zeta, w[3])
+            tv = mul(zeta_base, w[0]) + mul(zeta, w[2])
+            return rates(geo, d1, d2, e, n, tu, tv)
+        else:
+            return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
+
+    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum)
+
+
+def skew(t: KernelTypes) -> Formula:
+    """Return the formula of -zeta k x Vb - grad B and -div(hb Vb).
+
+    zeta is the vorticity of the wind of x and B the field in the place of its depth; Vb and hb are
+    wind and depth of the state a.  See `Terms.poisson`.
+    """
+    load, mul, curl = t.load, t.metric.mul, t.metric.curl
+    winds, wind = winds_at(t, own=True, base=True)
+    rows, parts, rates = _equations(t, curls=1)
+
+    @no_type_check
+    @wp.func
+    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
+        node = geo.nodes[e, n]
+        head = load(x, 2 * geo.size, node)
+        h = load(a, 2 * geo.size, node)
+        return parts(geo, e, n, head, mul(h, w[2]), mul(h, w[3]), w[0], w[1])
+
+    @no_type_check
+    @wp.func
+    def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
+        zeta = curl(d1[2], d2[2])
+        return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
+
+    return Formula(winds, wind, rows, slopes, result, 3)
+
+
+def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:
+    """Return the rows of the momentum and continuity equations, how they begin and what they give.
+
+    The rows are B, the flux of the continuity equation, and `curls` winds where there is advection.
+    `parts` (geometry, e, n, head, fu, fv, u, v) makes the rows, but for a second wind; `rates`
+    (geometry, d1, d2, e, n, tu, tv) the rates of the wind, turned by (tu, -tv), and of the depth.
+    """
+    np_, value, mass, advection = t.np, t.value, not t.terms.momentum, t.terms.advection
+    rows, fields = t.register.rows(1 + mass + advection * curls), t.register.rows(2 + mass)
+    flux, covariant = t.metric.contravariant_flux, t.metric.covariant_wind
+    grad, divergence, last = t.metric.gradient, t.metric.divergence, 1 + mass
+
+    @no_type_check
+    @wp.func
+    def parts(
+        geo: t.geometry, e: int, n: int, head: value, fu: value, fv: value, u: value, v: value
+    ):
+        r1 = rows()
+        r2 = rows()
+        r1[0] = head
+        r2[0] = head
+        if wp.static(mass):
+            f1, f2 = flux(geo.basis, e, n, fu, fv)
+            r1[1] = f1
+            r2[1] = f2
+        if wp.static(advection):
+            u1, u2 = covariant(geo.basis, e, n, u, v)
+            r1[last] = u2
+            r2[last] = u1
+        return r1, r2
+
+    @no_type_check
+    @wp.func
+    def rates(geo: t.geometry, d1: rows, d2: rows, e: int, n: int, tu: value, tv: value):
+        weight = geo.weight[n // np_, n % np_]
+        gu, gv = grad(geo.basis, e, n, d1[0], d2[0])
+        ru = -gu
+        rv = -gv
+        if wp.static(advection):
+            ru += tu
+            rv -= tv
         r = fields()
         r[0] = weight * ru
         r[1] = weight * rv
         if wp.static(mass):
-            r[2] = -weight * (d1[1] + d2[1])
+            r[2] = -weight * divergence(d1[1], d2[1])
         return r
 
-    stored = not (tangent or poisson)
-    return Formula(winds, wind, rows, first, second, read, result, 2 + mass, True, stored)
+    return rows, parts, rates
 
 
-def mass_flux(t: SimpleNamespace, tangent: bool) -> wp.Function:
-    """Function (u, v, m, bu, bv, mb): the flux m V, or its derivative at (bu, bv, mb)."""
-    mul, value = t.ops.mul, t.value
+def bernoulli_of(t: KernelTypes) -> Any:
+    """Return the function (geometry, kinetic, h): kinetic energy + g h, of what acts."""
 
     @no_type_check
     @wp.func
-    def flux(u: value, v: value, m: value, bu: value, bv: value, mb: value):
-        if wp.static(tangent):
-            return mul(mb, u) + mul(m, bu), mul(mb, v) + mul(m, bv)
-        else:
-            return mul(m, u), mul(m, v)
-
-    return flux
-
-
-def bernoulli(t: SimpleNamespace) -> wp.Function:
-    """Function (geometry, bu, bv, u, v, h): |V|²/2 + g h, or its derivative at (bu, bv)."""
-    terms, value, real, dot = t.terms, t.value, t.real, t.ops.dot
-
-    @no_type_check
-    @wp.func
-    def head(geo: t.geometry, bu: value, bv: value, u: value, v: value, h: value):
-        r = value(real(0.0))
-        if wp.static(terms.advection and terms.tangent):
-            r += dot(bu, bv, u, v)
-        elif wp.static(terms.advection):
-            r += real(0.5) * dot(u, v, u, v)
-        if wp.static(terms.pressure):
+    def bernoulli(geo: t.geometry, kinetic: t.value, h: t.value):
+        r = kinetic
+        if wp.static(t.terms.pressure):
             r += geo.gravity * h
         return r
 
-    return head
+    return bernoulli
 
 
-def surface_height(t: SimpleNamespace) -> wp.Function:
-    """Function (geometry, node, h): h + b, or h where there is no bottom or it does not change."""
-    load = t.ops.load
+def surface_height(t: KernelTypes) -> Any:
+    """Return the function (geometry, node, h): h + b, or h without a bottom or in a tangent."""
+    load = t.load
 
     @no_type_check
     @wp.func
@@ -194,3 +261,17 @@ def surface_height(t: SimpleNamespace) -> wp.Function:
             return h
 
     return surface
+
+
+def one_row(t: KernelTypes) -> Any:
+    """Return the function (v): the rows that hold the register v alone."""
+    rows = t.register.rows(1)
+
+    @no_type_check
+    @wp.func
+    def row(v: t.value):
+        r = rows()
+        r[0] = v
+        return r
+
+    return row

@@ -1,39 +1,38 @@
 """Sub-steps of linear gravity waves: DSS and the step of depth or wind in one pass."""
 
 import functools
-from types import SimpleNamespace
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import gather_run
-from swe_sphere.kernels.assembly import OPTIONS, Contributors
+from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.simd.memory import Contributors, gather_of
+from swe_sphere.kernels.simd.register import Register
+
+
+@dataclass(frozen=True)
+class FastWaveKernels:
+    """Kernels over N threads that step a state s (3N, ...) in place, with constant rates."""
+
+    drift: wp.Kernel
+    """Depth by the divergence that the elements left; where it carries, path = kept path + tau V,
+    with the path (2N,)."""
+    kick: wp.Kernel
+    """Both winds by -gravity times the gradient that the elements left."""
 
 
 @functools.cache
-def fast_wave_kernels(real: type, carries: bool) -> SimpleNamespace:
-    """Kernels over N threads that move a state s (3N, ...) on in place, with constant rates.
-
-    drift: (places, inverse_area, N, local, tau, rate, s, kept, path (2N,)): depth by the divergence
-    that the elements left, and where it `carries`, path = kept path + tau V.
-    kick: (places, inverse_area, stride, N, local, gravity, tau, rate, s): both winds by -gravity
-    times the gradient that the elements left.
-    """
-    vector, gather = wp.array(dtype=real), gather_run(real, Contributors, real, 1)
+def fast_wave_kernels(real: Any, carries: bool) -> FastWaveKernels:
+    """Return the kernels."""
+    vector, gather = wp.array(dtype=real), gather_of(Register(real))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def drift(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        size: int,
-        local: vector,
-        tau: real,
-        rate: vector,
-        s: vector,
-        kept: real,
-        path: vector,
-    ):
+        places: wp.array(dtype=Contributors), inverse_area: vector, size: int, local: vector,
+        tau: real, rate: vector, s: vector, kept: real, path: vector,
+    ):  # fmt: skip
         i = wp.tid()
         k = 2 * size + i
         s[k] += tau * (inverse_area[i] * gather(local, places, i, 0) + rate[k])
@@ -43,22 +42,15 @@ def fast_wave_kernels(real: type, carries: bool) -> SimpleNamespace:
             path[j] = kept * path[j] + tau * s[j]
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def kick(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        stride: int,
-        size: int,
-        local: vector,
-        gravity: real,
-        tau: real,
-        rate: vector,
-        s: vector,
-    ):
+        places: wp.array(dtype=Contributors), inverse_area: vector, stride: int, size: int,
+        local: vector, gravity: real, tau: real, rate: vector, s: vector,
+    ):  # fmt: skip
         i = wp.tid()
         j = size + i
         scale = -gravity * inverse_area[i]
         s[i] += tau * (scale * gather(local, places, i, 0) + rate[i])
         s[j] += tau * (scale * gather(local, places, i, stride) + rate[j])
 
-    return SimpleNamespace(drift=drift, kick=kick)
+    return FastWaveKernels(drift, kick)

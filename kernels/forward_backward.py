@@ -1,102 +1,206 @@
-"""One equation after the other: time levels, DSS, the step, and what is differentiated next.
+"""Continuity and momentum stepped one after the other, by the kernels that compute their rates.
 
-Continuity and momentum are each stepped at a node once its rate is known (`run_steps.py`): its
-field moves on, and combinations of the time levels are left for the elements to differentiate next,
-so that no level is read for that alone.
+A field is stepped at a node once its rate is known, and combinations of the time levels are left
+for the elements to differentiate next, so that no level is read for that alone.  Nodes inside
+elements need no DSS: on a CPU the kernels over elements step these nodes themselves.  Other nodes
+are stepped with DSS, one by one or on a CPU in runs that fill a register.
 """
 
 import functools
-from types import SimpleNamespace
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import entry_of, put_of, run_of, step_run
+from swe_sphere.kernels.define import kernel, struct_of
+from swe_sphere.kernels.dynamics import transport
+from swe_sphere.kernels.element import Finish, element_kernel
+from swe_sphere.kernels.local import TendencyKernels, kernels_of
+from swe_sphere.kernels.pointwise import Pointwise, PointwiseSum, pointwise_sum
+from swe_sphere.kernels.simd.arithmetic import product_of
+from swe_sphere.kernels.simd.memory import Contributors, entry_of, gather_of, put_of, run_of
+from swe_sphere.kernels.simd.register import Register, lanes_of
+from swe_sphere.kernels.simd.stages import levels_struct, step_of
+from swe_sphere.kernels.terms import KernelTypes, Terms
 
 
-@functools.cache
-def levels_struct(real: type) -> type:
-    """Warp structure of what a pass reads and writes beside the rates.
+@dataclass(frozen=True)
+class _Node:
+    """Where a field is stepped: a node, or a run of nodes that fill a register."""
 
-    Vectors of all unknowns: the levels `now` and `past`, the `loss` and the `base`, the result
-    `out`, which may be any of the levels, and the combinations `carried` and `pushed` that the
-    elements differentiate next.  `tau` [s]; the weights of (out, now, past) in the masses of
-    `carried` or the winds of `pushed`, and as `mixes` those in the depth of `pushed`.
-    """
-    names = "now", "past", "loss", "base", "out", "carried", "pushed"
-    members: dict[str, object] = dict.fromkeys(names, wp.array(dtype=real))
-    triple = wp.types.vector(3, real)
-    members |= {"tau": real, "weights": triple, "mixes": triple}
-    structure: type = wp.struct(type("Levels", (), {"__annotations__": members}))
-    return structure
+    register: Register
+    unknowns: int
+    geometry: Any
+    """Warp structure with at least N (`size`), `inverse_area` (N,) and `point`."""
+    point: PointwiseSum
+    damped: bool
+    """Whether the loss of `levels_struct` is added to all rates."""
+    shifted: bool = False
+    """Whether the base of `levels_struct` is subtracted from all combinations, and `carried` holds
+    those of the winds too."""
 
 
-def finish_mass(t: SimpleNamespace, moves: bool, shifted: bool = False) -> wp.Function:
-    """Function (geometry, levels, k, offset, node, result): of the k-th mass; the depth first.
-
-    moves: whether the depth pushes the wind.  Where it is `shifted`, combinations are less `base`.
-    """
-    load, mul, of_depth = run_of(t.value, t.real, t.lanes), t.ops.mul, t.point.depth
-    step = step_run(t.value, t.real, t.lanes, shifted)
+def _finish_mass(of: _Node) -> Finish:
+    """Return the function that steps the k-th mass, the depth first."""
+    register, geometry, first = of.register, of.geometry, of.unknowns - 1
+    load, mul, of_depth = run_of(register), product_of(register), of.point.depth
+    step, vector, levels = _step_types(of)
 
     @no_type_check
     @wp.func
-    def finish(geo: t.geometry, s: t.done, k: int, offset: int, node: int, result: t.value):
-        rate = mul(load(geo.inverse_area, node), result)
-        at = offset + node
+    def finish(geo: geometry, x: vector, r: register.rows(1), k: int, node: int, s: levels):
+        rate = mul(load(geo.inverse_area, node), r[0])
+        at = (first + k) * geo.size + node
         if k == 0:
             rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)
-        if wp.static(t.damped):
+        if wp.static(of.damped):
             rate += load(s.loss, at)
-        if wp.static(moves) and k == 0:  # first, as `out` may be a level, which is gone then
+        if wp.static(first > 0) and k == 0:  # first, as `out` may be a level, which is gone then
             step(s.now, s.past, at, rate, s.tau, s.mixes, s.base, s.pushed, s.pushed)
         step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.carried)
 
     return finish
 
 
-def finish_wind(t: SimpleNamespace, shifted: bool = False) -> wp.Function:
-    """Function (geometry, result, node, levels): of both winds; `carried` has them if `shifted`."""
-    load, mul, of_wind = run_of(t.value, t.real, t.lanes), t.ops.mul, t.point.wind
-    step = step_run(t.value, t.real, t.lanes, shifted)
+def _finish_wind(of: _Node) -> Finish:
+    """Return the function that steps both winds."""
+    register, geometry = of.register, of.geometry
+    load, mul, of_wind = run_of(register), product_of(register), of.point.wind
+    step, vector, levels = _step_types(of)
 
     @no_type_check
     @wp.func
-    def finish(geo: t.geometry, result: t.rows(2), node: int, s: t.done):
+    def finish(geo: geometry, x: vector, r: register.rows(2), k: int, node: int, s: levels):
         scale = load(geo.inverse_area, node)
         more = of_wind(geo.point, node, geo.size, s.pushed)
-        for k in range(2):
-            at = k * geo.size + node
-            rate = mul(scale, result[k]) + more[k]
-            if wp.static(t.damped):
+        for i in range(2):
+            at = i * geo.size + node
+            rate = mul(scale, r[i]) + more[i]
+            if wp.static(of.damped):
                 rate += load(s.loss, at)
-            if wp.static(shifted):
+            if wp.static(of.shifted):
                 step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.carried, s.carried)
             step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.pushed)
 
     return finish
 
 
-@functools.cache
-def combine_levels_kernel(real: type, shifted: bool) -> wp.Kernel:
-    """Kernel (first, now, past, older, weights, base, out): their sum, from the offset on.
+def _step_types(of: _Node) -> tuple[Any, Any, Any]:
+    real = of.register.real
+    return step_of(of.register, of.shifted), wp.array(dtype=real), levels_struct(real)
 
-    Less `base`, where it is `shifted`; as the kernels above leave it when they have stepped.
+
+def _inside(t: KernelTypes, damped: bool) -> _Node:
+    """Return the nodes inside the elements of kernels of these types."""
+    assert t.point is not None
+    return _Node(t.register, t.terms.unknowns, t.geometry, t.point, damped)
+
+
+def _types(terms: Terms, np_: int, real: Any, point: Pointwise) -> KernelTypes:
+    added = pointwise_sum(terms.unknowns, Register(real, lanes_of(real)), point)
+    return KernelTypes(np_, real, "element", terms, added, steps=True)
+
+
+@dataclass(frozen=True)
+class CarryingKernel:
+    """Kernel (geometry, a, x, first, count, out, levels): `transport` of the field kernels.
+
+    The nodes inside the elements of the first `whole` groups are stepped.
     """
-    vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
-    entry, put = entry_of(real), put_of(real)
+
+    kernel: wp.Kernel
+    geometry: Any
+
+
+@functools.cache
+def carrying_kernel(
+    np_: int, unknowns: int, real: Any, point: Pointwise, damped: bool
+) -> CarryingKernel:
+    """Return the kernel that steps masses."""
+    t = _types(Terms(wind=unknowns == 1, still=True), np_, real, point)
+    return CarryingKernel(
+        element_kernel(t, transport(t), _finish_mass(_inside(t, damped))), t.geometry
+    )
+
+
+@functools.cache
+def pushing_kernel(
+    terms: Terms, np_: int, real: Any, point: Pointwise, damped: bool
+) -> TendencyKernels:
+    """Return the kernel (geometry, x, out, levels) of the momentum equation, which steps winds."""
+    t = _types(terms, np_, real, point)
+    return kernels_of(t, lambda t, _: _finish_wind(_inside(t, damped)))
+
+
+@dataclass(frozen=True)
+class RunKernels:
+    """Kernels over runs of nodes that sum up what elements left, and step it."""
+
+    depth: wp.Kernel
+    """(geometry, places, stride, begin, count, local, levels): from the node `begin` on, out = now
+    + tau (rate + loss) in the `count` blocks of depth and tracers, with the rates of the pointwise
+    terms at the masses `carried` and the wind of `pushed`; then the combinations of
+    `levels_struct`."""
+    wind: wp.Kernel | None
+    """(geometry, places, stride, begin, local, levels): the same for both winds, with the rates at
+    `pushed`."""
+    geometry: Any
+
+
+@functools.cache
+def run_kernels(unknowns: int, real: Any, point: Pointwise, damped: bool, lanes: int) -> RunKernels:
+    """Return the kernels for runs of `lanes` nodes.
+
+    `loss` is only read where `damped`.  Where `point` is a tangent, all combinations are shifted by
+    `base`.
+    """
+    register, vector = Register(real, lanes), wp.array(dtype=real)
+    added = pointwise_sum(unknowns, register, point)
+    members = {"size": wp.int32, "inverse_area": vector, "point": added.structure}
+    geometry, levels = struct_of("Geometry", members), levels_struct(real)
+    of = _Node(register, unknowns, geometry, added, damped, point.tangent)
+    mass, finish, gather = _finish_mass(of), _finish_wind(of), gather_of(register)
+    place, single, pair = wp.array(dtype=Contributors), register.rows(1), register.rows(2)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
-    def combine_levels(
-        first: int,
-        now: vector,
-        past: vector,
-        older: vector,
-        weights: triple,
-        base: vector,
-        out: vector,
+    @kernel
+    def depth(
+        geo: geometry, places: place, stride: int, begin: int, count: int, local: vector, s: levels
     ):
+        node = begin + lanes * wp.tid()
+        for k in range(count):
+            r = single()
+            r[0] = gather(local, places, node, k * stride)
+            mass(geo, s.carried, r, k, node, s)
+
+    @no_type_check
+    @kernel
+    def wind(geo: geometry, places: place, stride: int, begin: int, local: vector, s: levels):
+        node = begin + lanes * wp.tid()
+        r = pair()
+        r[0] = gather(local, places, node, 0)
+        r[1] = gather(local, places, node, stride)
+        finish(geo, s.pushed, r, 0, node, s)
+
+    return RunKernels(depth, wind if unknowns == 3 else None, geometry)
+
+
+@functools.cache
+def combine_levels_kernel(real: Any, shifted: bool) -> wp.Kernel:
+    """Return the kernel (first, now, past, older, weights, base, out), for the first passes.
+
+    out is the sum of the levels with these weights, from the offset `first` on; less `base`, where
+    it is `shifted`.
+    """
+    vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
+    entry, put = entry_of(real), put_of(Register(real))
+
+    @no_type_check
+    @kernel
+    def combine_levels(
+        first: int, now: vector, past: vector, older: vector, weights: triple, base: vector,
+        out: vector,
+    ):  # fmt: skip
         k = first + wp.tid()
         value = (
             weights[0] * entry(now, k) + weights[1] * entry(past, k) + weights[2] * entry(older, k)

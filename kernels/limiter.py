@@ -9,41 +9,47 @@ repeats bit by bit; a tracer within its bounds is left as it is, to the last bit
 """
 
 import functools
-from types import SimpleNamespace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import put_of, run_of
-from swe_sphere.kernels.assembly import OPTIONS
-from swe_sphere.kernels.registers import clip_of, run_type
-from swe_sphere.kernels.stages import node_types
-from swe_sphere.kernels.terms import kernel_types
+from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.simd.arithmetic import clip_of, rooms_of
+from swe_sphere.kernels.simd.memory import put_of, run_of
+from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.terms import KernelTypes
 
 TINY = 1e-30
 """Room below which nothing is put: far below any depth, and a number in float32 too."""
 
 
-@functools.cache
-def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
-    """Kernel `limit` over groups of elements, with the structure `geometry` it reads.
+@dataclass(frozen=True)
+class ElementLimiter:
+    """Kernel (geometry, x, depth, first, count, lower (count,), upper (count,), out), over groups.
 
-    (geometry, x, depth, first, count, lower (count,), upper (count,), out (groups, np*np, count)):
-    the mass-weighted change of each element node, before DSS.  `depth` and `first` are the offsets
-    of the depth and of the first tracer in the state x.
+    out (groups, np*np, count) becomes the mass-weighted change of each element node, before DSS.
+    `depth` and `first` are the offsets of the depth and of the first tracer in the state x.
     """
-    t = kernel_types(np_, real, shape)
+
+    limit: wp.Kernel
+    geometry: Any
+    value: Any
+
+
+@functools.cache
+def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
+    """Return the kernel that limits within each element."""
+    t = KernelTypes(np_, real, shape)
     value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
-    mul, load, wedge = t.ops.mul, t.ops.load, t.ops.wedge
-    div = wp.cw_div if t.lanes > 1 else wp.div
-    clip = clip_of(value, real, t.lanes)
+    mul, load, area, clip = t.metric.mul, t.load, t.metric.area, clip_of(t.register)
+    div = wp.cw_div if t.register.lanes > 1 else wp.div
 
     @no_type_check
     @wp.func
     def mass(geo: geometry, e: int, n: int):
-        w = geo.weight[n // np_, n % np_]
-        area = wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], geo.basis[e, n, 2], geo.basis[e, n, 3])
-        return w * area
+        return geo.weight[n // np_, n % np_] * area(geo.basis, e, n)
 
     @no_type_check
     @wp.func
@@ -52,17 +58,11 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
         return wp.min(some, value(real(1.0)))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def limit(
-        geo: geometry,
-        x: vector,
-        depth: int,
-        first: int,
-        count: int,
-        lower: vector,
-        upper: vector,
+        geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
         out: local,
-    ):
+    ):  # fmt: skip
         e = wp.tid()
         for k in range(count):
             at = first + k * geo.size
@@ -96,35 +96,34 @@ def element_limiter(np_: int, real: type, shape: str) -> SimpleNamespace:
                 change += mul(left, h)
                 out[e, n, k] = mul(mass(geo, e, n), change)
 
-    return SimpleNamespace(limit=limit, geometry=geometry, value=value)
+    return ElementLimiter(limit, geometry, value)
+
+
+@dataclass(frozen=True)
+class SphereLimiter:
+    """Kernels for the whole sphere, in the order in which they run."""
+
+    sums: wp.Kernel
+    """Over (count, blocks): excess and room above and below (three numbers) of the nodes from
+    spans[k, block, 0] to spans[k, block, 1], all k, with spans (kinds, blocks, 2)."""
+    parts: wp.Kernel
+    """Over (count,): shares of the room above and below that are filled (two numbers)."""
+    limit_of: Callable[[int], wp.Kernel]
+    """Kernel over runs of so many nodes, from the node `begin` on."""
 
 
 @functools.cache
-def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
-    """Kernels for the whole sphere, in the order in which they run, on a CPU with whole registers.
-
-    sums over (count, blocks): (area (N,), x, depth, first, N, spans (kinds, blocks, 2), lower,
-    upper, partial (blocks, count) of three numbers): excess and room above and below of the nodes
-    from spans[k, block, 0] to spans[k, block, 1], all k.
-    parts over (count,): (partial, blocks, part (count,) of two numbers).
-    limit_of(lanes) over runs of so many nodes: (begin, depth, first, N, count, lower, upper, part,
-    x), from the node `begin` on.
-    """
-    vector, rooms = wp.array(dtype=real), _rooms(real, lanes)
+def sphere_limiter(real: Any, lanes: int) -> SphereLimiter:
+    """Return the kernels."""
+    vector, rooms = wp.array(dtype=real), rooms_of(Register(real, lanes))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def sums(
-        area: wp.array(dtype=wp.float64),
-        x: vector,
-        depth: int,
-        first: int,
-        size: int,
-        spans: wp.array3d(dtype=wp.int32),
-        lower: vector,
-        upper: vector,
+        area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, size: int,
+        spans: wp.array3d(dtype=wp.int32), lower: vector, upper: vector,
         partial: wp.array2d(dtype=wp.vec3d),
-    ):
+    ):  # fmt: skip
         k, block = wp.tid()
         total = wp.vec3d()
         for kind in range(spans.shape[0]):
@@ -135,7 +134,7 @@ def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
         partial[block, k] = total
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
         k = wp.tid()
         total = wp.vec3d()
@@ -148,76 +147,20 @@ def sphere_limiter(real: type, lanes: int) -> SimpleNamespace:
         down = wp.max(-total[0], none) / wp.max(total[2], least)
         part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
 
-    return SimpleNamespace(sums=sums, parts=parts, limit_of=functools.partial(_limit, real))
-
-
-def _rooms(real: type, lanes: int) -> Any:
-    """Warp function (area, x, depth, first, begin, end, low, high): sums over those nodes.
-
-    Of what is out of bounds, and of the room above and below; a number is added to the sum of its
-    place after the beginning, wherever in memory that is.
-    """
-    _, register = run_type(real, lanes)
-    _, doubles = run_type(wp.float64, lanes)
-    wide = doubles.replace(" run ", " wide ")
-    as_wide = "__builtin_convertvector(r, wide)" if lanes > 1 else "wide(r)"
-    vector, triple = wp.array(dtype=real), wp.types.vector(3, wp.float64)
-
-    @wp.func_native(f"""
-        {register}
-        {wide}
-        wide sums[3] = {{}};
-        const auto add = [&](auto mass, auto air, auto space, auto to) {{
-            const auto least = low * air, most = high * air;
-            auto clipped = mass > least ? mass : least;
-            clipped = clipped < most ? clipped : most;
-            const auto over = mass - clipped, above = most - clipped, below = clipped - least;
-            to(0, over, space); to(1, above, space); to(2, below, space);
-        }};
-        int i = begin;
-        for (; i + {lanes} <= end; i += {lanes})
-            add(*(const run*)(x.data + first + i), *(const run*)(x.data + depth + i),
-                *(const wide*)(area.data + i),
-                [&](int s, run r, wide a) {{ sums[s] += a * {as_wide}; }});
-        double left[3] = {{}};
-        for (; i < end; ++i)
-            add(x.data[first + i], x.data[depth + i], area.data[i],
-                [&](int s, auto r, double a) {{ left[s] += a * double(r); }});
-        wp::vec3d total;
-        for (int s = 0; s < 3; ++s) {{
-            total[s] = left[s];
-            for (int lane = 0; lane < {lanes}; ++lane)
-                total[s] += reinterpret_cast<const double*>(&sums[s])[lane];
-        }}
-        return total;
-    """)
-    def rooms(
-        area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, begin: int, end: int,
-        low: real, high: real,
-    ) -> triple: ...  # fmt: skip
-
-    return rooms
+    return SphereLimiter(sums, parts, functools.partial(_limit, real))
 
 
 @functools.cache
-def _limit(real: type, lanes: int) -> wp.Kernel:
-    value, _ = node_types(real, lanes)
-    vector, load, put = wp.array(dtype=real), run_of(value, real, lanes), put_of(real, value, lanes)
-    clip = clip_of(value, real, lanes)
+def _limit(real: Any, lanes: int) -> wp.Kernel:
+    register, vector = Register(real, lanes), wp.array(dtype=real)
+    load, put, clip = run_of(register), put_of(register), clip_of(register)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def limit(
-        begin: int,
-        depth: int,
-        first: int,
-        size: int,
-        count: int,
-        lower: vector,
-        upper: vector,
-        part: wp.array(dtype=wp.vec2d),
-        x: vector,
-    ):
+        begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,
+        part: wp.array(dtype=wp.vec2d), x: vector,
+    ):  # fmt: skip
         node = begin + lanes * wp.tid()
         h = load(x, depth + node)
         for k in range(count):

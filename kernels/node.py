@@ -1,47 +1,55 @@
 """One thread an element node: the launch shape for GPUs.
 
-Each thread works out what is differentiated at its own node, and sums up what the threads of its
+Each thread computes what is differentiated at its own node, and sums up what the threads of its
 element have along the two lines of nodes through it.  A weak Laplacian needs two nested line sums:
 a first kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
 """
 
-from types import SimpleNamespace
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.define import kernel
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
-from swe_sphere.kernels.formulas import Formula, keep_fields
-from swe_sphere.kernels.shared_lines import shared_lines
+from swe_sphere.kernels.element import put_fields
+from swe_sphere.kernels.formulas import Formula
+from swe_sphere.kernels.simd.shared_lines import shared_lines
+from swe_sphere.kernels.terms import KernelTypes
 
 
-def node_sweep(t: SimpleNamespace, f: Formula) -> wp.Function:
-    """Function (geometry, a, x, at, e, n, k, out, done): the formula at a node of an element."""
-    geometry, vector, local, derivatives = t.geometry, t.vector, t.local, _derivatives(t, f)
-    keep = keep_fields(t, f)
+def node_sweep(t: KernelTypes, f: Formula) -> Any:
+    """Return the function (geometry, a, x, at, e, n, k, out): the formula at an element node."""
+    derivatives, put = _derivatives(t, f), put_fields(t, f.fields)
 
     @no_type_check
     @wp.func
     def sweep(
-        geo: geometry,
-        a: vector,
-        x: vector,
-        at: int,
-        e: int,
-        n: int,
-        k: int,
-        out: local,
-        done: t.done,
+        geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int, k: int, out: t.local
     ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
-        keep(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
+        put(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
 
     return sweep
 
 
-def _derivatives(t: SimpleNamespace, f: Formula) -> wp.Function:
-    """Function (geometry, a, x, at, e, n): derivatives of the rows along each coordinate."""
+def node_kernel(t: KernelTypes, formula: Formula) -> wp.Kernel:
+    """Return the kernel (geometry, a, x, first, count, out) of a formula, over (E, count, np*np).
+
+    It handles `count` fields of x from the offset `first` on.
+    """
+    sweep = node_sweep(t, formula)
+
+    @no_type_check
+    @kernel
+    def over_nodes(geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local):
+        e, k, n = wp.tid()
+        sweep(geo, a, x, first + k * geo.size, e, n, k, out)
+
+    return over_nodes
+
+
+def _derivatives(t: KernelTypes, f: Formula) -> Any:
+    """Return the function (geometry, a, x, at, e, n): derivatives along each coordinate."""
     np_, lines = t.np, shared_lines(f.rows, t.real, t.np, "points")
 
     @no_type_check
@@ -52,8 +60,8 @@ def _derivatives(t: SimpleNamespace, f: Formula) -> wp.Function:
         room = lines.enter(n)
         for turn in range(lines.turns(n)):
             p = n + turn
-            point = f.read(geo, f.wind(geo, a, x, e, p), a, x, at, e, p)
-            lines.put(room, p, f.first(geo, point, e, p), f.second(geo, point, e, p))
+            r1, r2 = f.slopes(geo, f.wind(geo, a, x, e, p), a, x, at, e, p)
+            lines.put(room, p, r1, r2)
         lines.meet()
         s1 = lines.along(room, geo.derivative, i, j)
         s2 = lines.across(room, geo.derivative, i, j)
@@ -62,8 +70,8 @@ def _derivatives(t: SimpleNamespace, f: Formula) -> wp.Function:
     return derivatives
 
 
-def flux_kernel(t: SimpleNamespace) -> wp.Kernel:
-    """Kernel (geometry, x): fluxes of the diffused fields at each element node.
+def flux_kernel(t: KernelTypes) -> wp.Kernel:
+    """Return the kernel (geometry, x): fluxes of the diffused fields at each element node.
 
     `geometry.fluxes` (E, np*np, 2 or 4) becomes the two contravariant fluxes of the height and,
     where the wind diffuses, w div V and w curl V.
@@ -72,40 +80,39 @@ def flux_kernel(t: SimpleNamespace) -> wp.Kernel:
     derivatives = _derivatives(t, of.formula)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def flux(geo: t.geometry, x: t.vector):
         e, n = wp.tid()
         s1, s2 = derivatives(geo, x, x, 0, e, n)
         r1, r2 = of.fluxes(geo, s1, s2, e, n)
-        if wp.static(not moves):
-            geo.fluxes[e, n, 0] = r1
-            geo.fluxes[e, n, 1] = r2
-        else:
-            geo.fluxes[e, n, 0] = r1[0]
-            geo.fluxes[e, n, 1] = r2[0]
+        geo.fluxes[e, n, 0] = r1[0]
+        geo.fluxes[e, n, 1] = r2[0]
+        if wp.static(moves):
             geo.fluxes[e, n, 2] = r1[1]
             geo.fluxes[e, n, 3] = r1[2]
 
     return flux
 
 
-def node_diffusion(t: SimpleNamespace) -> wp.Function:
-    """Function (geometry, x, e, n, out, done): the weak Laplacian from what `flux_kernel` left."""
+def node_diffusion(t: KernelTypes) -> Any:
+    """Return the function (geometry, x, e, n, out): the Laplacian from what `flux_kernel` left."""
     of, np_, moves = _diffusion(t), t.np, t.terms.unknowns == 3
-    rows, keep = of.formula.rows, keep_fields(t, of.formula)
+    rows, put = of.formula.rows, put_fields(t, of.formula.fields)
     lines = shared_lines(rows, t.real, np_, "fluxes")
 
     @no_type_check
     @wp.func
     def fluxes(geo: t.geometry, e: int, n: int, line: int):
-        if wp.static(not moves):
-            return geo.fluxes[e, n, line]
-        else:
-            return rows(geo.fluxes[e, n, line], geo.fluxes[e, n, 2], geo.fluxes[e, n, 3])
+        r = rows()
+        r[0] = geo.fluxes[e, n, line]
+        if wp.static(moves):
+            r[1] = geo.fluxes[e, n, 2]
+            r[2] = geo.fluxes[e, n, 3]
+        return r
 
     @no_type_check
     @wp.func
-    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local, done: t.done):
+    def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
         i = n // np_
         j = n % np_
         room = lines.enter(n)
@@ -115,10 +122,10 @@ def node_diffusion(t: SimpleNamespace) -> wp.Function:
         lines.meet()
         t1 = lines.along_transposed(room, geo.derivative, i, j)
         t2 = lines.across_transposed(room, geo.derivative, i, j)
-        keep(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
+        put(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse
 
 
-def _diffusion(t: SimpleNamespace) -> Diffusion:
+def _diffusion(t: KernelTypes) -> Diffusion:
     return diffusion(t, height=True, wind=t.terms.unknowns == 3)

@@ -7,14 +7,14 @@ import functools
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import run_of
-from swe_sphere.kernels.assembly import run_product
-from swe_sphere.kernels.stages import node_types
+from swe_sphere.kernels.define import struct_of
+from swe_sphere.kernels.simd.arithmetic import product_of
+from swe_sphere.kernels.simd.memory import run_of
+from swe_sphere.kernels.simd.register import Register
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,58 @@ class Pointwise:
 NO_POINTWISE = Pointwise()
 
 
-def pointwise_struct(unknowns: int, point: Pointwise, real: type, terms: type | None) -> type:
-    """Warp structure with just what is read, arrays over nodes (N,), (2N,) or unknowns*N."""
+@dataclass(frozen=True)
+class PointwiseSum:
+    """Warp functions for the rates at a node, or at as many nodes as a register has lanes.
+
+    Their argument c is an instance of `structure`, which is the same for all lanes.
+    """
+
+    structure: Any
+    """Warp structure with just what is read: arrays over nodes (N,), (2N,) or (unknowns*N,)."""
+    wind: Any
+    """(c, node, size, x): two rows of rates of the wind [m s-2]."""
+    depth: Any
+    """(c, node, size, w, x): rate of the depth [m s-1], with the wind of w or a prescribed one."""
+    add: Any
+    """(c, node, size, x, r): the rows r and all rates."""
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """Warp functions of (c, i, state, direction): sums of terms, c an instance of `structure`."""
+
+    structure: Any
+    wind: Any
+    depth: Any
+
+
+@functools.cache
+def pointwise_sum(unknowns: int, register: Register, point: Pointwise) -> PointwiseSum:
+    """Return the functions for these terms."""
+    real, last, vector = register.real, unknowns - 1, wp.array(dtype=register.real)
+    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
+    structure = _structure(unknowns, real, point, terms and terms.structure)
+    depth = _depth_of(unknowns, register, point, structure, terms and terms.depth)
+    wind = _wind_of(register, point, structure, terms and terms.wind)
+    on_depth = point.forcing or any(term.depth for term in point.terms)
+    on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
+
+    @no_type_check
+    @wp.func
+    def add(c: structure, node: int, size: int, x: vector, r: register.rows(unknowns)):
+        if wp.static(unknowns == 3 and on_wind):
+            two = wind(c, node, size, x)
+            r[0] = r[0] + two[0]
+            r[1] = r[1] + two[1]
+        if wp.static(on_depth):
+            r[last] = r[last] + depth(c, node, size, x, x)
+        return r
+
+    return PointwiseSum(structure, wind, depth, add)
+
+
+def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
     vector = wp.array(dtype=real)
     optional = {
         "coriolis": (point.rotation, vector),
@@ -67,51 +117,15 @@ def pointwise_struct(unknowns: int, point: Pointwise, real: type, terms: type | 
         "wind": (unknowns == 1 and terms is not None, vector),
         "terms": (terms is not None, terms),
     }
-    return _struct("Pointwise", {name: kind for name, (wanted, kind) in optional.items() if wanted})
+    members = {name: kind for name, (wanted, kind) in optional.items() if wanted}
+    return struct_of("Pointwise", members)
 
 
-def _struct(name: str, members: dict[str, Any]) -> type:
-    structure: type = wp.struct(type(name, (), {"__annotations__": members}))
-    return structure
-
-
-@functools.cache
-def pointwise_sum(unknowns: int, real: type, point: Pointwise, lanes: int) -> SimpleNamespace:
-    """Warp functions for the rates at a node, or at a run of as many nodes as there are lanes.
-
-    `wind` (c, node, size, x): two rows of them.  `depth` (c, node, size, w, x), the wind that of w
-    or prescribed.  `add` (c, node, size, x, r): r and all of them.  c is an instance of their
-    `structure`, the same for all lanes.
-    """
-    _, rows = node_types(real, lanes, unknowns)
-    structure, _ = _structure(unknowns, real, point)
-    vector, depth = wp.array(dtype=real), _depth_of_run(unknowns, real, point, lanes)
-    wind = _wind_of_run(unknowns, real, point, lanes)
-    on_depth = point.forcing or any(term.depth for term in point.terms)
-    on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
-
-    @no_type_check
-    @wp.func
-    def add(c: structure, node: int, size: int, x: vector, r: rows):
-        if wp.static(unknowns == 3 and on_wind):
-            two = wind(c, node, size, x)
-            r[0] = r[0] + two[0]
-            r[1] = r[1] + two[1]
-        if wp.static(unknowns == 3 and on_depth):
-            r[2] = r[2] + depth(c, node, size, x, x)
-        if wp.static(unknowns == 1 and on_depth):
-            r += depth(c, node, size, x, x)
-        return r
-
-    return SimpleNamespace(structure=structure, add=add, wind=wind, depth=depth)
-
-
-def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, terms = _structure(unknowns, real, point)
-    value, pair = node_types(real, lanes, 2)
-    vector, load, mul = wp.array(dtype=real), run_of(value, real, lanes), run_product(real, lanes)
+def _wind_of(register: Register, point: Pointwise, structure: Any, of_terms: Any) -> Any:
+    real, lanes, pair = register.real, register.lanes, register.rows(2)
+    vector, load, mul = wp.array(dtype=real), run_of(register), product_of(register)
     one, acts = lanes == 1, any(term.wind for term in point.terms)
-    triple, of_terms = wp.types.vector(3, real), terms and terms.wind
+    triple = wp.types.vector(3, real)
 
     @no_type_check
     @wp.func
@@ -141,12 +155,13 @@ def _wind_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.
     return wind
 
 
-def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp.Function:
-    structure, terms = _structure(unknowns, real, point)
-    value, _ = node_types(real, lanes)
-    vector, load, last = wp.array(dtype=real), run_of(value, real, lanes), unknowns - 1
+def _depth_of(
+    unknowns: int, register: Register, point: Pointwise, structure: Any, of_terms: Any
+) -> Any:
+    real, value, lanes = register.real, register.value, register.lanes
+    vector, load, last = wp.array(dtype=real), run_of(register), unknowns - 1
     one, acts = lanes == 1, any(term.depth for term in point.terms)
-    triple, of_terms = wp.types.vector(3, real), terms and terms.depth
+    triple = wp.types.vector(3, real)
 
     @no_type_check
     @wp.func
@@ -180,25 +195,18 @@ def _depth_of_run(unknowns: int, real: type, point: Pointwise, lanes: int) -> wp
     return depth
 
 
-@functools.cache
-def _structure(unknowns: int, real: type, point: Pointwise) -> tuple[type, SimpleNamespace | None]:
-    """What a structure for these holds, and the sum of the terms, if there are any."""
-    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
-    return pointwise_struct(unknowns, point, real, terms.structure if terms else None), terms
+def _sum_of_terms(terms: tuple[PointTerm, ...], real: Any, tangent: bool) -> _Terms:
+    """Return the sum of all terms.
 
-
-def _sum_of_terms(terms: tuple[PointTerm, ...], real: type, tangent: bool) -> SimpleNamespace:
-    """Warp functions `wind` and `depth` (c, i, state, direction): all of the terms.
-
-    The `structure` of c has the coefficients of the first term as `mine`, those of the others as
-    `others`.
+    The structure holds the coefficients of the first term as `mine`, and those of the other terms
+    as `others`.
     """
     vector, pair, triple = wp.array(dtype=real), wp.types.vector(2, real), wp.types.vector(3, real)
     members = {name: real for name in terms[0].numbers} | {name: vector for name in terms[0].fields}
-    mine = _struct("Coefficients", members)
+    mine = struct_of("Coefficients", members)
     others = _sum_of_terms(terms[1:], real, tangent) if terms[1:] else None
     members = {"mine": mine} | ({"others": others.structure} if others else {})
-    structure, more_wind = _struct("Terms", members), others and others.wind
+    structure, more_wind = struct_of("Terms", members), others and others.wind
     more_depth = others and others.depth
     wind, depth = (
         formula and _typed(formula, mine, real) for formula in (terms[0].wind, terms[0].depth)
@@ -230,7 +238,7 @@ def _sum_of_terms(terms: tuple[PointTerm, ...], real: type, tangent: bool) -> Si
             r += more_depth(c.others, i, x, d)
         return r
 
-    return SimpleNamespace(structure=structure, wind=of_wind, depth=of_depth)
+    return _Terms(structure, of_wind, of_depth)
 
 
 def _typed(formula: Callable[..., Any], coefficients: type, real: type) -> wp.Function:

@@ -1,19 +1,20 @@
-"""What a kernel is compiled for: the terms, and the arrays those terms need.
+"""What a kernel is compiled for: the terms, and the arrays and types that these terms need.
 
-A term that is not named here leaves no array, no load and no branch in the generated code.
+A term that is not declared here adds no array, no load and no branch to the generated code.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import cast
+from functools import cached_property
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.formulas import algebra
-from swe_sphere.kernels.stages import stage_struct
-
-LANE_BYTES = 64
+from swe_sphere.kernels.define import struct_of
+from swe_sphere.kernels.metric import Metric, metric_of
+from swe_sphere.kernels.pointwise import PointwiseSum
+from swe_sphere.kernels.simd.memory import load_of
+from swe_sphere.kernels.simd.register import Register, lanes_of
+from swe_sphere.kernels.simd.stages import levels_struct, stage_struct
 
 
 @dataclass(frozen=True)
@@ -46,17 +47,17 @@ class Terms:
 
     @property
     def unknowns(self) -> int:
-        """Fields a node carries: depth alone under a prescribed wind, else two winds and depth."""
+        """Number of fields: depth alone under a prescribed wind, else two winds and depth."""
         return 1 if self.wind else 3
 
     @property
     def dynamics(self) -> bool:
-        """Whether there is anything but diffusion."""
+        """Whether there is any term but diffusion."""
         return self.gradient or (self.wind and not self.still)
 
     @property
     def diffuses(self) -> bool:
-        """Whether any weak Laplacian is taken."""
+        """Whether any weak Laplacian is computed."""
         return self.diffusion or self.biharmonic
 
     @property
@@ -64,105 +65,103 @@ class Terms:
         """Whether the gradient of a Bernoulli function drives the wind."""
         return self.advection or self.pressure
 
+    @property
+    def linear(self) -> bool:
+        """Whether the terms are linear in the state, with coefficients of the state `base`."""
+        return self.gradient and (self.tangent or self.poisson)
+
 
 NO_TERMS = Terms()
 
 
-def lanes_of(real: type) -> int:
-    """Elements handled side by side in one SIMD register for the number type `real`."""
-    size: int = wp.types.type_size_in_bytes(real)
-    return LANE_BYTES // size
+@dataclass(frozen=True)
+class KernelTypes:
+    """Types and device functions of the kernels on element nodes."""
 
+    np: int
+    real: Any
+    shape: str
+    """Launch shape: "element" (a thread a group of elements) or "node" (one an element node)."""
+    terms: Terms = NO_TERMS
+    point: PointwiseSum | None = None
+    """Pointwise terms that kernels over elements add at nodes inside elements: these nodes need no
+    DSS and are finished there.  None where all results are left for DSS."""
+    steps: bool = False
+    """Whether these nodes are stepped (`levels_struct`), or their rates left by a stage."""
+    whole: bool = True
+    """Whether products are those of whole registers, see `metric_of`."""
 
-def geometry_struct(t: SimpleNamespace, fluxes: bool, steps: bool) -> type:
-    """Warp structure with just the arrays and scalars that kernels of these types read.
+    @cached_property
+    def register(self) -> Register:
+        """Numbers that one thread handles side by side."""
+        return Register(self.real, lanes_of(self.real) if self.shape == "element" else 1)
 
-    fluxes, steps: whether those of diffusion are kept, and whether rates are left by a stage.
-    Arrays on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,).
-    """
-    terms, value, real, direct, point = t.terms, t.value, t.real, t.direct, t.point
-    on_nodes = wp.array(dtype=real)
-    members: dict[str, object] = {
-        "nodes": wp.array2d(dtype=t.index),
-        "basis": wp.array3d(dtype=value),
-        "derivative": wp.array2d(dtype=real),
-        "weight": wp.array2d(dtype=real),
-        "size": wp.int32,
-    }
-    optional = {
-        "gravity": (terms.pressure and not terms.poisson, real),
-        "bottom": (terms.bottom and not (terms.tangent or terms.poisson), on_nodes),
-        "wind": (terms.wind and not terms.still, on_nodes),
-        "base": ((terms.tangent or terms.poisson) and terms.gradient, on_nodes),
-        "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),
-        "nu": (terms.diffusion, real),
-        "nu4": (terms.biharmonic, real),
-        "laplacian": (terms.biharmonic, on_nodes),
-        "fluxes": (terms.diffuses and fluxes, wp.array3d(dtype=value)),
-        "work": (value is not real, wp.uint64),
-        "whole": (direct, wp.int32),
-        "inverse_area": (direct, on_nodes),
-        "stage": (direct and steps, stage_struct(real)),
-        "point": (point is not None, point and point.structure),
-    }
-    members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
-    geometry: type = wp.struct(type("Geometry", (), {"__annotations__": members}))
-    return geometry
+    @cached_property
+    def value(self) -> Any:
+        """Type of a field at a node, of all lanes."""
+        return self.register.value
 
+    @cached_property
+    def index(self) -> Any:
+        """Type of the number of a node, for all lanes."""
+        return self.register.index
 
-def kernel_types(
-    np_: int,
-    real: type,
-    shape: str,
-    terms: Terms = NO_TERMS,
-    direct: bool = False,
-    done: type | None = None,
-    whole: bool = True,
-    point: SimpleNamespace | None = None,
-    damped: bool = False,
-) -> SimpleNamespace:
-    """Types of kernels on element nodes.
+    @cached_property
+    def vector(self) -> Any:
+        """Array of numbers on unique nodes."""
+        return wp.array(dtype=self.real)
 
-    done: where `direct` kernels put what they finish, if not in a vector.
-    whole: see `algebra`.  point: the `pointwise_sum` that they add.  damped: whether a loss is
-    added to rates, see `levels_struct`.
+    @cached_property
+    def local(self) -> Any:
+        """Array (groups, np*np, fields) on element nodes."""
+        return wp.array3d(dtype=self.value)
 
-    `shape` is "element" (a thread a group of elements) or "node".  The namespace has `terms`, `np`,
-    `real`, `lanes`, `value`, `index`, the `geometry`, the arrays `vector` (of nodes) and `local`
-    (groups, np*np, fields), the products `ops`, and the types `rows(k)` of k values side by side,
-    a plain one for k = 1, and `struct(name, names)` of values with names.
-    """
-    lanes = lanes_of(real) if shape == "element" else 1
-    value = wp.types.vector(lanes, real) if lanes > 1 else real
-    index = wp.types.vector(lanes, wp.int32) if lanes > 1 else wp.int32
+    @cached_property
+    def done(self) -> Any:
+        """Type of the argument that takes what is finished without DSS."""
+        return levels_struct(self.real) if self.steps else self.vector
 
-    def rows(count: int) -> type:
-        if count == 1:
-            return value
-        kind = wp.types.matrix((count, lanes), real) if lanes > 1 else wp.types.vector(count, real)
-        return cast(type, kind)
+    @cached_property
+    def metric(self) -> Metric:
+        """Vectors and derivatives in the reference coordinates of an element."""
+        return metric_of(self.register, self.whole)
 
-    def struct(name: str, names: Iterable[str]) -> type:
-        made: type = wp.struct(type(name, (), {"__annotations__": dict.fromkeys(names, value)}))
-        return made
+    @cached_property
+    def load(self) -> Any:
+        """Warp function (x, offset, node): the numbers of a field at a node."""
+        return load_of(self.register)
 
-    vector = wp.array(dtype=real)
-    t = SimpleNamespace(
-        terms=terms,
-        np=np_,
-        real=real,
-        lanes=lanes,
-        value=value,
-        index=index,
-        vector=vector,
-        local=wp.array3d(dtype=value),
-        direct=direct,
-        point=point,
-        damped=damped,
-        done=done or vector,
-        ops=algebra(value, index, real, lanes, whole),
-        rows=rows,
-        struct=struct,
-    )
-    t.geometry = geometry_struct(t, shape == "node", done is None)
-    return t
+    @cached_property
+    def geometry(self) -> Any:
+        """Warp structure with just the arrays and scalars that kernels of these types read.
+
+        Arrays on element nodes have shape (group, np*np, ...), arrays on unique nodes
+        (unknowns*N,).
+        """
+        terms, value, real, point = self.terms, self.value, self.real, self.point
+        on_nodes, is_node, direct = self.vector, self.shape == "node", point is not None
+        members: dict[str, Any] = {
+            "nodes": wp.array2d(dtype=self.index),
+            "basis": wp.array3d(dtype=value),
+            "derivative": wp.array2d(dtype=real),
+            "weight": wp.array2d(dtype=real),
+            "size": wp.int32,
+        }
+        optional = {
+            "gravity": (terms.pressure and not terms.poisson, real),
+            "bottom": (terms.bottom and not (terms.tangent or terms.poisson), on_nodes),
+            "wind": (terms.wind and not terms.still, on_nodes),
+            "base": (terms.linear, on_nodes),
+            "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),
+            "nu": (terms.diffusion, real),
+            "nu4": (terms.biharmonic, real),
+            "laplacian": (terms.biharmonic, on_nodes),
+            "fluxes": (terms.diffuses and is_node, wp.array3d(dtype=value)),
+            "work": (not is_node, wp.uint64),
+            "whole": (direct, wp.int32),
+            "inverse_area": (direct, on_nodes),
+            "stage": (direct and not self.steps, stage_struct(real)),
+            "point": (direct, point and point.structure),
+        }
+        members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
+        return struct_of("Geometry", members)

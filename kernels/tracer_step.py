@@ -8,43 +8,50 @@ node is a cache line, and a product one instruction for all tracers of a block.
 """
 
 import functools
-from types import SimpleNamespace
-from typing import no_type_check
+from dataclasses import dataclass
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS, Contributors
+from swe_sphere.kernels.define import kernel
 from swe_sphere.kernels.element import line_sums
-from swe_sphere.kernels.stages import leave_of, stage_struct
-from swe_sphere.kernels.terms import kernel_types
+from swe_sphere.kernels.simd.memory import Contributors
+from swe_sphere.kernels.simd.register import Register
+from swe_sphere.kernels.simd.stages import leave_of, stage_struct
+from swe_sphere.kernels.terms import KernelTypes
 
 LANES = (4, 8)
 """Tracers side by side, few or many."""
 
 
-@functools.cache
-def crossing_kernels(np_: int, real: type) -> SimpleNamespace:
-    """Kernels over E elements, with the structure `geometry` that they read; flux (2N, ...).
+@dataclass(frozen=True)
+class CrossingKernels:
+    """Kernels over E elements; flux (2N, ...)."""
 
-    contravariant: (geometry, flux, out (E, np*np, 2)): the flux across lines of each reference
-    coordinate, times the area element J.
-    crossings: (geometry, flux, air (N,), out (E,)): the largest sum of the two contravariant speeds
-    |d xi / dt| [s-1] of flux / air, in an element whose sides have length 2 in xi.
-    """
-    t = kernel_types(np_, real, "node")
-    geometry, vector, wedge = t.geometry, t.vector, t.ops.wedge
+    contravariant: wp.Kernel
+    """(geometry, flux, out (E, np*np, 2)): the flux across lines of each reference coordinate,
+    times the area element J."""
+    crossings: wp.Kernel
+    """(geometry, flux, air (N,), out (E,)): the largest sum of the two contravariant speeds
+    |d xi / dt| [s-1] of flux / air, in an element whose sides have length 2 in xi."""
+    geometry: Any
+
+
+@functools.cache
+def crossing_kernels(np_: int, real: Any) -> CrossingKernels:
+    """Return the kernels."""
+    t = KernelTypes(np_, real, "node")
+    geometry, vector, area = t.geometry, t.vector, t.metric.area
+    contravariant_flux = t.metric.contravariant_flux
 
     @no_type_check
     @wp.func
     def across(geo: geometry, flux: vector, e: int, n: int):
         node = geo.nodes[e, n]
-        u = flux[node]
-        v = flux[geo.size + node]
-        one = wedge(u, v, geo.basis[e, n, 2], geo.basis[e, n, 3])
-        return one, wedge(geo.basis[e, n, 0], geo.basis[e, n, 1], u, v)
+        return contravariant_flux(geo.basis, e, n, flux[node], flux[geo.size + node])
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def contravariant(geo: geometry, flux: vector, out: wp.array3d(dtype=real)):
         e = wp.tid()
         for n in range(np_ * np_):
@@ -53,42 +60,37 @@ def crossing_kernels(np_: int, real: type) -> SimpleNamespace:
             out[e, n, 1] = two
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def crossings(geo: geometry, flux: vector, air: vector, out: vector):
         e = wp.tid()
         most = real(0.0)
         for n in range(np_ * np_):
             one, two = across(geo, flux, e, n)
-            area = wedge(
-                geo.basis[e, n, 0], geo.basis[e, n, 1], geo.basis[e, n, 2], geo.basis[e, n, 3]
-            )
-            most = wp.max(most, (wp.abs(one) + wp.abs(two)) / (area * air[geo.nodes[e, n]]))
+            room = area(geo.basis, e, n) * air[geo.nodes[e, n]]
+            most = wp.max(most, (wp.abs(one) + wp.abs(two)) / room)
         out[e] = most
 
-    return SimpleNamespace(contravariant=contravariant, crossings=crossings, geometry=t.geometry)
+    return CrossingKernels(contravariant, crossings, geometry)
 
 
 @functools.cache
-def divergence_kernel(np_: int, real: type, lanes: int) -> wp.Kernel:
-    """Kernel over (E, blocks): (nodes (E, np*np), derivative, weight, across, N, q, out).
+def divergence_kernel(np_: int, real: Any, lanes: int) -> wp.Kernel:
+    """Return the kernel (nodes (E, np*np), derivative, weight, across, N, q, out).
 
-    out (blocks, E*np*np) = the mass-weighted -div(q F), before DSS, of q (blocks*N,) and `across`,
+    It runs over (E, blocks).  out (blocks, E*np*np) = the mass-weighted -div(q F), before DSS, of q
+    (blocks*N,) and `across`,
     what `contravariant` makes of F.
     """
     value, matrix = wp.types.vector(lanes, real), wp.array2d(dtype=real)
-    d1, d2, _, _ = line_sums(SimpleNamespace(np=np_, real=real, lanes=lanes), value)
+    d1, d2, _, _ = line_sums(Register(real, lanes), np_, value)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def divergence(
-        nodes: wp.array2d(dtype=wp.int32),
-        derivative: matrix,
-        weight: matrix,
-        across: wp.array3d(dtype=real),
-        size: int,
-        q: wp.array(dtype=value),
+        nodes: wp.array2d(dtype=wp.int32), derivative: matrix, weight: matrix,
+        across: wp.array3d(dtype=real), size: int, q: wp.array(dtype=value),
         out: wp.array2d(dtype=value),
-    ):
+    ):  # fmt: skip
         e, b = wp.tid()
         f1 = wp.zeros(shape=(np_, np_), dtype=value)
         f2 = wp.zeros(shape=(np_, np_), dtype=value)
@@ -106,32 +108,36 @@ def divergence_kernel(np_: int, real: type, lanes: int) -> wp.Kernel:
     return divergence
 
 
-@functools.cache
-def stage_kernels(real: type, lanes: int) -> SimpleNamespace:
-    """Kernels over (N, blocks), with the type `value` of a block's tracers on a node.
+@dataclass(frozen=True)
+class StageKernels:
+    """Kernels over (N, blocks); mass and q (blocks*N,) hold the tracers of a block side by side.
 
-    `state` holds `count` masses from the offset `first` on, N of each; mass and q (blocks*N,).
-    begin: (state, first, count, N, air (N,), rate (N,), t, mass, q): into blocks, q at the time t.
-    stage: (places (N,), inverse_area (N,), N, local, tau, air, rate, t, keep, mass, q): DSS, and
-    q = (mass + tau tendency) / h(t); if `keep` is 1 that is the new mass too.
-    finish: (mass, first, count, N, state): out of blocks.
+    `state` holds `count` masses from the offset `first` on, N of each.
     """
+
+    begin: wp.Kernel
+    """(state, first, count, N, air (N,), rate (N,), t, mass, q): into blocks, q at the time t."""
+    stage: wp.Kernel
+    """(places (N,), inverse_area (N,), N, local, tau, air, rate, t, keep, mass, q): DSS, and
+    q = (mass + tau tendency) / h(t); if `keep` is 1, this is the new mass too."""
+    finish: wp.Kernel
+    """(mass, first, count, N, state): out of blocks."""
+    value: Any
+    """Type of a block's tracers on a node."""
+
+
+@functools.cache
+def stage_kernels(real: Any, lanes: int) -> StageKernels:
+    """Return the kernels for blocks of `lanes` tracers."""
     value, vector = wp.types.vector(lanes, real), wp.array(dtype=real)
     values, fields = wp.array(dtype=value), wp.array2d(dtype=value)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def begin(
-        state: vector,
-        first: int,
-        count: int,
-        size: int,
-        air: vector,
-        rate: vector,
-        t: real,
-        mass: values,
-        q: values,
-    ):
+        state: vector, first: int, count: int, size: int, air: vector, rate: vector, t: real,
+        mass: values, q: values,
+    ):  # fmt: skip
         node, b = wp.tid()
         m = value(real(0.0))
         for lane in range(lanes):
@@ -142,20 +148,11 @@ def stage_kernels(real: type, lanes: int) -> SimpleNamespace:
         q[b * size + node] = m / (air[node] + t * rate[node])
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def stage(
-        places: wp.array(dtype=Contributors),
-        inverse_area: vector,
-        size: int,
-        local: fields,
-        tau: real,
-        air: vector,
-        rate: vector,
-        t: real,
-        keep: int,
-        mass: values,
-        q: values,
-    ):
+        places: wp.array(dtype=Contributors), inverse_area: vector, size: int, local: fields,
+        tau: real, air: vector, rate: vector, t: real, keep: int, mass: values, q: values,
+    ):  # fmt: skip
         node, b = wp.tid()
         at = places[node]
         total = local[b, at[0]]
@@ -169,7 +166,7 @@ def stage_kernels(real: type, lanes: int) -> SimpleNamespace:
         q[b * size + node] = m / (air[node] + t * rate[node])
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def finish(mass: values, first: int, count: int, size: int, state: vector):
         node, b = wp.tid()
         m = mass[b * size + node]
@@ -178,23 +175,24 @@ def stage_kernels(real: type, lanes: int) -> SimpleNamespace:
             if k < count:
                 state[first + k * size + node] = m[lane]
 
-    return SimpleNamespace(begin=begin, stage=stage, finish=finish, value=value)
+    return StageKernels(begin, stage, finish, value)
 
 
 @functools.cache
-def flux_kernel(real: type) -> wp.Kernel:
-    """Kernel over N: (wind, x, depth, N, first, stage, out): out[first:] = h (u, v).
+def flux_kernel(real: Any) -> wp.Kernel:
+    """Return the kernel (wind, x, depth, N, first, stage, out) over N: out[first:] = h (u, v).
 
     The winds stand in front of `wind`, h in x[depth:].
     """
-    vector, leave, stage = wp.array(dtype=real), leave_of(real, real), stage_struct(real)
+    vector, stage, leave = wp.array(dtype=real), stage_struct(real), leave_of(Register(real), 1)
+    row = wp.types.vector(1, real)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def flux(wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector):
         node = wp.tid()
         h = x[depth + node]
-        leave(s, first + node, 0, h * wind[node], out)
-        leave(s, first + size + node, 0, h * wind[size + node], out)
+        leave(s, first + node, 0, row(h * wind[node]), out)
+        leave(s, first + size + node, 0, row(h * wind[size + node]), out)
 
     return flux

@@ -1,39 +1,40 @@
 """Linear combinations of state vectors, steps among them, and numbers brought to other places."""
 
 import functools
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.access import bring_of, entry_of, put_of
-from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.simd.memory import bring_of, entry_of, put_of
+from swe_sphere.kernels.simd.register import Register
 
 AT_ONCE = 4
 """Vectors that one kernel adds up."""
 
 
 @functools.cache
-def combine_kernel(real: type, count: int) -> wp.Kernel:
+def combine_kernel(real: Any, count: int) -> wp.Kernel:
     """Kernel (x, vector, factor, ..., out), all (n,): out = x + the sum of 1 to 4 scaled vectors.
 
     One kernel for each count and no loop over rows: four times faster on a CPU.  `out` may be `x`.
     """
-    vector, entry, put = wp.array(dtype=real), entry_of(real), put_of(real)
+    vector, entry, put = wp.array(dtype=real), entry_of(real), put_of(Register(real))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def add_1(x: vector, a: vector, ca: real, out: vector) -> None:
         i = wp.tid()
         put(out, i, entry(x, i) + ca * entry(a, i))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def add_2(x: vector, a: vector, ca: real, b: vector, cb: real, out: vector) -> None:
         i = wp.tid()
         put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def add_3(
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, out: vector
     ) -> None:
@@ -41,19 +42,11 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
         put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i) + cc * entry(c, i))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def add_4(
-        x: vector,
-        a: vector,
-        ca: real,
-        b: vector,
-        cb: real,
-        c: vector,
-        cc: real,
-        d: vector,
-        cd: real,
-        out: vector,
-    ) -> None:
+        x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, d: vector,
+        cd: real, out: vector,
+    ) -> None:  # fmt: skip
         i = wp.tid()
         r = entry(x, i) + ca * entry(a, i) + cb * entry(b, i)
         put(out, i, r + cc * entry(c, i) + cd * entry(d, i))
@@ -62,22 +55,18 @@ def combine_kernel(real: type, count: int) -> wp.Kernel:
 
 
 @functools.cache
-def combine_rows_kernel(real: type) -> wp.Kernel:
+def combine_rows_kernel(real: Any) -> wp.Kernel:
     """Kernel (scale, x (n,), stack (m, n), coefficients (m,) float64, count, out (n,)).
 
     out = scale (x + sum_{s < count} c[s] stack[s]) for any number of rows; `out` may be `x`.
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def combine_rows(
-        scale: wp.float64,
-        x: wp.array(dtype=real),
-        stack: wp.array2d(dtype=real),
-        coefficients: wp.array(dtype=wp.float64),
-        count: int,
-        out: wp.array(dtype=real),
-    ) -> None:
+        scale: wp.float64, x: wp.array(dtype=real), stack: wp.array2d(dtype=real),
+        coefficients: wp.array(dtype=wp.float64), count: int, out: wp.array(dtype=real),
+    ) -> None:  # fmt: skip
         i = wp.tid()
         r = x[i]
         for s in range(count):
@@ -88,11 +77,11 @@ def combine_rows_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def axpby_kernel(real: type) -> wp.Kernel:
+def axpby_kernel(real: Any) -> wp.Kernel:
     """Kernel (a, x (n,), b, y (n,)): y = a x + b y, with a and b float64."""
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def axpby(
         a: wp.float64, x: wp.array(dtype=real), b: wp.float64, y: wp.array(dtype=real)
     ) -> None:
@@ -103,7 +92,7 @@ def axpby_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def products_kernel(real: type) -> wp.Kernel:
+def products_kernel(real: Any) -> wp.Kernel:
     """Kernel (stack (m, n), weights (n,) float64, v (n,), spans (kinds, c, 2), size, partial).
 
     To be launched tiled over (rows, chunks): partial[s, c], float64 (m, c), becomes the part of
@@ -113,15 +102,12 @@ def products_kernel(real: type) -> wp.Kernel:
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def products(
-        stack: wp.array2d(dtype=real),
-        weights: wp.array(dtype=wp.float64),
-        v: wp.array(dtype=real),
-        spans: wp.array3d(dtype=wp.int32),
-        size: int,
+        stack: wp.array2d(dtype=real), weights: wp.array(dtype=wp.float64),
+        v: wp.array(dtype=real), spans: wp.array3d(dtype=wp.int32), size: int,
         partial: wp.array2d(dtype=wp.float64),
-    ) -> None:
+    ) -> None:  # fmt: skip
         row, chunk, lane = wp.tid()
         total = wp.float64(0.0)
         for field in range(0, v.shape[0], size):
@@ -135,7 +121,7 @@ def products_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def least_kernel(real: type) -> wp.Kernel:
+def least_kernel(real: Any) -> wp.Kernel:
     """Kernel (x (n,), begin, end, span, partial (1, blocks) float64), launched as `products`.
 
     partial[0, b] = the least of x[i] with b span <= i - begin < (b + 1) span and i < end; infinity
@@ -143,14 +129,11 @@ def least_kernel(real: type) -> wp.Kernel:
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def least(
-        x: wp.array(dtype=real),
-        begin: int,
-        end: int,
-        span: int,
+        x: wp.array(dtype=real), begin: int, end: int, span: int,
         partial: wp.array2d(dtype=wp.float64),
-    ) -> None:
+    ) -> None:  # fmt: skip
         row, block, lane = wp.tid()
         last = wp.min(begin + (block + 1) * span, end)
         found = wp.float64(wp.inf)
@@ -163,21 +146,18 @@ def least_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def nearness_kernel(real: type) -> wp.Kernel:
+def nearness_kernel(real: Any) -> wp.Kernel:
     """Kernel (share, x (m,), first, then (n,), out (n,)): how far from leaving numbers are.
 
     out = share |now| - |now - then|, where now is x from `first` on; NaN where one is.
     """
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def nearness(
-        share: real,
-        x: wp.array(dtype=real),
-        first: int,
-        then: wp.array(dtype=real),
+        share: real, x: wp.array(dtype=real), first: int, then: wp.array(dtype=real),
         out: wp.array(dtype=real),
-    ) -> None:
+    ) -> None:  # fmt: skip
         i = wp.tid()
         now = x[first + i]
         out[i] = share * wp.abs(now) - wp.abs(now - then[i])
@@ -186,7 +166,7 @@ def nearness_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def packing_kernels(real: type, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
+def packing_kernels(real: Any, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
     """Kernels (x, places (n,), packed (n,)): packed = x[places], and the reverse.
 
     Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
@@ -196,12 +176,12 @@ def packing_kernels(real: type, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]
     bring, bring_back = (bring_of(real, back, in_threads) for back in (False, True))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def pack(x: vector, places: numbers, packed: vector):
         bring(wp.tid(), x, places, packed)
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def unpack(x: vector, places: numbers, packed: vector):
         bring_back(wp.tid(), x, places, packed)
 
@@ -209,7 +189,7 @@ def packing_kernels(real: type, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]
 
 
 @functools.cache
-def leapfrog_kernel(real: type) -> wp.Kernel:
+def leapfrog_kernel(real: Any) -> wp.Kernel:
     """Kernel (previous, state, tendency, two_dt, displacement, share): one filtered leapfrog step.
 
     With x- the filtered past, x the present and k the tendency, x+ = x- + 2 dt k and the
@@ -218,18 +198,14 @@ def leapfrog_kernel(real: type) -> wp.Kernel:
     eqs. 7-9).
     """
 
-    entry, put = entry_of(real), put_of(real)
+    entry, put = entry_of(real), put_of(Register(real))
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False)
+    @kernel
     def leapfrog(
-        previous: wp.array(dtype=real),
-        state: wp.array(dtype=real),
-        tendency: wp.array(dtype=real),
-        two_dt: real,
-        displacement: real,
-        share: real,
-    ):
+        previous: wp.array(dtype=real), state: wp.array(dtype=real),
+        tendency: wp.array(dtype=real), two_dt: real, displacement: real, share: real,
+    ):  # fmt: skip
         i = wp.tid()
         x = entry(state, i)
         future = entry(previous, i) + two_dt * entry(tendency, i)

@@ -21,15 +21,14 @@ from swe_sphere.equations.effects import (
 )
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import Terms, combine_kernel, tendency_kernel
+from swe_sphere.kernels.assembly import pointwise_kernel
 from swe_sphere.kernels.coarse import coarse_kernels, sweep_kernel, tall_kernels
 from swe_sphere.kernels.damping import damping_kernels
-from swe_sphere.kernels.forward_backward import combine_levels_kernel
+from swe_sphere.kernels.forward_backward import combine_levels_kernel, run_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
-from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
-from swe_sphere.kernels.run_steps import run_kernels
 from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.kernels.vectors import leapfrog_kernel

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.sums import tree_kernel, weighted_products_kernel
+from swe_sphere.kernels.simd.sums import tree_kernel, weighted_products_kernel
 from swe_sphere.operators.chunks import branches
 from swe_sphere.solvers.krylov_basis import OrthonormalBasis
 from swe_sphere.solvers.vector_space import VectorSpace

@@ -20,7 +20,7 @@ from swe_sphere.equations.scene import Scene, State
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum, spectral_radius
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mixing_ratios
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.stages import stage_struct
+from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.replay import Replay

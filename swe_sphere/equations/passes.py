@@ -9,10 +9,15 @@ import warp as wp
 from swe_sphere.equations.effect_terms import element_terms, pointwise_terms
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import MassFlux
-from swe_sphere.kernels.forward_backward import combine_levels_kernel, levels_struct
+from swe_sphere.kernels.forward_backward import (
+    carrying_kernel,
+    combine_levels_kernel,
+    pushing_kernel,
+    run_kernels,
+)
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.kernels.pointwise import Pointwise
-from swe_sphere.kernels.run_steps import carrying_kernel, run_kernels
+from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.launch import in_runs
 from swe_sphere.operators.tendency import fill
@@ -73,9 +78,11 @@ class Passes:
             self._transport = of_fields.tangent if terms.tangent else of_fields.transport
         self._force, self._force_geometry = None, None
         if terms.gradient:
-            alone, done = replace(terms, momentum=True), levels_struct(self._real)
-            turns = (direct, point, done, damped) if direct else ()
-            made = tendency_kernel(alone, np_, self._real, mesh.shape, *turns)
+            alone = replace(terms, momentum=True)
+            if direct:
+                made = pushing_kernel(alone, np_, self._real, point, damped)
+            else:
+                made = tendency_kernel(alone, np_, self._real, mesh.shape)
             self._force = made.kernel
             self._force_geometry = mesh.geometry(made.geometry, parameters)
         wanted = [self._transport, self._force, self._combine, self._add if flux else None]

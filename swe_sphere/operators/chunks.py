@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.sums import tree_kernel
+from swe_sphere.kernels.simd.sums import tree_kernel
 from swe_sphere.mesh.partition import Part
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.ranks.communicator import Communicator

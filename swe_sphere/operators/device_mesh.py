@@ -9,9 +9,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.access import room
-from swe_sphere.kernels.assembly import CONTRIBUTORS, Contributors
-from swe_sphere.kernels.stages import stage_struct
+from swe_sphere.kernels.element import room
+from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
+from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole

@@ -14,7 +14,7 @@ import warp as wp
 
 from swe_sphere.compiling import compiling
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.shared_lines import block_threads
+from swe_sphere.kernels.simd.shared_lines import block_threads
 from swe_sphere.ranks.communicator import Communicator
 
 REMEMBERED = 512

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels import lanes_of
-from swe_sphere.kernels.terms import LANE_BYTES
+from swe_sphere.kernels.simd.register import REGISTER_BYTES
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import Part
 from swe_sphere.ranks.communicator import Communicator
@@ -81,8 +81,8 @@ class Layout:
     def aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
         """Zeros that begin where a cache line does."""
         count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
-        whole = wp.zeros(count + LANE_BYTES, dtype=wp.uint8, device=self.device)
-        begin = whole.ptr + -whole.ptr % LANE_BYTES
+        whole = wp.zeros(count + REGISTER_BYTES, dtype=wp.uint8, device=self.device)
+        begin = whole.ptr + -whole.ptr % REGISTER_BYTES
         array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
         array.kept = whole
         return array

@@ -8,8 +8,8 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels import Terms, tendency_kernel
+from swe_sphere.kernels.assembly import pointwise_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
-from swe_sphere.kernels.pointwise_assembly import pointwise_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
 

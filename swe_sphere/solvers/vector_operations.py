@@ -17,7 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.sums import (
+from swe_sphere.kernels.simd.sums import (
     SPAN,
     combinations_kernel,
     scaled_sum_kernel,

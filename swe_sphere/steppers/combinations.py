@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.kernels.stages import mix_kernel
+from swe_sphere.kernels.simd.stages import mix_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 
 

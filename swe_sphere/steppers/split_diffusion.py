@@ -13,7 +13,7 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels.stages import diffusive_stage_kernel
+from swe_sphere.kernels.simd.stages import diffusive_stage_kernel
 from swe_sphere.operators.launch import in_runs
 from swe_sphere.operators.replay import Replay
 

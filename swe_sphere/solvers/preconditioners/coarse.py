@@ -9,8 +9,8 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.assembly import Contributors
 from swe_sphere.kernels.coarse import coarse_kernels
+from swe_sphere.kernels.simd.memory import Contributors
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.assembly import CONTRIBUTORS
+from swe_sphere.kernels.simd.memory import CONTRIBUTORS
 from swe_sphere.operators.device_mesh import DeviceMesh
 
 Integers = NDArray[np.integer]

@@ -6,11 +6,11 @@ Vectors come by their addresses: one recorded command serves all of them.
 """
 
 import functools
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import warp as wp
 
-from swe_sphere.kernels.assembly import OPTIONS
+from swe_sphere.kernels.define import kernel
 
 SPAN = 256
 """Numbers that are combined at a time: they stay in the nearest cache."""
@@ -19,7 +19,7 @@ TOGETHER = 2048
 
 
 @functools.cache
-def weighted_products_kernel(real: type) -> wp.Kernel:
+def weighted_products_kernel(real: Any) -> wp.Kernel:
     """Kernel (call, weights (n,), spans (kinds, chunks, 2), size), of one thread.
 
     call: the address of p, d, how many triples follow, and of each the addresses of a stack (m, n)
@@ -108,7 +108,7 @@ def weighted_products_kernel(real: type) -> wp.Kernel:
     ): ...
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def products(
         call: wp.array(dtype=wp.uint64),
         weights: wp.array(dtype=wp.float64),
@@ -156,7 +156,7 @@ def tree_kernel() -> wp.Kernel:
     ): ...
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def tree(nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=wp.float64)):
         add_up(nodes, whole, sums)
 
@@ -164,7 +164,7 @@ def tree_kernel() -> wp.Kernel:
 
 
 @functools.cache
-def combinations_kernel(real: type) -> wp.Kernel:
+def combinations_kernel(real: Any) -> wp.Kernel:
     """Kernel (call, coefficients (1 + m,) float64, n), a thread for each SPAN numbers.
 
     call: addresses of x (n,), a stack (m, n) and out (n,), and how many rows.  out = c_0 (x + sum_s
@@ -192,7 +192,7 @@ def combinations_kernel(real: type) -> wp.Kernel:
 
 
 @functools.cache
-def scaled_sum_kernel(real: type) -> wp.Kernel:
+def scaled_sum_kernel(real: Any) -> wp.Kernel:
     """Kernel (call, coefficients (2,) float64, n), a thread for each SPAN numbers.
 
     call: the addresses of x and y (n,).  y = c_0 x + c_1 y, either product rounded by itself.
@@ -223,7 +223,7 @@ def _by_spans(code: str) -> wp.Kernel:
     ): ...
 
     @no_type_check
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @kernel
     def by_spans(call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int):
         in_span(wp.tid(), call, coefficients, n)
 

@@ -1,0 +1,1 @@
+"""C++ of the kernels: loads, stores and arithmetic of whole SIMD registers."""

@@ -1,0 +1,164 @@
+"""Steps of registers: the rates of change become the next state where they are computed.
+
+With the levels Y_k of a step that begins at y, an explicit Runge-Kutta method is a chain of sums
+y + tau K + sum_k w_k (Y_k - y) of one rate K each (the form of Shu & Osher 1988), so that no rate
+has to be stored and read again.  Differences to y keep what sums of weighted states would lose.
+"""
+
+import functools
+from typing import Any, no_type_check
+
+import warp as wp
+
+from swe_sphere.kernels.define import kernel, struct_of
+from swe_sphere.kernels.simd.register import Register
+
+
+@functools.cache
+def stage_struct(real: Any) -> Any:
+    """Return the Warp structure of a stage: `start` (n,), `tau` [s], and whether it is `on`."""
+    return struct_of("Stage", {"on": wp.bool, "tau": real, "start": wp.array(dtype=real)})
+
+
+@functools.cache
+def levels_struct(real: Any) -> Any:
+    """Return the Warp structure of what a forward-backward pass reads and writes beside the rates.
+
+    Vectors of all unknowns: the levels `now` and `past`, the `loss` and the `base`, the result
+    `out`, which may be any of the levels, and the combinations `carried` and `pushed` that the
+    elements differentiate next.  `tau` [s]; the weights of (out, now, past) in the masses of
+    `carried` or the winds of `pushed`, and as `mixes` those in the depth of `pushed`.
+    """
+    names = "now", "past", "loss", "base", "out", "carried", "pushed"
+    triple = wp.types.vector(3, real)
+    members = dict.fromkeys(names, wp.array(dtype=real))
+    return struct_of("Levels", members | {"tau": real, "weights": triple, "mixes": triple})
+
+
+@functools.cache
+def leave_of(register: Register, fields: int) -> Any:
+    """Return the Warp function (stage, at, size, rates, out): out[at] = start[at] + tau rate.
+
+    Where the stage is not `on`, out[at] = rate.  The fields are `size` apart.
+    """
+    stage, vector = stage_struct(register.real), wp.array(dtype=register.real)
+
+    @register.func_native(f"""
+        for (int f = 0; f < {fields}; ++f, at += size) {{
+            run r = runs(&rates)[f];
+            if (s.on) {{
+                r *= s.tau;
+                r += *runs(s.start.data + at);
+            }}
+            *runs(out.data + at) = r;
+        }}
+    """)
+    def leave(s: stage, at: int, size: int, rates: register.rows(fields), out: vector): ...
+
+    return leave
+
+
+@functools.cache
+def step_of(register: Register, shifted: bool) -> Any:
+    """Return the Warp function (now, past, at, rate, tau, weights, base, out, mixed).
+
+    out = now + tau rate and mixed = the sum of (out, now, past) with these weights, of which any
+    may be one array.  If `shifted`, `base` is subtracted from the sum.
+    """
+    vector, triple = wp.array(dtype=register.real), wp.types.vector(3, register.real)
+
+    @register.func_native(f"""
+        run change = *runs(&rate), sum, more;
+        const run first = *runs(now.data + at);
+        const run second = *runs(past.data + at);
+        change *= tau;
+        change += first;
+        sum = change * weights.c[0];
+        more = first * weights.c[1];
+        sum += more;
+        more = second * weights.c[2];
+        sum += more;
+        {"sum -= *runs(base.data + at);" if shifted else ""}
+        *runs(out.data + at) = change;
+        *runs(mixed.data + at) = sum;
+    """)
+    def step(
+        now: vector, past: vector, at: int, rate: register.value, tau: register.real,
+        weights: triple, base: vector, out: vector, mixed: vector,
+    ): ...  # fmt: skip
+
+    return step
+
+
+@functools.cache
+def mix_kernel(real: Any, lanes: int) -> wp.Kernel:
+    """Return the kernel (n, start, levels (m, n), weights (m,), first, last, out).
+
+    out = start + sum_k w_k (levels_k - start) with first <= k < last, over runs of `lanes` numbers;
+    the last run may overlap the one before.  `out` is another array than the others.
+    """
+    register, vector, matrix = Register(real, lanes), wp.array(dtype=real), wp.array2d(dtype=real)
+
+    @register.func_native("""
+        const run start = *runs(x.data + at);
+        run sum = start;
+        for (int k = first; k < last; ++k) {
+            run change = *runs(levels.data + size_t(k) * levels.shape[1] + at);
+            change -= start;
+            change *= weights.data[k];
+            sum += change;
+        }
+        *runs(out.data + at) = sum;
+    """)
+    def mix_run(
+        x: vector, levels: matrix, weights: vector, first: int, last: int, at: int, out: vector
+    ): ...
+
+    @no_type_check
+    @kernel
+    def mix(n: int, x: vector, levels: matrix, weights: vector, first: int, last: int, out: vector):
+        mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
+
+    return mix
+
+
+@functools.cache
+def diffusive_stage_kernel(real: Any, lanes: int) -> wp.Kernel:
+    """Return the kernel of a stage of a Runge-Kutta-Legendre method, over runs of `lanes` numbers.
+
+    change = cl last + cb before + cr rate + cf first + cs slope and y = x + change for vectors (n,)
+    from `begin` on; `change` and `y` may be any of the vectors in the sums.
+    """
+    register, vector = Register(real, lanes), wp.array(dtype=real)
+
+    @register.func_native("""
+        const auto scaled = [&](const auto& v, auto c) {
+            run r = *runs(v.data + at);
+            r *= c;
+            return r;
+        };
+        run d = scaled(last, cl), r = scaled(rate, cr);
+        d += scaled(before, cb);
+        r += scaled(first, cf);
+        r += scaled(slope, cs);
+        d += r;
+        r = *runs(x.data + at);
+        r += d;
+        *runs(y.data + at) = r;
+        *runs(change.data + at) = d;
+    """)
+    def stage_run(
+        at: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
+        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+    ): ...  # fmt: skip
+
+    @no_type_check
+    @kernel
+    def diffusive_stage(
+        begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,
+        cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
+    ):  # fmt: skip
+        at = begin + lanes * wp.tid()
+        stage_run(at, x, last, cl, before, cb, rate, cr, first, cf, slope, cs, change, y)
+
+    return diffusive_stage
