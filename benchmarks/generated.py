@@ -67,11 +67,11 @@ def _native(name: str, body: str, gather: Cost) -> Cost | None:
     """Of a function in C++ for one node; None of others, whose launch shape is not counted."""
     if name.startswith("leave_of"):
         return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
-    if name.startswith("_sum"):  # of rows that threads share
+    if "shared_sum" in name:  # of rows that threads share
         points, rows = (int(re.findall(rf"{each} < (\d+)", body)[0]) for each in "mk")
         return Cost(flops=2.0 * points * rows)
     costs = {"entry_of": Cost(loads=1.0), "put_of": Cost(stores=1.0)}
-    costs["gather_run"] = gather
+    costs |= {"load_of": Cost(loads=1.0), "gather_of": gather}
     return next((cost for start, cost in costs.items() if name.startswith(start)), None)
 
 

@@ -10,11 +10,11 @@ compile a path for contiguous arrays, which is faster on a CPU.
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.element import Finish
 from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.arithmetic import product_of
@@ -46,8 +46,7 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
     gather, load, mul = gather_of(register), run_of(register), product_of(register)
     structure, add, place = added.structure, added.add, wp.array(dtype=Contributors)
 
-    @no_type_check
-    @wp.func
+    @func
     def means(places: place, inverse_area: vector, stride: int, node: int, local: vector):
         scale = load(inverse_area, node)
         r = rows()
@@ -57,7 +56,6 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
             r[2] = mul(scale, gather(local, places, node, 2 * stride))
         return r
 
-    @no_type_check
     @kernel
     def assemble_pointwise(
         places: place, inverse_area: vector, stride: int, first: int, size: int, local: vector,
@@ -67,7 +65,6 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
         r = means(places, inverse_area, stride, node, local)
         leave(s, node, size, add(c, node, size, x, r), out)
 
-    @no_type_check
     @kernel
     def pointwise_alone(size: int, c: structure, x: vector, s: stage, out: vector):
         node = lanes * wp.tid()
@@ -82,8 +79,7 @@ def finish_rates(t: KernelTypes, fields: int) -> Finish:
     load, mul, add = run_of(t.register), t.metric.mul, t.point.add
     rows, leave, whole = t.register.rows(fields), leave_of(t.register, fields), t.terms.unknowns
 
-    @no_type_check
-    @wp.func
+    @func
     def finish(geo: t.geometry, x: t.vector, r: rows, k: int, node: int, done: t.vector):
         scale = load(geo.inverse_area, node)
         rate = rows()

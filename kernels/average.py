@@ -2,11 +2,11 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, struct_of
+from swe_sphere.kernels.define import func, kernel, struct_of
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,15 @@ def average_kernel(real: Any, bottom: bool) -> AverageKernel:
         members["bottom"] = vector
     constants = struct_of("Constants", members)
 
-    @no_type_check
-    @wp.func
+    @func
     def flux(h0: real, u0: real, h1: real, u1: real):
         sixth = real(1.0) / real(6.0)
         return sixth * (real(2.0) * (h0 * u0 + h1 * u1) + h0 * u1 + h1 * u0)
 
-    @no_type_check
-    @wp.func
+    @func
     def square(u0: real, u1: real):
         return (u0 * u0 + u0 * u1 + u1 * u1) / real(6.0)
 
-    @no_type_check
     @kernel
     def average(c: constants, first: vector, last: vector, mean: vector, base: vector):
         i = wp.tid()

@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -45,7 +45,6 @@ def coarse_kernels(np_: int, functions: int, real: Any, shape: str) -> CoarseKer
     at_point = functions_sum(t.register, functions, points)
     matrix, each, table = wp.array2d(dtype=real), wp.array2d(dtype=value), wp.array2d(dtype=t.index)
 
-    @no_type_check
     @kernel
     def restrict(values: matrix, mass: each, b: t.local, out: each):
         e, part = wp.tid()
@@ -57,7 +56,6 @@ def coarse_kernels(np_: int, functions: int, real: Any, shape: str) -> CoarseKer
         for k in range(few):
             out[e, part * few + k] = sums[k]
 
-    @no_type_check
     @kernel
     def prolong(values: matrix, numbers: table, coefficients: t.vector, x: t.local):
         e, part = wp.tid()
@@ -70,7 +68,6 @@ def coarse_kernels(np_: int, functions: int, real: Any, shape: str) -> CoarseKer
     gather, places = gather_of(Register(real)), wp.array(dtype=Contributors)
     place = entry_of(Contributors)
 
-    @no_type_check
     @kernel
     def assembled(four: places, more: places, local: t.vector, out: t.vector):
         row = wp.tid()
@@ -95,7 +92,6 @@ def sweep_kernel(real: Any, shape: str) -> wp.Kernel:
     numbers, rows, flat = wp.array(dtype=wp.int32), wp.array(dtype=value), wp.array(dtype=real)
     row = entries_sum(t.register, "*runs(from)")
 
-    @no_type_check
     @kernel
     def sweep(
         at: numbers, begin: numbers, values: rows, per_diagonal: rows, keep: real, take: real,
@@ -135,7 +131,6 @@ def tall_kernels(real: Any, shape: str) -> TallKernels:
     flat = wp.array(dtype=real)
     row, products = entries_sum(t.register, "*from"), columns_products(t.register)
 
-    @no_type_check
     @kernel
     def product(at: numbers, columns: numbers, values: rows, x: flat, add: int, out: rows):
         g = wp.tid()
@@ -144,12 +139,10 @@ def tall_kernels(real: Any, shape: str) -> TallKernels:
             total += out[g]
         out[g] = total
 
-    @no_type_check
     @kernel
     def parts(at: numbers, values: rows, y: rows, out: flat):
         products(at, values, y, wp.tid(), out)
 
-    @no_type_check
     @kernel
     def total(ends: numbers, listed: numbers, parts: flat, out: flat):
         c = wp.tid()
@@ -168,7 +161,6 @@ def patch_kernel(real: Any) -> wp.Kernel:
     x_n = sum_k rows_nk b[column_nk].
     """
 
-    @no_type_check
     @kernel
     def patch(
         columns: wp.array2d(dtype=wp.int32),

@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -39,7 +39,6 @@ def damping_kernels(np_: int, real: Any, given: Any, shape: str) -> DampingKerne
     matrix, each, load = wp.array2d(dtype=real), wp.array2d(dtype=value), load_of(t.register, given)
     gather, (along, across, _, _) = gather_of(Register(real)), line_sums(t.register, np_, value)
 
-    @no_type_check
     @kernel
     def damp(to_modes: matrix, to_nodes: matrix, factor: each, scale: each, x: field, out: field):
         e = wp.tid()
@@ -61,7 +60,6 @@ def damping_kernels(np_: int, real: Any, given: Any, shape: str) -> DampingKerne
             for j in range(np_):
                 out[e, i * np_ + j, 0] = mul(scale[e, i * np_ + j], across(to_nodes, a, i, j))
 
-    @no_type_check
     @kernel
     def covariant(
         nodes: wp.array2d(dtype=t.index), basis: wp.array3d(dtype=value), size: int, r: state,
@@ -75,7 +73,6 @@ def damping_kernels(np_: int, real: Any, given: Any, shape: str) -> DampingKerne
             first[e, n, 0] = u1
             second[e, n, 0] = u2
 
-    @no_type_check
     @kernel
     def physical(
         weight: matrix, basis: wp.array3d(dtype=value), first: field, second: field, east: field,
@@ -88,7 +85,6 @@ def damping_kernels(np_: int, real: Any, given: Any, shape: str) -> DampingKerne
             east[e, n, 0] = w * u
             north[e, n, 0] = w * v
 
-    @no_type_check
     @kernel
     def joined(
         places_1: wp.array(dtype=Contributors), inverse_area: on_nodes, local: on_nodes,

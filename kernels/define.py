@@ -1,16 +1,23 @@
-"""How kernels and their structures are defined."""
+"""How kernels, device functions and their structures are defined."""
 
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
-kernel: Any = functools.partial(
-    wp.kernel, module="unique", enable_backward=False, module_options={"max_unroll": 1}
-)
-"""Decorator of all kernels.  Kernels with loops compile for long if the loops are unrolled.
-Compiler flags stay at their defaults: a process compiles Warp's own headers, for 3 s, for each set
-of flags."""
+__all__ = ["func", "kernel", "struct_of"]
+
+if TYPE_CHECKING:  # annotations of what Warp compiles are Warp types
+    from typing import no_type_check as func
+    from typing import no_type_check as kernel
+else:
+    func = wp.func
+    kernel = functools.partial(
+        wp.kernel, module="unique", enable_backward=False, module_options={"max_unroll": 1}
+    )
+    """Decorator of all kernels.  Kernels with loops compile for long if the loops are unrolled.
+    Compiler flags stay at their defaults: for each set of flags a process compiles Warp's own
+    headers, which takes 3 s."""
 
 
 def struct_of(name: str, members: dict[str, Any]) -> Any:

@@ -1,10 +1,11 @@
 """Weak Laplacians at a point: of the wind (Hodge) and of the surface height."""
 
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.define import func
 from swe_sphere.kernels.dynamics import surface_height
 from swe_sphere.kernels.formulas import Formula, winds_at
 from swe_sphere.kernels.terms import KernelTypes
@@ -35,8 +36,7 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
         t.register.rows(fields), t.terms.dynamics, 0 if wind else t.terms.unknowns - 1
     )  # fmt: skip
 
-    @no_type_check
-    @wp.func
+    @func
     def fluxes(geo: t.geometry, d1: rows, d2: rows, e: int, n: int):
         w = geo.weight[n // np_, n % np_] * geo.inverse_jacobian[e, n]
         f1 = rows()
@@ -55,8 +55,7 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
             f2[at_curl] = zeta
         return f1, f2
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, t1: rows, t2: rows, e: int, n: int, out: t.local):
         r = results()
         if wp.static(height):
@@ -83,8 +82,7 @@ def _diffused(t: KernelTypes, height: bool, wind: bool) -> Formula:
         t.register.rows(height + 2 * wind), t.terms.unknowns - 1, int(height), height + 1
     )  # fmt: skip
 
-    @no_type_check
-    @wp.func
+    @func
     def scaled(geo: t.geometry, offset: int, node: t.index, x: value):
         r = value(real(0.0))
         if wp.static(t.terms.diffusion):
@@ -93,8 +91,7 @@ def _diffused(t: KernelTypes, height: bool, wind: bool) -> Formula:
             r -= geo.nu4 * load(geo.laplacian, offset, node)
         return r
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         r1 = rows()

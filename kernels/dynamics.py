@@ -4,10 +4,11 @@ The equations are quadratic, so the tangent at a state along a direction is the 
 product replaced by its derivative.
 """
 
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.define import func
 from swe_sphere.kernels.formulas import Formula, winds_at
 from swe_sphere.kernels.terms import KernelTypes
 
@@ -17,8 +18,7 @@ def transport(t: KernelTypes) -> Formula:
     load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
     winds, wind = winds_at(t, own=False, base=True)
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         m = load(x, at, geo.nodes[e, n])
         f1, f2 = flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))
@@ -32,8 +32,7 @@ def transport_tangent(t: KernelTypes) -> Formula:
     load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
     winds, wind = winds_at(t, own=True, base=True)
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load(x, at, node)
@@ -50,8 +49,7 @@ def _inflow(t: KernelTypes, winds: Any) -> Any:
     """Return `Formula.result` of minus the divergence of the flux in the only row."""
     np_, rows, row, divergence = t.np, t.register.rows(1), one_row(t), t.metric.divergence
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
@@ -64,14 +62,12 @@ def gradient(t: KernelTypes) -> Formula:
     winds, wind = winds_at(t, own=False, base=False)
     rows, fields = t.register.rows(1), t.register.rows(2)
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         s = row(load(x, at, geo.nodes[e, n]))
         return s, s
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         weight = geo.weight[n // np_, n % np_]
         east, north = grad(geo.basis, e, n, d1[0], d2[0])
@@ -91,8 +87,7 @@ def state(t: KernelTypes) -> Formula:
     rows, parts, rates = _equations(t, curls=1)
     bernoulli, surface, last = bernoulli_of(t), surface_height(t), 2 - terms.momentum
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load(x, 2 * geo.size, node)
@@ -102,8 +97,7 @@ def state(t: KernelTypes) -> Formula:
         head = bernoulli(geo, kinetic, surface(geo, node, h))
         return parts(geo, e, n, head, mul(h, w[0]), mul(h, w[1]), w[0], w[1])
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         if wp.static(terms.advection):
             zeta = curl(d1[last], d2[last])
@@ -122,8 +116,7 @@ def tangent(t: KernelTypes) -> Formula:
     rows, parts, rates = _equations(t, curls=2)
     bernoulli, last = bernoulli_of(t), 2 - terms.momentum
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         h = load(x, 2 * geo.size, node)
@@ -141,8 +134,7 @@ def tangent(t: KernelTypes) -> Formula:
             r2[last + 1] = u1
         return r1, r2
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         if wp.static(terms.advection):
             zeta = curl(d1[last], d2[last])
@@ -166,16 +158,14 @@ def skew(t: KernelTypes) -> Formula:
     winds, wind = winds_at(t, own=True, base=True)
     rows, parts, rates = _equations(t, curls=1)
 
-    @no_type_check
-    @wp.func
+    @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         head = load(x, 2 * geo.size, node)
         h = load(a, 2 * geo.size, node)
         return parts(geo, e, n, head, mul(h, w[2]), mul(h, w[3]), w[0], w[1])
 
-    @no_type_check
-    @wp.func
+    @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         zeta = curl(d1[2], d2[2])
         return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
@@ -195,8 +185,7 @@ def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:
     flux, covariant = t.metric.contravariant_flux, t.metric.covariant_wind
     grad, divergence, last = t.metric.gradient, t.metric.divergence, 1 + mass
 
-    @no_type_check
-    @wp.func
+    @func
     def parts(
         geo: t.geometry, e: int, n: int, head: value, fu: value, fv: value, u: value, v: value
     ):
@@ -214,8 +203,7 @@ def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:
             r2[last] = u1
         return r1, r2
 
-    @no_type_check
-    @wp.func
+    @func
     def rates(geo: t.geometry, d1: rows, d2: rows, e: int, n: int, tu: value, tv: value):
         weight = geo.weight[n // np_, n % np_]
         gu, gv = grad(geo.basis, e, n, d1[0], d2[0])
@@ -237,8 +225,7 @@ def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:
 def bernoulli_of(t: KernelTypes) -> Any:
     """Return the function (geometry, kinetic, h): kinetic energy + g h, of what acts."""
 
-    @no_type_check
-    @wp.func
+    @func
     def bernoulli(geo: t.geometry, kinetic: t.value, h: t.value):
         r = kinetic
         if wp.static(t.terms.pressure):
@@ -252,8 +239,7 @@ def surface_height(t: KernelTypes) -> Any:
     """Return the function (geometry, node, h): h + b, or h without a bottom or in a tangent."""
     load = t.load
 
-    @no_type_check
-    @wp.func
+    @func
     def surface(geo: t.geometry, node: t.index, h: t.value):
         if wp.static(t.terms.bottom and not t.terms.tangent):
             return h + load(geo.bottom, 0, node)
@@ -267,8 +253,7 @@ def one_row(t: KernelTypes) -> Any:
     """Return the function (v): the rows that hold the register v alone."""
     rows = t.register.rows(1)
 
-    @no_type_check
-    @wp.func
+    @func
     def row(v: t.value):
         r = rows()
         r[0] = v

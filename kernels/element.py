@@ -5,11 +5,11 @@ for `lanes` elements; the work arrays of a group stay in the first-level cache.
 """
 
 import functools
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.arithmetic import line_sum
@@ -37,8 +37,7 @@ def element_sweep(
     at_1, at_2, at_winds, _ = scratch(np_, rows, rows, kept)
     turns = f.fields > 1 and kept is not t.real
 
-    @no_type_check
-    @wp.func
+    @func
     def load_winds(geo: geometry, a: vector, x: vector, e: int):
         if wp.static(shared):
             winds = wp.array(ptr=geo.work + at_winds, shape=(np_, np_), dtype=kept)
@@ -46,8 +45,7 @@ def element_sweep(
                 for j in range(np_):
                     winds[i, j] = f.wind(geo, a, x, e, i * np_ + j)
 
-    @no_type_check
-    @wp.func
+    @func
     def sweep(
         geo: geometry, a: vector, x: vector, at: int, k: int, e: int, out: t.local, done: t.done
     ):
@@ -81,38 +79,36 @@ def element_sweep(
 
 def _store(t: KernelTypes, fields: int, finish: Finish) -> Any:
     """Return the function (geometry, x, result, k, e, i, j, out, done), from the k-th field on."""
-    np_, last, rows, put = t.np, t.np - 1, t.register.rows(fields), put_fields(t, fields)
+    np_, last, rows, keep = t.np, t.np - 1, t.register.rows(fields), keep_fields(t, fields)
 
-    @no_type_check
-    @wp.func
+    @func
     def store(
         geo: t.geometry, x: t.vector, r: rows, k: int, e: int, i: int, j: int, out: t.local,
         done: t.done,
     ):  # fmt: skip
         n = i * np_ + j
         if wp.static(finish is None):
-            put(r, e, n, k, out)
+            keep(r, e, n, k, out)
         elif e < geo.whole and i > 0 and i < last and j > 0 and j < last:
             finish(geo, x, r, k, ~geo.nodes[e, n][0], done)
         else:
-            put(r, e, n, k, out)
+            keep(r, e, n, k, out)
 
     return store
 
 
-def put_fields(t: KernelTypes, fields: int) -> Any:
+def keep_fields(t: KernelTypes, fields: int) -> Any:
     """Return the function (result, e, n, k, out): the fields go to `out`, from the k-th on."""
 
-    @no_type_check
-    @wp.func
-    def put(r: t.register.rows(fields), e: int, n: int, k: int, out: t.local):
+    @func
+    def keep(r: t.register.rows(fields), e: int, n: int, k: int, out: t.local):
         out[e, n, k] = r[0]
         if wp.static(fields > 1):
             out[e, n, k + 1] = r[1]
         if wp.static(fields > 2):
             out[e, n, k + 2] = r[2]
 
-    return put
+    return keep
 
 
 def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
@@ -124,8 +120,7 @@ def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
     of_height = _laplacian(t, diffusion(t, True, False), last, finish_of and finish_of(1))
     of_wind = last and _laplacian(t, diffusion(t, False, True), 0, finish_of and finish_of(2))
 
-    @no_type_check
-    @wp.func
+    @func
     def diffuse(geo: t.geometry, x: t.vector, e: int, out: t.local, done: t.done):
         of_height(geo, x, e, out, done)
         if wp.static(last > 0):  # one after the other, for the sake of the first-level cache
@@ -141,8 +136,7 @@ def _laplacian(t: KernelTypes, of: Diffusion, first: int, finish: Finish) -> Any
     d1, d2, t1, t2 = line_sums(t.register, np_, rows)
     at_1, at_2, at_3, at_4, _ = scratch(np_, rows, rows, rows, rows)
 
-    @no_type_check
-    @wp.func
+    @func
     def laplacian(geo: t.geometry, x: t.vector, e: int, out: t.local, done: t.done):
         f1 = wp.array(ptr=geo.work + at_1, shape=(np_, np_), dtype=rows)
         f2 = f1
@@ -181,8 +175,7 @@ def element_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> w
     """
     load_winds, sweep = element_sweep(t, formula, finish, shared=True)
 
-    @no_type_check
-    @wp.func
+    @func
     def fields(
         geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, e: int, out: t.local,
         done: t.done,
@@ -193,7 +186,6 @@ def element_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> w
 
     if t.steps:
 
-        @no_type_check
         @kernel
         def stepping(
             geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local,
@@ -203,7 +195,6 @@ def element_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> w
 
         return stepping
 
-    @no_type_check
     @kernel
     def over_elements(
         geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local

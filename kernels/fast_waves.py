@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -27,7 +27,6 @@ def fast_wave_kernels(real: Any, carries: bool) -> FastWaveKernels:
     """Return the kernels."""
     vector, gather = wp.array(dtype=real), gather_of(Register(real))
 
-    @no_type_check
     @kernel
     def drift(
         places: wp.array(dtype=Contributors), inverse_area: vector, size: int, local: vector,
@@ -41,7 +40,6 @@ def fast_wave_kernels(real: Any, carries: bool) -> FastWaveKernels:
             path[i] = kept * path[i] + tau * s[i]
             path[j] = kept * path[j] + tau * s[j]
 
-    @no_type_check
     @kernel
     def kick(
         places: wp.array(dtype=Contributors), inverse_area: vector, stride: int, size: int,

@@ -5,10 +5,11 @@ registers that hold one node of several elements (one thread a group of elements
 """
 
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.define import func
 from swe_sphere.kernels.terms import KernelTypes
 
 
@@ -41,8 +42,7 @@ def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:
     real, load, vector = t.real, t.load, t.vector
     winds, first = (t.register.rows(2 * (own + base)) if own or base else real), 2 * own
 
-    @no_type_check
-    @wp.func
+    @func
     def wind(geo: t.geometry, a: vector, x: vector, e: int, n: int):
         if wp.static(not (own or base)):
             return real(0.0)

@@ -8,11 +8,11 @@ are stepped with DSS, one by one or on a CPU in runs that fill a register.
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, struct_of
+from swe_sphere.kernels.define import func, kernel, struct_of
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.element import Finish, element_kernel
 from swe_sphere.kernels.local import TendencyKernels, kernels_of
@@ -46,8 +46,7 @@ def _finish_mass(of: _Node) -> Finish:
     load, mul, of_depth = run_of(register), product_of(register), of.point.depth
     step, vector, levels = _step_types(of)
 
-    @no_type_check
-    @wp.func
+    @func
     def finish(geo: geometry, x: vector, r: register.rows(1), k: int, node: int, s: levels):
         rate = mul(load(geo.inverse_area, node), r[0])
         at = (first + k) * geo.size + node
@@ -68,8 +67,7 @@ def _finish_wind(of: _Node) -> Finish:
     load, mul, of_wind = run_of(register), product_of(register), of.point.wind
     step, vector, levels = _step_types(of)
 
-    @no_type_check
-    @wp.func
+    @func
     def finish(geo: geometry, x: vector, r: register.rows(2), k: int, node: int, s: levels):
         scale = load(geo.inverse_area, node)
         more = of_wind(geo.point, node, geo.size, s.pushed)
@@ -162,7 +160,6 @@ def run_kernels(unknowns: int, real: Any, point: Pointwise, damped: bool, lanes:
     mass, finish, gather = _finish_mass(of), _finish_wind(of), gather_of(register)
     place, single, pair = wp.array(dtype=Contributors), register.rows(1), register.rows(2)
 
-    @no_type_check
     @kernel
     def depth(
         geo: geometry, places: place, stride: int, begin: int, count: int, local: vector, s: levels
@@ -173,7 +170,6 @@ def run_kernels(unknowns: int, real: Any, point: Pointwise, damped: bool, lanes:
             r[0] = gather(local, places, node, k * stride)
             mass(geo, s.carried, r, k, node, s)
 
-    @no_type_check
     @kernel
     def wind(geo: geometry, places: place, stride: int, begin: int, local: vector, s: levels):
         node = begin + lanes * wp.tid()
@@ -195,7 +191,6 @@ def combine_levels_kernel(real: Any, shifted: bool) -> wp.Kernel:
     vector, triple = wp.array(dtype=real), wp.types.vector(3, real)
     entry, put = entry_of(real), put_of(Register(real))
 
-    @no_type_check
     @kernel
     def combine_levels(
         first: int, now: vector, past: vector, older: vector, weights: triple, base: vector,

@@ -11,11 +11,11 @@ the element and three at a corner.  One that is not there stands in the last gro
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel, struct_of
+from swe_sphere.kernels.define import func, kernel, struct_of
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.simd.memory import (
     Contributors,
@@ -74,8 +74,7 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
     assembled, load = _assembled(t, geometry), load_of(t.register, given)
     along, across, _, _ = line_sums(t.register, np_, value)
 
-    @no_type_check
-    @wp.func
+    @func
     def derivatives(geo: geometry, a: field, b: field, e: int, n: int):
         """Return those of a along the first coordinate and of b along the second."""
         at = e * np_ * np_
@@ -85,7 +84,6 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
         j = n % np_
         return along(geo.derivative, on_1, i, j), across(geo.derivative, on_2, i, j)
 
-    @no_type_check
     @kernel
     def gradient(geo: geometry, x: field, east: field, north: field):
         e, part = wp.tid()
@@ -96,27 +94,23 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
             east[e, n, 0] = w * g1
             north[e, n, 0] = w * g2
 
-    @no_type_check
-    @wp.func
+    @func
     def diverge(geo: geometry, f1: field, f2: field, row: int, e: int, n: int, out: field):
         s1, s2 = derivatives(geo, f1, f2, row, n)
         out[e, n, 0] = geo.weight[n // np_, n % np_] * div(s1, s2)
 
-    @no_type_check
     @kernel
     def divergence(geo: geometry, f1: field, f2: field, out: field):
         e, n = wp.tid()
         diverge(geo, f1, f2, e, e, n, out)
 
-    @no_type_check
-    @wp.func
+    @func
     def put_fluxes(
         geo: geometry, u: value, v: value, row: int, e: int, n: int, f1: field, f2: field
     ):
         f1[row, n, 0] = dot(geo.fluxes[e, n, 0], geo.fluxes[e, n, 1], u, v)
         f2[row, n, 0] = dot(geo.fluxes[e, n, 2], geo.fluxes[e, n, 3], u, v)
 
-    @no_type_check
     @kernel
     def wind_fluxes(geo: geometry, r: state, f1: field, f2: field, out: field):
         e, part = wp.tid()
@@ -129,7 +123,6 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
             for n in range(share):
                 diverge(geo, f1, f2, row, e, n, out)
 
-    @no_type_check
     @kernel
     def slope_fluxes(
         geo: geometry, east: field, east_flat: on_nodes, north: field, north_flat: on_nodes,
@@ -145,7 +138,6 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
             for n in range(share):
                 diverge(geo, f1, f2, row, e, n, out)
 
-    @no_type_check
     @kernel
     def eliminated(geo: geometry, local: field, flat: on_nodes, r: state, tau: real, b: field):
         e, part = wp.tid()
@@ -153,7 +145,6 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
             inflow = mul(geo.per_area[e, n], assembled(geo, local, flat, e, n))
             b[e, n, 0] = load(r, 2 * geo.size, geo.nodes[e, n]) - tau * inflow
 
-    @no_type_check
     @kernel
     def chebyshev(
         geo: geometry, local: field, flat: on_nodes, sign: real, tau_tau_g: real, keep: real,
@@ -172,7 +163,6 @@ def elimination_kernels(np_: int, real: Any, given: Any, shape: str) -> Eliminat
     numbers, number = wp.array(dtype=wp.int32), entry_of(wp.int32)
     entry, given_entry, put = entry_of(real), entry_of(given), put_of(Register(given))
 
-    @no_type_check
     @kernel
     def substituted(
         places_1: places, of_own: numbers, inverse_area: on_nodes, same: on_nodes, cross: on_nodes,
@@ -198,8 +188,7 @@ def _assembled(t: KernelTypes, geometry: Any) -> Any:
     """Return the function (geometry, local, flat, e, n): DSS at a node of an element."""
     np_, load = t.np, t.load
 
-    @no_type_check
-    @wp.func
+    @func
     def assembled(geo: geometry, local: t.local, flat: t.vector, e: int, n: int):
         total = local[e, n, 0]
         on_1 = (n // np_) % (np_ - 1) == 0
@@ -232,14 +221,12 @@ def passage_kernels(np_: int, real: Any, given: Any, shape: str) -> PassageKerne
         wp.array(dtype=given), t.local, wp.array2d(dtype=t.index), wp.array(dtype=wp.int32)
     )  # fmt: skip
 
-    @no_type_check
     @kernel
     def spread(node: nodes, x: vector, out: field):
         e, part = wp.tid()
         for n in range(part * share, part * share + share):
             out[e, n, 0] = load(x, 0, node[e, n])
 
-    @no_type_check
     @kernel
     def collect(of_own: places, flat: wp.array(dtype=real), out: vector):
         node = wp.tid()

@@ -11,11 +11,11 @@ repeats bit by bit; a tracer within its bounds is left as it is, to the last bit
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.simd.arithmetic import clip_of, rooms_of
 from swe_sphere.kernels.simd.memory import put_of, run_of
 from swe_sphere.kernels.simd.register import Register
@@ -46,18 +46,15 @@ def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
     mul, load, area, clip = t.metric.mul, t.load, t.metric.area, clip_of(t.register)
     div = wp.cw_div if t.register.lanes > 1 else wp.div
 
-    @no_type_check
-    @wp.func
+    @func
     def mass(geo: geometry, e: int, n: int):
         return geo.weight[n // np_, n % np_] * area(geo.basis, e, n)
 
-    @no_type_check
-    @wp.func
+    @func
     def part(wanted: value, room: value):
         some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
         return wp.min(some, value(real(1.0)))
 
-    @no_type_check
     @kernel
     def limit(
         geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
@@ -117,7 +114,6 @@ def sphere_limiter(real: Any, lanes: int) -> SphereLimiter:
     """Return the kernels."""
     vector, rooms = wp.array(dtype=real), rooms_of(Register(real, lanes))
 
-    @no_type_check
     @kernel
     def sums(
         area: wp.array(dtype=wp.float64), x: vector, depth: int, first: int, size: int,
@@ -133,7 +129,6 @@ def sphere_limiter(real: Any, lanes: int) -> SphereLimiter:
             )  # fmt: skip
         partial[block, k] = total
 
-    @no_type_check
     @kernel
     def parts(partial: wp.array2d(dtype=wp.vec3d), blocks: int, part: wp.array(dtype=wp.vec2d)):
         k = wp.tid()
@@ -155,7 +150,6 @@ def _limit(real: Any, lanes: int) -> wp.Kernel:
     register, vector = Register(real, lanes), wp.array(dtype=real)
     load, put, clip = run_of(register), put_of(register), clip_of(register)
 
-    @no_type_check
     @kernel
     def limit(
         begin: int, depth: int, first: int, size: int, count: int, lower: vector, upper: vector,

@@ -6,12 +6,12 @@ element node.  Formulas, arguments and results (groups, np*np, fields) are the s
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
 from swe_sphere.kernels.assembly import finish_rates
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.dynamics import (
     gradient,
     skew,
@@ -68,7 +68,7 @@ def kernels_of(t: KernelTypes, finish_of: Any = finish_rates) -> TendencyKernels
     finish_of: makes, from t and a number of fields, what finishes nodes inside elements.
     """
     finish = functools.partial(finish_of, t) if t.point is not None else None
-    made = _over_elements(t, finish) if t.shape == "element" else _over_nodes(t)
+    made = _element_tendency(t, finish) if t.shape == "element" else _node_tendency(t)
     flux = flux_kernel(t) if t.terms.diffuses and t.shape == "node" else None
     return TendencyKernels(made, flux, t.geometry, t.value)
 
@@ -84,13 +84,12 @@ def _formula(t: KernelTypes) -> Formula | None:
     return tangent(t) if t.terms.tangent else state(t)
 
 
-def _over_elements(t: KernelTypes, finish_of: Any) -> wp.Kernel:
+def _element_tendency(t: KernelTypes, finish_of: Any) -> wp.Kernel:
     terms, formula, source = t.terms, _formula(t), _source(t)
     finish: Finish = finish_of(formula.fields) if formula and finish_of else None
     load_winds, sweep = element_sweep(t, formula, finish) if formula else (None, None)
     diffuse = element_diffusion(t, finish_of) if terms.diffuses else None
 
-    @no_type_check
     @kernel
     def over_elements(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
         e = wp.tid()
@@ -103,12 +102,11 @@ def _over_elements(t: KernelTypes, finish_of: Any) -> wp.Kernel:
     return over_elements
 
 
-def _over_nodes(t: KernelTypes) -> wp.Kernel:
+def _node_tendency(t: KernelTypes) -> wp.Kernel:
     terms, formula, source = t.terms, _formula(t), _source(t)
     sweep = node_sweep(t, formula) if formula else None
     diffuse = node_diffusion(t) if terms.diffuses else None
 
-    @no_type_check
     @kernel
     def over_nodes(geo: t.geometry, x: t.vector, out: t.local, done: t.done):
         e, n = wp.tid()
@@ -123,8 +121,7 @@ def _over_nodes(t: KernelTypes) -> wp.Kernel:
 def _source(t: KernelTypes) -> Any:
     """Return the function (geometry, x): the vector of the prescribed wind or of the base."""
 
-    @no_type_check
-    @wp.func
+    @func
     def source(geo: t.geometry, x: t.vector):
         if wp.static(t.terms.wind and t.terms.dynamics):
             return geo.wind
@@ -158,5 +155,7 @@ def field_kernels(np_: int, real: Any, shape: str) -> FieldKernels:
     """Return the kernels on fields."""
     t = KernelTypes(np_, real, shape)
     made: Any = element_kernel if shape == "element" else node_kernel
-    kernels = [made(t, formula(t)) for formula in (gradient, transport, transport_tangent)]
-    return FieldKernels(*kernels, t.geometry, t.value)
+    return FieldKernels(
+        made(t, gradient(t)), made(t, transport(t)), made(t, transport_tangent(t)),
+        t.geometry, t.value,
+    )  # fmt: skip

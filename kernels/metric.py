@@ -8,10 +8,11 @@ Fournier 2010, doi:10.1016/j.jcp.2010.04.008, section 4).
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.define import func
 from swe_sphere.kernels.simd.arithmetic import product_of
 from swe_sphere.kernels.simd.register import Register
 
@@ -54,43 +55,35 @@ def metric_of(register: Register, whole: bool = True) -> Metric:
     value, basis = register.value, wp.array3d(dtype=register.value)
     mul: Any = product_of(register) if whole or register.lanes == 1 else wp.cw_mul
 
-    @no_type_check
-    @wp.func
+    @func
     def dot(p: value, q: value, u: value, v: value):
         return mul(p, u) + mul(q, v)
 
-    @no_type_check
-    @wp.func
+    @func
     def wedge(p: value, q: value, u: value, v: value):
         return mul(p, v) - mul(q, u)
 
-    @no_type_check
-    @wp.func
+    @func
     def contravariant_flux(b: basis, e: int, n: int, u: value, v: value):
         return wedge(u, v, b[e, n, 2], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 1], u, v)
 
-    @no_type_check
-    @wp.func
+    @func
     def covariant_wind(b: basis, e: int, n: int, u: value, v: value):
         return dot(b[e, n, 0], b[e, n, 1], u, v), dot(b[e, n, 2], b[e, n, 3], u, v)
 
-    @no_type_check
-    @wp.func
+    @func
     def gradient(b: basis, e: int, n: int, d1: value, d2: value):
         return wedge(d1, d2, b[e, n, 1], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 2], d1, d2)
 
-    @no_type_check
-    @wp.func
+    @func
     def divergence(d1: value, d2: value):
         return d1 + d2
 
-    @no_type_check
-    @wp.func
+    @func
     def curl(d1: value, d2: value):
         return d1 - d2
 
-    @no_type_check
-    @wp.func
+    @func
     def area(b: basis, e: int, n: int):
         return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])
 

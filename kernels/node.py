@@ -5,13 +5,13 @@ element have along the two lines of nodes through it.  A weak Laplacian needs tw
 a first kernel writes the fluxes of every node, the tendency kernel takes their weak divergence.
 """
 
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.diffusion import Diffusion, diffusion
-from swe_sphere.kernels.element import put_fields
+from swe_sphere.kernels.element import keep_fields
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.shared_lines import shared_lines
 from swe_sphere.kernels.terms import KernelTypes
@@ -19,15 +19,14 @@ from swe_sphere.kernels.terms import KernelTypes
 
 def node_sweep(t: KernelTypes, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, e, n, k, out): the formula at an element node."""
-    derivatives, put = _derivatives(t, f), put_fields(t, f.fields)
+    derivatives, keep = _derivatives(t, f), keep_fields(t, f.fields)
 
-    @no_type_check
-    @wp.func
+    @func
     def sweep(
         geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int, k: int, out: t.local
     ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
-        put(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
+        keep(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
 
     return sweep
 
@@ -39,7 +38,6 @@ def node_kernel(t: KernelTypes, formula: Formula) -> wp.Kernel:
     """
     sweep = node_sweep(t, formula)
 
-    @no_type_check
     @kernel
     def over_nodes(geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local):
         e, k, n = wp.tid()
@@ -52,8 +50,7 @@ def _derivatives(t: KernelTypes, f: Formula) -> Any:
     """Return the function (geometry, a, x, at, e, n): derivatives along each coordinate."""
     np_, lines = t.np, shared_lines(f.rows, t.real, t.np, "points")
 
-    @no_type_check
-    @wp.func
+    @func
     def derivatives(geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int):
         i = n // np_
         j = n % np_
@@ -79,7 +76,6 @@ def flux_kernel(t: KernelTypes) -> wp.Kernel:
     of, moves = _diffusion(t), t.terms.unknowns == 3
     derivatives = _derivatives(t, of.formula)
 
-    @no_type_check
     @kernel
     def flux(geo: t.geometry, x: t.vector):
         e, n = wp.tid()
@@ -97,11 +93,10 @@ def flux_kernel(t: KernelTypes) -> wp.Kernel:
 def node_diffusion(t: KernelTypes) -> Any:
     """Return the function (geometry, x, e, n, out): the Laplacian from what `flux_kernel` left."""
     of, np_, moves = _diffusion(t), t.np, t.terms.unknowns == 3
-    rows, put = of.formula.rows, put_fields(t, of.formula.fields)
+    rows, keep = of.formula.rows, keep_fields(t, of.formula.fields)
     lines = shared_lines(rows, t.real, np_, "fluxes")
 
-    @no_type_check
-    @wp.func
+    @func
     def fluxes(geo: t.geometry, e: int, n: int, line: int):
         r = rows()
         r[0] = geo.fluxes[e, n, line]
@@ -110,8 +105,7 @@ def node_diffusion(t: KernelTypes) -> Any:
             r[2] = geo.fluxes[e, n, 3]
         return r
 
-    @no_type_check
-    @wp.func
+    @func
     def diffuse(geo: t.geometry, x: t.vector, e: int, n: int, out: t.local):
         i = n // np_
         j = n % np_
@@ -122,7 +116,7 @@ def node_diffusion(t: KernelTypes) -> Any:
         lines.meet()
         t1 = lines.along_transposed(room, geo.derivative, i, j)
         t2 = lines.across_transposed(room, geo.derivative, i, j)
-        put(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
+        keep(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse
 

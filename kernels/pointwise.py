@@ -7,11 +7,11 @@ import functools
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import struct_of
+from swe_sphere.kernels.define import func, struct_of
 from swe_sphere.kernels.simd.arithmetic import product_of
 from swe_sphere.kernels.simd.memory import run_of
 from swe_sphere.kernels.simd.register import Register
@@ -94,8 +94,7 @@ def pointwise_sum(unknowns: int, register: Register, point: Pointwise) -> Pointw
     on_depth = point.forcing or any(term.depth for term in point.terms)
     on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
 
-    @no_type_check
-    @wp.func
+    @func
     def add(c: structure, node: int, size: int, x: vector, r: register.rows(unknowns)):
         if wp.static(unknowns == 3 and on_wind):
             two = wind(c, node, size, x)
@@ -127,8 +126,7 @@ def _wind_of(register: Register, point: Pointwise, structure: Any, of_terms: Any
     one, acts = lanes == 1, any(term.wind for term in point.terms)
     triple = wp.types.vector(3, real)
 
-    @no_type_check
-    @wp.func
+    @func
     def wind(c: structure, node: int, size: int, x: vector):
         r = pair()
         if wp.static(point.forcing):
@@ -163,16 +161,14 @@ def _depth_of(
     one, acts = lanes == 1, any(term.depth for term in point.terms)
     triple = wp.types.vector(3, real)
 
-    @no_type_check
-    @wp.func
+    @func
     def state(c: structure, i: int, size: int, w: vector, x: vector):
         if wp.static(unknowns == 1):
             return triple(c.wind[i], c.wind[size + i], x[i])
         else:
             return triple(w[i], w[size + i], x[2 * size + i])
 
-    @no_type_check
-    @wp.func
+    @func
     def depth(c: structure, node: int, size: int, w: vector, x: vector):
         r = value(real(0.0))
         if wp.static(point.forcing):
@@ -212,8 +208,7 @@ def _sum_of_terms(terms: tuple[PointTerm, ...], real: Any, tangent: bool) -> _Te
         formula and _typed(formula, mine, real) for formula in (terms[0].wind, terms[0].depth)
     )
 
-    @no_type_check
-    @wp.func
+    @func
     def of_wind(c: structure, i: int, x: triple, d: triple):
         r = pair()
         if wp.static(wind is not None and tangent):
@@ -226,8 +221,7 @@ def _sum_of_terms(terms: tuple[PointTerm, ...], real: Any, tangent: bool) -> _Te
             r += more_wind(c.others, i, x, d)
         return r
 
-    @no_type_check
-    @wp.func
+    @func
     def of_depth(c: structure, i: int, x: triple, d: triple):
         r = real(0.0)
         if wp.static(depth is not None and tangent):

@@ -9,11 +9,11 @@ node is a cache line, and a product one instruction for all tracers of a block.
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import kernel
+from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.element import line_sums
 from swe_sphere.kernels.simd.memory import Contributors
 from swe_sphere.kernels.simd.register import Register
@@ -44,13 +44,11 @@ def crossing_kernels(np_: int, real: Any) -> CrossingKernels:
     geometry, vector, area = t.geometry, t.vector, t.metric.area
     contravariant_flux = t.metric.contravariant_flux
 
-    @no_type_check
-    @wp.func
+    @func
     def across(geo: geometry, flux: vector, e: int, n: int):
         node = geo.nodes[e, n]
         return contravariant_flux(geo.basis, e, n, flux[node], flux[geo.size + node])
 
-    @no_type_check
     @kernel
     def contravariant(geo: geometry, flux: vector, out: wp.array3d(dtype=real)):
         e = wp.tid()
@@ -59,7 +57,6 @@ def crossing_kernels(np_: int, real: Any) -> CrossingKernels:
             out[e, n, 0] = one
             out[e, n, 1] = two
 
-    @no_type_check
     @kernel
     def crossings(geo: geometry, flux: vector, air: vector, out: vector):
         e = wp.tid()
@@ -78,13 +75,11 @@ def divergence_kernel(np_: int, real: Any, lanes: int) -> wp.Kernel:
     """Return the kernel (nodes (E, np*np), derivative, weight, across, N, q, out).
 
     It runs over (E, blocks).  out (blocks, E*np*np) = the mass-weighted -div(q F), before DSS, of q
-    (blocks*N,) and `across`,
-    what `contravariant` makes of F.
+    (blocks*N,) and `across`, the contravariant flux of F.
     """
     value, matrix = wp.types.vector(lanes, real), wp.array2d(dtype=real)
     d1, d2, _, _ = line_sums(Register(real, lanes), np_, value)
 
-    @no_type_check
     @kernel
     def divergence(
         nodes: wp.array2d(dtype=wp.int32), derivative: matrix, weight: matrix,
@@ -132,7 +127,6 @@ def stage_kernels(real: Any, lanes: int) -> StageKernels:
     value, vector = wp.types.vector(lanes, real), wp.array(dtype=real)
     values, fields = wp.array(dtype=value), wp.array2d(dtype=value)
 
-    @no_type_check
     @kernel
     def begin(
         state: vector, first: int, count: int, size: int, air: vector, rate: vector, t: real,
@@ -147,7 +141,6 @@ def stage_kernels(real: Any, lanes: int) -> StageKernels:
         mass[b * size + node] = m
         q[b * size + node] = m / (air[node] + t * rate[node])
 
-    @no_type_check
     @kernel
     def stage(
         places: wp.array(dtype=Contributors), inverse_area: vector, size: int, local: fields,
@@ -165,7 +158,6 @@ def stage_kernels(real: Any, lanes: int) -> StageKernels:
             mass[b * size + node] = m
         q[b * size + node] = m / (air[node] + t * rate[node])
 
-    @no_type_check
     @kernel
     def finish(mass: values, first: int, count: int, size: int, state: vector):
         node, b = wp.tid()
@@ -187,7 +179,6 @@ def flux_kernel(real: Any) -> wp.Kernel:
     vector, stage, leave = wp.array(dtype=real), stage_struct(real), leave_of(Register(real), 1)
     row = wp.types.vector(1, real)
 
-    @no_type_check
     @kernel
     def flux(wind: vector, x: vector, depth: int, size: int, first: int, s: stage, out: vector):
         node = wp.tid()

@@ -8,7 +8,7 @@ taken in one launch.
 
 import functools
 from dataclasses import dataclass
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -31,7 +31,6 @@ def blocks_kernel(real: Any, adds: bool, lanes: int = 1) -> wp.Kernel:
     gather, load, mul = gather_of(register), run_of(register), product_of(register)
     rows, leave = register.rows(1), leave_of(register, 1)
 
-    @no_type_check
     @kernel
     def assemble(
         places: wp.array(dtype=Contributors), inverse_area: vector, stride: int, begin: int,
@@ -77,21 +76,18 @@ def pointwise_kernels(real: Any) -> TracerKernels:
     """Return the kernels."""
     vector = wp.array(dtype=real)
 
-    @no_type_check
     @kernel
     def mixing_ratio(x: vector, depth: int, first: int, size: int, q: vector):
         k, node = wp.tid()
         at = k * size + node
         q[at] = x[first + at] / x[depth + node]
 
-    @no_type_check
     @kernel
     def follow(r: vector, x: vector, q: vector, depth: int, first: int, size: int):
         k, node = wp.tid()
         at = k * size + node
         x[first + at] = r[first + at] + q[at] * (x[depth + node] - r[depth + node])
 
-    @no_type_check
     @kernel
     def correct(
         q: vector, flux: vector, air: vector, factor: real, depth: int, first: int, size: int,
@@ -102,14 +98,12 @@ def pointwise_kernels(real: Any) -> TracerKernels:
         change = q[at] * (x[depth + node] - r[depth + node])
         x[first + at] = r[first + at] + change + factor * (flux[at] - q[at] * air[node])
 
-    @no_type_check
     @kernel
     def raised(x: vector, bottom: vector, depth: int, first: int, size: int, out: vector):
         k, node = wp.tid()
         at = k * size + node
         out[at] = x[first + at] * (real(1.0) + bottom[node] / x[depth + node])
 
-    @no_type_check
     @kernel
     def raised_tangent(
         base: vector, bottom: vector, depth: int, first: int, size: int, x: vector, out: vector
@@ -121,7 +115,6 @@ def pointwise_kernels(real: Any) -> TracerKernels:
         lost = base[first + at] * slope / h * x[depth + node]
         out[at] = x[first + at] * (real(1.0) + slope) - lost
 
-    @no_type_check
     @kernel
     def add(y: vector, first: int, size: int, x: vector):
         k, node = wp.tid()

@@ -1,7 +1,7 @@
 """Linear combinations of state vectors, steps among them, and numbers brought to other places."""
 
 import functools
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -21,19 +21,16 @@ def combine_kernel(real: Any, count: int) -> wp.Kernel:
     """
     vector, entry, put = wp.array(dtype=real), entry_of(real), put_of(Register(real))
 
-    @no_type_check
     @kernel
     def add_1(x: vector, a: vector, ca: real, out: vector) -> None:
         i = wp.tid()
         put(out, i, entry(x, i) + ca * entry(a, i))
 
-    @no_type_check
     @kernel
     def add_2(x: vector, a: vector, ca: real, b: vector, cb: real, out: vector) -> None:
         i = wp.tid()
         put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i))
 
-    @no_type_check
     @kernel
     def add_3(
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, out: vector
@@ -41,7 +38,6 @@ def combine_kernel(real: Any, count: int) -> wp.Kernel:
         i = wp.tid()
         put(out, i, entry(x, i) + ca * entry(a, i) + cb * entry(b, i) + cc * entry(c, i))
 
-    @no_type_check
     @kernel
     def add_4(
         x: vector, a: vector, ca: real, b: vector, cb: real, c: vector, cc: real, d: vector,
@@ -61,7 +57,6 @@ def combine_rows_kernel(real: Any) -> wp.Kernel:
     out = scale (x + sum_{s < count} c[s] stack[s]) for any number of rows; `out` may be `x`.
     """
 
-    @no_type_check
     @kernel
     def combine_rows(
         scale: wp.float64, x: wp.array(dtype=real), stack: wp.array2d(dtype=real),
@@ -80,7 +75,6 @@ def combine_rows_kernel(real: Any) -> wp.Kernel:
 def axpby_kernel(real: Any) -> wp.Kernel:
     """Kernel (a, x (n,), b, y (n,)): y = a x + b y, with a and b float64."""
 
-    @no_type_check
     @kernel
     def axpby(
         a: wp.float64, x: wp.array(dtype=real), b: wp.float64, y: wp.array(dtype=real)
@@ -101,7 +95,6 @@ def products_kernel(real: Any) -> wp.Kernel:
     without atomics, so that a run repeats bit by bit; the caller adds the chunks up.
     """
 
-    @no_type_check
     @kernel
     def products(
         stack: wp.array2d(dtype=real), weights: wp.array(dtype=wp.float64),
@@ -128,7 +121,6 @@ def least_kernel(real: Any) -> wp.Kernel:
     where there is none, -infinity where one is NaN.
     """
 
-    @no_type_check
     @kernel
     def least(
         x: wp.array(dtype=real), begin: int, end: int, span: int,
@@ -152,7 +144,6 @@ def nearness_kernel(real: Any) -> wp.Kernel:
     out = share |now| - |now - then|, where now is x from `first` on; NaN where one is.
     """
 
-    @no_type_check
     @kernel
     def nearness(
         share: real, x: wp.array(dtype=real), first: int, then: wp.array(dtype=real),
@@ -175,12 +166,10 @@ def packing_kernels(real: Any, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
     vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
     bring, bring_back = (bring_of(real, back, in_threads) for back in (False, True))
 
-    @no_type_check
     @kernel
     def pack(x: vector, places: numbers, packed: vector):
         bring(wp.tid(), x, places, packed)
 
-    @no_type_check
     @kernel
     def unpack(x: vector, places: numbers, packed: vector):
         bring_back(wp.tid(), x, places, packed)
@@ -200,7 +189,6 @@ def leapfrog_kernel(real: Any) -> wp.Kernel:
 
     entry, put = entry_of(real), put_of(Register(real))
 
-    @no_type_check
     @kernel
     def leapfrog(
         previous: wp.array(dtype=real), state: wp.array(dtype=real),

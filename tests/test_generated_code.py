@@ -59,7 +59,7 @@ class Code:
 
     @property
     def loads(self) -> int:
-        return self.count("address", "load", "load_run", "entry")
+        return self.count("address", "load", "entry")
 
     @property
     def stores(self) -> int:
@@ -70,8 +70,8 @@ class Code:
     @property
     def branches(self) -> int:
         """Conditions but ends of loops, those of DSS, which nodes need it, and what is a stage."""
-        of_warp = r"_deliver\w+\(.*?^\}"
-        of_ours = r"(gather_run|leave_of)\w+\(.*?^    \}"
+        of_warp = r"_store\w+\(.*?^\}"
+        of_ours = r"(gather_of|load_of|leave_of)\w+\(.*?^    \}"
         own = rf"^static [^\n]* ({of_warp}|{of_ours})"
         text = re.sub(own, "", self.text, flags=re.M | re.S)
         conditions = re.findall(r"\bif \((?!.*\) goto end_for_)", text)
@@ -209,11 +209,11 @@ def test_tangent_has_a_base_and_no_bottom(shape: str) -> None:
 def kernel_functions() -> list[tuple[str, ast.FunctionDef]]:
     """Every function of kernels/ that Warp compiles."""
     found = []
-    for path in sorted(Path(swe_sphere.kernels.__file__).parent.glob("*.py")):
+    for path in sorted(Path(swe_sphere.kernels.__file__).parent.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef):
                 decorators = " ".join(ast.unparse(item) for item in node.decorator_list)
-                if re.search(r"\bwp\.(func|kernel)\b", decorators):
+                if re.search(r"\b(func|kernel)\b", decorators):
                     found.append((f"{path.name}:{node.lineno}", node))
     return found
 

@@ -6,7 +6,7 @@ has to be stored and read again.  Differences to y keep what sums of weighted st
 """
 
 import functools
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -114,7 +114,6 @@ def mix_kernel(real: Any, lanes: int) -> wp.Kernel:
         x: vector, levels: matrix, weights: vector, first: int, last: int, at: int, out: vector
     ): ...
 
-    @no_type_check
     @kernel
     def mix(n: int, x: vector, levels: matrix, weights: vector, first: int, last: int, out: vector):
         mix_run(x, levels, weights, first, last, wp.min(lanes * wp.tid(), n - lanes), out)
@@ -152,7 +151,6 @@ def diffusive_stage_kernel(real: Any, lanes: int) -> wp.Kernel:
         cr: real, first: vector, cf: real, slope: vector, cs: real, change: vector, y: vector,
     ): ...  # fmt: skip
 
-    @no_type_check
     @kernel
     def diffusive_stage(
         begin: int, x: vector, last: vector, cl: real, before: vector, cb: real, rate: vector,

@@ -6,7 +6,7 @@ Vectors come by their addresses: one recorded command serves all of them.
 """
 
 import functools
-from typing import Any, no_type_check
+from typing import Any
 
 import warp as wp
 
@@ -107,7 +107,6 @@ def weighted_products_kernel(real: Any) -> wp.Kernel:
         size: int,
     ): ...
 
-    @no_type_check
     @kernel
     def products(
         call: wp.array(dtype=wp.uint64),
@@ -155,7 +154,6 @@ def tree_kernel() -> wp.Kernel:
         nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=wp.float64)
     ): ...
 
-    @no_type_check
     @kernel
     def tree(nodes: wp.array2d(dtype=wp.int32), whole: int, sums: wp.array2d(dtype=wp.float64)):
         add_up(nodes, whole, sums)
@@ -222,7 +220,6 @@ def _by_spans(code: str) -> wp.Kernel:
         span: int, call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int
     ): ...
 
-    @no_type_check
     @kernel
     def by_spans(call: wp.array(dtype=wp.uint64), coefficients: wp.array(dtype=wp.float64), n: int):
         in_span(wp.tid(), call, coefficients, n)

@@ -30,7 +30,7 @@ class RungeKutta(Stepper):
     """Explicit Runge-Kutta method with stages K_i = F(x + dt sum_j a_ij K_j, t + c_i dt).
 
     No slope is kept: a stage adds its own to what the levels before it tell of theirs (see
-    `kernels/stages.py`).
+    `kernels/simd/stages.py`).
     """
 
     a: ClassVar[tuple[tuple[float, ...], ...]]

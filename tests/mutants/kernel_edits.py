@@ -16,29 +16,35 @@ FORCED = ("driven",)
 HYPER = ("hyperviscosity-np",)
 DECAY_NODE = ("viscosity-node",)
 
-_FLUX_1 = "return wedge(p.fu, p.fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
-_COVARIANT = "r[at_curl] = dot(geo.basis[e, n, 2], geo.basis[e, n, 3], p.u, p.v)"
-_RU = "ru = -wedge(s1, s2, geo.basis[e, n, 1], geo.basis[e, n, 3])"
-_DH = "r[2] = -weight * (d1[1] + d2[1])"
-_ZETA = "zeta = d1[curl] - d2[curl]"
-_CURL = "curl = mul(w, d1[at_curl] - d2[at_curl])"
-_WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        if wp.static(alone)"
-_TRACERS = "f1[i, j] = wedge(fu, fv, geo.basis[e, n, 2], geo.basis[e, n, 3])"
+_FLUX = "return wedge(u, v, b[e, n, 2], b[e, n, 3])"
+_COVARIANT = "dot(b[e, n, 2], b[e, n, 3], u, v)"
+_GRADIENT = "return wedge(d1, d2, b[e, n, 1], b[e, n, 3])"
+_CURL = "return d1 - d2"
+_DH = "r[2] = -weight * divergence(d1[1], d2[1])"
+_DIFFUSED_CURL = "zeta = mul(w, curl(d1[at_curl], d2[at_curl]))"
+_WEIGHT = "weight = geo.weight[n // np_, n % np_]\n        gu, gv"
+_TRACERS = "flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))"
 _GATHER = "total += local.data[at.c[2] + offset] + local.data[at.c[3] + offset]"
 
 FORMULAS = tuple(
     Edit(name, f"kernels/{file}.py", cases, old, new)
     for file, name, cases, old, new in (
-        ("dynamics", "vorticity of the wrong sign", STEADY, _ZETA, "zeta = d2[curl] - d1[curl]"),
-        ("dynamics", "vorticity misses a term", STEADY, _ZETA, "zeta = d1[curl]"),
+        ("metric", "vorticity of the wrong sign", STEADY, _CURL, "return d2 - d1"),
+        ("metric", "vorticity misses a term", STEADY, _CURL, "return d1"),
         (
-            "dynamics",
+            "metric",
             "wrong entry of the basis in the gradient",
             STEADY,
-            _RU,
-            _RU.replace("n, 3]", "n, 2]"),
+            _GRADIENT,
+            _GRADIENT.replace("n, 3]", "n, 2]"),
         ),
-        ("dynamics", "wrong sign in the mass flux", UNSTEADY, _DH, _DH.replace("+", "-")),
+        (
+            "dynamics",
+            "wrong sign in the mass flux",
+            UNSTEADY,
+            _DH,
+            _DH.replace("divergence(d1[1], d2[1])", "(d1[1] - d2[1])"),
+        ),
         (
             "dynamics",
             "weights along one line only",
@@ -47,27 +53,33 @@ FORMULAS = tuple(
             _WEIGHT.replace("n % np_", "n // np_"),
         ),
         (
-            "formulas",
+            "metric",
             "wrong entry of the basis in transport",
             TRANSPORT,
-            _FLUX_1,
-            _FLUX_1.replace("3]", "1]"),
+            _FLUX,
+            _FLUX.replace("3]", "1]"),
         ),
         (
-            "formulas",
+            "metric",
             "covariant wind takes one component twice",
             UNSTEADY,
             _COVARIANT,
-            _COVARIANT.replace("p.v", "p.u"),
+            _COVARIANT.replace("u, v)", "u, u)"),
         ),
         (
             "diffusion",
             "curl of diffusion of the wrong sign",
             DECAY,
-            _CURL,
-            _CURL.replace("] - d2", "] + d2"),
+            _DIFFUSED_CURL,
+            _DIFFUSED_CURL.replace("curl(", "divergence("),
         ),
-        ("diffusion", "weak divergence misses a term", DECAY, "r = -t1 - t2", "r = -t1"),
+        (
+            "diffusion",
+            "weak divergence misses a term",
+            DECAY,
+            "-divergence(t1[0], t2[0])",
+            "-t1[0]",
+        ),
     )
 )
 
@@ -138,9 +150,9 @@ KERNELS = (
     ),
     Edit(
         "Coriolis force left out inside elements",
-        "kernels/element.py",
+        "kernels/assembly.py",
         STEADY,
-        "rate = add(geo.point, ~node[0], geo.size, x, rate)",
+        "rate = add(geo.point, node, geo.size, x, rate)",
         "pass",
     ),
     Edit(
@@ -172,11 +184,11 @@ KERNELS = (
         "r[0] = load(c.forcing, size + node)\n            r[1] = load(c.forcing, node)",
     ),
     Edit(
-        "flux of tracers takes the wrong entry of the basis",
-        "kernels/element.py",
+        "flux of tracers takes one wind twice",
+        "kernels/dynamics.py",
         ("deformational-np",),
         _TRACERS,
-        _TRACERS.replace("3]", "2]"),
+        _TRACERS.replace("w[1]", "w[0]"),
     ),
     Edit(
         "limiter forgets the masses of nodes",
@@ -187,14 +199,14 @@ KERNELS = (
     ),
     Edit(
         "DSS misses the fourth contributor",
-        "kernels/access.py",
+        "kernels/simd/memory.py",
         STEADY,
         _GATHER,
         "total += local.data[at.c[2] + offset]",
     ),
     Edit(
         "DSS counts a contributor twice",
-        "kernels/access.py",
+        "kernels/simd/memory.py",
         STEADY,
         _GATHER,
         _GATHER.replace("at.c[3]", "at.c[2]"),
