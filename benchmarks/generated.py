@@ -67,7 +67,7 @@ def _native(name: str, body: str, gather: Cost) -> Cost | None:
     """Of a function in C++ for one node; None of others, whose launch shape is not counted."""
     if name.startswith("leave_of"):
         return Cost(stores=float(re.findall(r"f < (\d+)", body)[0]))
-    if "shared_sum" in name:  # of rows that threads share
+    if name.startswith("shared_lines__locals__line_sum"):  # of rows that threads share
         points, rows = (int(re.findall(rf"{each} < (\d+)", body)[0]) for each in "mk")
         return Cost(flops=2.0 * points * rows)
     costs = {"entry_of": Cost(loads=1.0), "put_of": Cost(stores=1.0)}
