@@ -105,7 +105,7 @@ def state(t: KernelTypes) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum)
+    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum, turns=True)
 
 
 def tangent(t: KernelTypes) -> Formula:
@@ -145,7 +145,7 @@ def tangent(t: KernelTypes) -> Formula:
         else:
             return rates(geo, d1, d2, e, n, value(real(0.0)), value(real(0.0)))
 
-    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum)
+    return Formula(winds, wind, rows, slopes, result, 3 - terms.momentum, turns=True)
 
 
 def skew(t: KernelTypes) -> Formula:
@@ -170,7 +170,7 @@ def skew(t: KernelTypes) -> Formula:
         zeta = curl(d1[2], d2[2])
         return rates(geo, d1, d2, e, n, mul(zeta, w[3]), mul(zeta, w[2]))
 
-    return Formula(winds, wind, rows, slopes, result, 3)
+    return Formula(winds, wind, rows, slopes, result, 3, turns=True)
 
 
 def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:

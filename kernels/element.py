@@ -35,7 +35,6 @@ def element_sweep(
     d1, d2, _, _ = line_sums(t.register, np_, f.rows)
     rows, kept, store = f.rows, f.winds, _store(t, f.fields, finish)
     at_1, at_2, at_winds, _ = scratch(np_, rows, rows, kept)
-    turns = f.fields > 1 and kept is not t.real
 
     @func
     def load_winds(geo: geometry, a: vector, x: vector, e: int):
@@ -61,7 +60,7 @@ def element_sweep(
                     w = winds[i, j]
                 else:
                     w = f.wind(geo, a, x, e, n)
-                if wp.static(turns):
+                if wp.static(f.turns):
                     winds[i, j] = w
                 r1, r2 = f.slopes(geo, w, a, x, at, e, n)
                 f1[i, j] = r1

@@ -35,6 +35,8 @@ class Formula:
     fields: int = 0
     is_scalar: bool = False
     """Whether the same rows are differentiated along both coordinates."""
+    turns: bool = False
+    """Whether the result needs the winds."""
 
 
 def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:

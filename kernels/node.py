@@ -26,7 +26,10 @@ def node_sweep(t: KernelTypes, f: Formula) -> Any:
         geo: t.geometry, a: t.vector, x: t.vector, at: int, e: int, n: int, k: int, out: t.local
     ):
         s1, s2 = derivatives(geo, a, x, at, e, n)
-        keep(f.result(geo, f.wind(geo, a, x, e, n), s1, s2, e, n), e, n, k, out)
+        w = f.winds()
+        if wp.static(f.turns):
+            w = f.wind(geo, a, x, e, n)
+        keep(f.result(geo, w, s1, s2, e, n), e, n, k, out)
 
     return sweep
 

@@ -67,7 +67,7 @@ class DeviceMesh(Layout):
 
     @functools.cached_property
     def nodes(self) -> wp.array:
-        """Unique node numbers of the element nodes; for marked runs see `kernels/simd/memory.py`."""
+        """Unique node numbers of the element nodes; for runs see `kernels/simd/memory.py`."""
         numbers = self.in_lanes(self.part.node_of.reshape(self.elements, self.points, 1))
         if self.lanes > 1:
             first = numbers[..., 0]
