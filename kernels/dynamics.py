@@ -223,12 +223,13 @@ def _equations(t: KernelTypes, curls: int) -> tuple[Any, Any, Any]:
 
 
 def bernoulli_of(t: KernelTypes) -> Any:
-    """Return the function (geometry, kinetic, h): kinetic energy + g h, of what acts."""
+    """Return the function (geometry, kinetic, h): kinetic energy + g h, with a pressure term."""
+    terms = t.terms
 
     @func
     def bernoulli(geo: t.geometry, kinetic: t.value, h: t.value):
         r = kinetic
-        if wp.static(t.terms.pressure):
+        if wp.static(terms.pressure):
             r += geo.gravity * h
         return r
 
