@@ -22,7 +22,7 @@ class Formula:
     """
 
     winds: Any
-    """Type of the winds at a node: rows of them, or a number where the formula needs none."""
+    """Type of the winds at a node: rows of them, or one of zeros where the formula needs none."""
     wind: Any
     """(geometry, a, x, e, n): the `winds`."""
     rows: Any
@@ -41,22 +41,19 @@ class Formula:
 
 def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:
     """Return `winds` and `wind` of a formula: two rows of x if `own`, then two of a if `base`."""
-    real, load, vector = t.real, t.load, t.vector
-    winds, first = (t.register.rows(2 * (own + base)) if own or base else real), 2 * own
+    load, vector = t.load, t.vector
+    winds, first = t.register.rows(max(1, 2 * (own + base))), 2 * own
 
     @func
     def wind(geo: t.geometry, a: vector, x: vector, e: int, n: int):
-        if wp.static(not (own or base)):
-            return real(0.0)
-        else:
-            w = winds()
-            node = geo.nodes[e, n]
-            if wp.static(own):
-                w[0] = load(x, 0, node)
-                w[1] = load(x, geo.size, node)
-            if wp.static(base):
-                w[first] = load(a, 0, node)
-                w[first + 1] = load(a, geo.size, node)
-            return w
+        w = winds()
+        node = geo.nodes[e, n]
+        if wp.static(own):
+            w[0] = load(x, 0, node)
+            w[1] = load(x, geo.size, node)
+        if wp.static(base):
+            w[first] = load(a, 0, node)
+            w[first + 1] = load(a, geo.size, node)
+        return w
 
     return winds, wind
