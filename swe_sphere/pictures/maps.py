@@ -21,6 +21,7 @@ from swe_sphere.io.scalar_fields import evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 from swe_sphere.pictures.look import POLAR, Look
+from swe_sphere.planet import EARTH
 
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
@@ -34,6 +35,8 @@ CALM = 0.02
 """Arrows are omitted where the wind is weaker than this fraction of the strongest wind."""
 APART = (60, 30, 20, 10, 5, 2, 1)
 """Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
+GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
+"""Globe of all maps: cartopy's own is an ellipsoid."""
 STEP = 1e-4
 """Distance [rad] over which directions on a map are measured."""
 
@@ -55,7 +58,7 @@ class PolarMap(crs.Stereographic):  # type: ignore[misc]
     """
 
     def __init__(self, pole: float, lon: float, edge: float) -> None:
-        super().__init__(central_latitude=pole, central_longitude=lon)
+        super().__init__(central_latitude=pole, central_longitude=lon, globe=GLOBE)
         radius = math.hypot(*self.transform_point(lon, edge, crs.Geodetic()))
         turn = np.linspace(0.0, 2.0 * np.pi, 361)
         self._rim = LinearRing(radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
@@ -82,10 +85,10 @@ def new_map(figure: Figure | SubFigure, look: Look) -> GeoAxes:
     west, east, south, north = look.edges
     lon = 0.5 * (west + east) if look.region and look.projection not in POLAR else look.centre[0]
     projections: dict[str, Callable[[], Any]] = {
-        "equal-earth": lambda: crs.EqualEarth(lon),
-        "robinson": lambda: crs.Robinson(lon),
-        "lat-lon": lambda: crs.PlateCarree(lon),
-        "orthographic": lambda: crs.Orthographic(*look.centre),
+        "equal-earth": lambda: crs.EqualEarth(lon, globe=GLOBE),
+        "robinson": lambda: crs.Robinson(lon, globe=GLOBE),
+        "lat-lon": lambda: crs.PlateCarree(lon, globe=GLOBE),
+        "orthographic": lambda: crs.Orthographic(*look.centre, globe=GLOBE),
         "north-polar": lambda: PolarMap(90.0, lon, look.lowest),
         "south-polar": lambda: PolarMap(-90.0, lon, -look.lowest),
     }
@@ -93,7 +96,7 @@ def new_map(figure: Figure | SubFigure, look: Look) -> GeoAxes:
     axes.set_global()
     if look.region and look.projection not in POLAR:
         half = 0.5 * (east - west)
-        axes.set_extent((-half, half, south, north), crs.PlateCarree(lon))
+        axes.set_extent((-half, half, south, north), crs.PlateCarree(lon, globe=GLOBE))
     return axes
 
 
