@@ -58,7 +58,8 @@ class BDF2(VariableStepper):
         """A few more iterations with the set-up of the steps to come cost less than another one."""
         self._starter.start(self.state, t)
         self.solver.prepared_for = 2.0 / 3.0 * dt
-        self.solver.aim(self._starter, dt)
+        starter = self._starter
+        self.solver.aim(starter.state, starter.error_constant, starter.order, dt)
         failure = self._starter.solve_step(t, dt, out)
         self.solver.prepared_for = None
         return failure

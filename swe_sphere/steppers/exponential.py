@@ -47,7 +47,7 @@ class ExponentialMultistep(VariableStepper):
         self, tolerance: float | None, preconditioner: str, krylov_block: int
     ) -> StageSolver:
         """The rule for the tolerance of `KrylovExponential`, which takes no other options."""
-        return StageSolver(self.model, self, tolerance)
+        return StageSolver(self.model, self.solver_tolerance(tolerance))
 
     def allocate(self) -> None:
         """Make room for states and slopes of the steps before, and for the sources."""

@@ -56,7 +56,9 @@ class ImexRungeKutta(Stepper):
         solver: WaveSolver | None = None,
     ) -> None:  # fmt: skip
         super().__init__(model, dt)
-        self.solver = solver or WaveSolver(model, self, tolerance, coriolis)
+        self.solver = solver or WaveSolver(
+            model, self.solver_tolerance(tolerance), coriolis, self.name
+        )
         self.counters, self.space = self.solver.counters, self.solver.space
         stages, n, mesh = len(self.b), model.device_mesh.size, model.device_mesh
         self._tau = dt * self.implicit[0][-1]
@@ -88,7 +90,7 @@ class ImexRungeKutta(Stepper):
 
     def advance(self) -> None:
         """Take a step, stage by stage."""
-        self.solver.aim(self, self.dt)
+        self.solver.aim(self.state, self.error_constant, self.order, self.dt)
         self.solver.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])
         self.solver.waves.apply(self.state, self._linear[0])

@@ -1,6 +1,6 @@
 """The Newton-Krylov solver of implicit stages: problem, preconditioner and conserved masses."""
 
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import warp as wp
@@ -16,9 +16,6 @@ from swe_sphere.solvers.newton_steps import FollowedNonlinearity
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.stage_solver import StageSolver
-
-if TYPE_CHECKING:
-    from swe_sphere.steppers.stepper import Stepper
 
 KRYLOV_SIZE = 200
 KRYLOV_MEMORY = 2e9
@@ -91,10 +88,10 @@ class NewtonStages(StageSolver):
     """The tau [s] for which the preconditioner is set up; None: that of the stage."""
 
     def __init__(
-        self, model: Model, scheme: "Stepper", tolerance: float | None, preconditioner: str,
-        krylov_block: int, equations: type[Any] = StageProblem,
+        self, model: Model, tolerance: float, preconditioner: str, krylov_block: int,
+        equations: type[Any] = StageProblem,
     ) -> None:  # fmt: skip
-        super().__init__(model, scheme, tolerance)
+        super().__init__(model, tolerance)
         self.problem: Stages = equations(model, self.space, preconditioner)
         space = self.problem.space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
@@ -117,9 +114,9 @@ class NewtonStages(StageSolver):
         self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         return super().start(state, t, dt)
 
-    def aim(self, scheme: "Stepper", dt: float) -> None:
-        """Set the tolerance for a step of dt [s] of a scheme from its state."""
-        super().aim(scheme, dt)
+    def aim(self, state: wp.array, error_constant: float, order: int, dt: float) -> None:
+        """Set the tolerance for a step, see `StageSolver.aim`."""
+        super().aim(state, error_constant, order, dt)
         self._known = self.newton.nonlinearity
 
     def reject(self) -> None:

@@ -42,7 +42,7 @@ class SemiImplicit(Stepper):
         self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"
     ) -> None:
         super().__init__(model, dt)
-        self.solver = WaveSolver(model, self, tolerance, coriolis)
+        self.solver = WaveSolver(model, self.solver_tolerance(tolerance), coriolis, self.name)
         self.counters, self.space = self.solver.counters, self.solver.space
         self._starter = ARK2(model, dt, solver=self.solver)
         self.previous, self._slope, self._linear, self._change, self._difference = (
@@ -62,7 +62,7 @@ class SemiImplicit(Stepper):
         if self.steps == 0:
             self._first_step()
             return
-        self.solver.aim(self, self.dt)
+        self.solver.aim(self.state, self.error_constant, self.order, self.dt)
         self.solver.waves.linearise(self.state)
         self._explicit_tendency()
         self.space.scale(2.0 * self.dt, self._slope)

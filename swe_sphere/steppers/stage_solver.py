@@ -1,6 +1,6 @@
 """Solvers of the equations in a step: in which norm, how exactly, and with which result."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,9 +12,6 @@ from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.motion import Motion
-
-if TYPE_CHECKING:
-    from swe_sphere.steppers.stepper import Stepper
 
 TRACER_SHARE = 0.1
 """About the Froude number of the flows here: with it the change of a tracer that the wind carries
@@ -54,8 +51,7 @@ class StageSolver:
     out of range.
     """
 
-    def __init__(self, model: Model, scheme: "Stepper", tolerance: float | None) -> None:
-        tolerance = scheme.default_tolerance if tolerance is None else tolerance
+    def __init__(self, model: Model, tolerance: float) -> None:
         if not 0.0 <= tolerance < 1.0:
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
         self.model = model
@@ -75,10 +71,13 @@ class StageSolver:
         """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
         return self.motion.start(self.model, state, t, dt)
 
-    def aim(self, scheme: "Stepper", dt: float) -> None:
-        """Set the tolerance for a step of dt [s] of a scheme from its state."""
-        self.state = scheme.state
-        truncation = self.motion.truncation(scheme.error_constant, scheme.order, dt)
+    def aim(self, state: wp.array, error_constant: float, order: int, dt: float) -> None:
+        """Set the tolerance for a step of dt [s] from a state by its truncation error.
+
+        error_constant: C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1).
+        """
+        self.state = state
+        truncation = self.motion.truncation(error_constant, order, dt)
         self.tolerance = min(self.loosest, truncation)
 
     def reject(self) -> None:
@@ -115,16 +114,14 @@ class WaveSolver(StageSolver):
 
     The tolerance is relative to the right-hand side of the eliminated equation for the depth.
 
-    coriolis: "explicit", or "implicit" as part of L.  Raises ConfigError for another word, and for
-    a scene without gravity waves.
+    coriolis: "explicit", or "implicit" as part of L; name: the stepper's, for messages.  Raises
+    ConfigError for another word, and for a scene without gravity waves.
     """
 
-    def __init__(
-        self, model: Model, scheme: "Stepper", tolerance: float | None, coriolis: str
-    ) -> None:
-        super().__init__(model, scheme, tolerance)
+    def __init__(self, model: Model, tolerance: float, coriolis: str, name: str) -> None:
+        super().__init__(model, tolerance)
         self._solver = GravityWaveSolver(GravityWaves(model, coriolis))
-        self.waves, self._name = self._solver.waves, scheme.name
+        self.waves, self._name = self._solver.waves, name
 
     def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
         """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].

@@ -1,6 +1,7 @@
 """What every stepper does: it moves its state forward by one step at a time."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from contextlib import nullcontext
 from typing import Any, ClassVar, Literal, get_args
 
@@ -15,7 +16,6 @@ from swe_sphere.files.user_file import users_code
 from swe_sphere.operators.replay import Replay
 from swe_sphere.ranks.blas import one_thread
 from swe_sphere.settings.registry import Registry
-from swe_sphere.steppers.recorded_steps import CheckedReplay
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stability import Complex, largest_step
 from swe_sphere.steppers.stage_solver import StageSolver
@@ -254,8 +254,48 @@ class Stepper(Trajectory, ABC):
         if self.solver is not None:
             self.solver.load_state_dict(state)
 
+    def solver_tolerance(self, tolerance: float | None) -> float:
+        """The tolerance of the solver, or the default of the method."""
+        return self.default_tolerance if tolerance is None else tolerance
+
     def undeclared_levels(self) -> list[str]:
         """Names of arrays in `memory` that may be earlier states, if a class has no `levels`."""
         size = self.state.shape
         others = {name: array for name, array in self.arrays().items() if name != "state"}
         return [] if self.levels else [k for k, x in others.items() if x.shape[-1:] == size]
+
+
+class CheckedReplay(Replay):
+    """A replay whose first repetition of a step is compared with the step itself, bit for bit.
+
+    Work that a step does on the host, and numbers that change from step to step, are not recorded.
+    Raises ConfigError where the repetition differs.
+    """
+
+    def __init__(self, stepper: "Stepper") -> None:
+        super().__init__(stepper.model.launch, stepper.model.counters)
+        self._stepper = stepper
+        self._checked: set[Hashable] = set()
+
+    def __call__(self, key: Hashable) -> bool:
+        """Launch the recording of a step; return False where the step has to be run."""
+        if key in self._checked:
+            return super().__call__(key)
+        arrays, counted = self._stepper.arrays(), dict(self._counters)
+        before = [wp.clone(array) for array in arrays.values()]
+        if not super().__call__(key):
+            return False
+        self._checked.add(key)
+        repeated = [array.numpy().copy() for array in arrays.values()]
+        self._counters.update(counted)
+        for array, values in zip(arrays.values(), before, strict=True):
+            wp.copy(array, values)
+        self._stepper.advance()
+        for (name, array), values in zip(arrays.items(), repeated, strict=True):
+            if not np.array_equal(array.numpy(), values, equal_nan=True):
+                raise ConfigError(
+                    f"stepper {self._stepper.name}: a recorded step leaves another {name} than the"
+                    " step itself, as `advance` does work on the host or depends on the time; leave"
+                    " out `repeats_from`"
+                )
+        return True

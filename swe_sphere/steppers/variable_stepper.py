@@ -7,14 +7,15 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.steppers.newton_stages import NewtonStages, StageProblem
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import Family, Stepper
-from swe_sphere.steppers.sub_steps import step_in_parts
 
 DIFFUSION = ("whole", "apart")
 """Whether viscosity and hyperviscosity are part of the implicit equations, or split off."""
+SMALLEST_PART = 64
+"""A step that cannot be solved is halved, and halved again, down to this part of it."""
 
 
 class VariableStepper(Stepper):
@@ -55,13 +56,38 @@ class VariableStepper(Stepper):
     ) -> StageSolver:
         """The solver with those options."""
         return NewtonStages(
-            self.model, self, tolerance, preconditioner, krylov_block, self.equations
+            self.model,
+            self.solver_tolerance(tolerance),
+            preconditioner,
+            krylov_block,
+            self.equations,
         )
 
     def allocate(self) -> None:
         """Make the arrays of the method, which has its model and solver already."""
 
-    advance = step_in_parts
+    def advance(self) -> None:
+        """Take a step of dt, or as many equal parts of it as its solver needs.
+
+        Raises SolverFailed, with the state as it was, where the smallest parts fail.
+        """
+        done, parts, start = 0, 1, self.state
+        while done < parts:
+            dt = self.dt / parts
+            fault = self.attempt(self.time + done * dt, dt)
+            if fault is None:
+                self.accept(dt)
+                done += 1
+                continue
+            start = wp.clone(self.state) if parts == 1 else start
+            self.counters["rejected_steps"] += 1
+            done, parts = 2 * done, 2 * parts
+            if parts > SMALLEST_PART:
+                wp.copy(self.state, start)
+                raise SolverFailed(
+                    f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
+                    f"{parts // 2} parts: {fault}; choose a smaller --dt"
+                )
 
     @classmethod
     def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
@@ -73,7 +99,7 @@ class VariableStepper(Stepper):
 
         Returns what is wrong with it, in words; `state` has not changed before `accept`.
         """
-        self.solver.aim(self, dt)
+        self.solver.aim(self.state, self.error_constant, self.order, dt)
         fault = self.solve_step(t, dt, self.new) or self.solver.fault(self.new)
         if fault:
             self.solver.reject()

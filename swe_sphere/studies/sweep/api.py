@@ -12,6 +12,7 @@ from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.record_store import locked
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 if TYPE_CHECKING:
     import os
@@ -20,30 +21,6 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.scene import Scene
     from swe_sphere.steppers import Stepper
-    from swe_sphere.studies.sweep.record import RunRecord
-    from swe_sphere.studies.sweep.runs import RunSpec
-
-
-class SweepWatcher:
-    """Told how a sweep is going; this one does not care."""
-
-    def expect(self, runs: int) -> None:
-        """So many runs more are to come."""
-
-    def begin(self, spec: RunSpec) -> None:
-        """A run is about to be made."""
-
-    def tick(self, step: int) -> None:
-        """So many of its steps are done; told about ten times a second."""
-
-    def done(self, spec: RunSpec, record: RunRecord) -> None:
-        """There is a record of a run, a new one or one from before."""
-
-    def beside(self, record: RunRecord) -> None:
-        """Another process has made a run."""
-
-    def note(self, text: str) -> None:
-        """Something the user should know, in one line."""
 
 
 def sweep(

@@ -13,7 +13,6 @@ from pathlib import Path
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.studies.jobs import Tell, in_processes
-from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.errors import Evaluator, choose_reference, sweep_sources
 from swe_sphere.studies.sweep.record import RunRecord, current, header_of, note_plan, runs_of
 from swe_sphere.studies.sweep.runner import Runner
@@ -26,6 +25,7 @@ from swe_sphere.studies.sweep.runs import (
 )
 from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 CONVERGED = "converged"
 """Folder of the fields of reference runs."""

@@ -17,9 +17,9 @@ from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
-from swe_sphere.studies.sweep.api import SweepWatcher
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
 from swe_sphere.studies.sweep.runs import Discretisation, History, RunSpec
+from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 COUNTS = (
     "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
