@@ -1,0 +1,80 @@
+"""The paths of a step through the package, as docs/architecture.md lists them."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+import swe_sphere
+from swe_sphere.equations.model import Model
+from swe_sphere.steppers import get_stepper
+from swe_sphere.testcases import get_scene
+
+PACKAGE = str(Path(swe_sphere.__file__).parent)
+PAGE = (Path(__file__).parents[1] / "docs" / "architecture.md").read_text()
+LISTS = {
+    title: re.findall(r"^\d+\. `(\w+): ([\w.]+)`", text, re.MULTILINE)
+    for title, text in re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL)
+}
+STEPS = 5
+"""Enough for all recordings that a step launches."""
+
+
+def paths(small_mesh, name: str, monkeypatch, **attributes) -> list[list[tuple[str, str]]]:
+    """Functions of the package from `step` to each launch of a recording, in the last step."""
+    found, launch = [], wp.capture_launch
+
+    def watched(*arguments):
+        frames, frame = [], sys._getframe(1)
+        while frame is not None:
+            code = frame.f_code
+            if code.co_filename.startswith(PACKAGE):
+                frames.append((Path(code.co_filename).stem, code.co_qualname))
+            frame = frame.f_back
+        found.append(frames[::-1])
+        return launch(*arguments)
+
+    monkeypatch.setattr(wp, "capture_launch", watched)
+    kind = get_stepper(name)
+    for attribute, value in attributes.items():
+        monkeypatch.setattr(kind, attribute, value)
+    model = Model(small_mesh, get_scene("williamson5"))
+    stepper = kind(model, 300.0)
+    stepper.start(model.initial_state())
+    for _ in range(STEPS):
+        stepper.step()
+    found.clear()
+    stepper.step()
+    return found
+
+
+FIRST = ("stepper", "Stepper.step")
+PRECONDITIONER = ("block_elimination", "BlockElimination.apply")
+
+
+@pytest.mark.parametrize("repeats", [0, None], ids=["recorded", "unrecorded"])
+def test_explicit_steps_reach_their_launches_in_five_frames(small_mesh, repeats, monkeypatch):
+    found = paths(small_mesh, "rk4", monkeypatch, repeats_from=repeats)
+    assert found and all(path[0] == FIRST and len(path) <= 5 for path in found)
+    assert (LISTS["An explicit step"] in found) == (repeats is None)
+
+
+@pytest.mark.parametrize("name", ["bdf2", "tr-bdf2", "esdirk4", "gauss-legendre"])
+def test_implicit_steps_reach_their_preconditioner_in_twelve_frames(small_mesh, name, monkeypatch):
+    inside = [path for path in paths(small_mesh, name, monkeypatch) if PRECONDITIONER in path]
+    most = 12 if name != "gauss-legendre" else 14  # which has a preconditioner for each stage
+    assert inside and all(path[0] == FIRST and len(path) <= most for path in inside)
+    assert (LISTS["An implicit step"] in inside) == (name == "bdf2")
+
+
+def test_the_page_names_files_that_exist():
+    """Folders and files of the page of architecture are those of the package."""
+    root, places = Path(__file__).parents[1], ("", "swe_sphere")
+    for name in re.findall(r"`((?:[\w]+/)+(?:\w+\.py)?)`", PAGE):
+        found = [(root / place / name).exists() for place in places]
+        parts = [(root / "swe_sphere" / "studies" / name).exists()]
+        assert any(found + parts), name
