@@ -33,7 +33,7 @@ class Unstable(RunFailed):
 
 
 class SolverFailed(RunFailed):
-    """The equations of a step cannot be solved, however short it is made."""
+    """The equations of a step cannot be solved, in its smallest part or at all."""
 
     status = "solver-failed"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import warp as wp
+from test_packaging import LAYERS
 
 import swe_sphere
 from swe_sphere.equations.model import Model
@@ -72,9 +73,17 @@ def test_implicit_steps_reach_their_preconditioner_in_twelve_frames(small_mesh, 
 
 
 def test_the_page_names_files_that_exist():
-    """Folders and files of the page of architecture are those of the package."""
-    root, places = Path(__file__).parents[1], ("", "swe_sphere")
-    for name in re.findall(r"`((?:[\w]+/)+(?:\w+\.py)?)`", PAGE):
-        found = [(root / place / name).exists() for place in places]
-        parts = [(root / "swe_sphere" / "studies" / name).exists()]
-        assert any(found + parts), name
+    """Also names in the rows of folders, which are inside the folder of their row."""
+    root, package = Path(__file__).parents[1], Path(__file__).parents[1] / "swe_sphere"
+    for line in PAGE.splitlines():
+        folder = re.match(r"\| `(\w+/)`", line)
+        for name in re.findall(r"`((?:\w+/)*\w+\.py|(?:\w+/)+)`", line):
+            places = [root, package, package / (folder[1] if folder else "")]
+            assert any((place / name).exists() for place in places), name
+
+
+def test_the_rows_of_folders_are_the_order_of_imports():
+    rows = re.findall(r"^\| ((?:`\w+/`(?:, )?)+) \|", PAGE, re.MULTILINE)
+    order = [name for row in rows for name in re.findall(r"`(\w+)/`", row)]
+    assert order[: len(LAYERS)] == [*LAYERS[::-1]]
+    assert {*order[len(LAYERS) :]} == {"ranks", "files", "settings"}

@@ -210,3 +210,10 @@ def test_recommended_setting_on_the_page_of_scenes_is_that_of_the_scene() -> Non
             scene, told = get_scene(line.split("`")[1]), line.split("|")[3]
             assert f"ne{scene.ne} np{scene.np}," in told
             assert "period" in told or f" {scene.days:g} day" in told
+
+
+@pytest.mark.parametrize("wrong", [Viscosity, "drag", None])
+def test_what_is_no_effect_is_refused_where_it_is_added(wrong) -> None:
+    """A class without brackets used to vanish without a word."""
+    with fails("among its effects is"):
+        get_scene("williamson5").with_effect(wrong)

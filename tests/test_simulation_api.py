@@ -313,6 +313,7 @@ def test_a_diagnostic_of_a_wrong_shape_ends_the_run(value, word):
 
     summary = small().run(days=0.125)
     assert summary.status == "failed" and re.match(f"the diagnostic odd .*{word}", summary.reason)
+    assert summary["steps"] == 0  # before any step is taken, without a file too
 
 
 @pytest.mark.parametrize("first", ["number", "field"])

@@ -90,7 +90,11 @@ class Scene(SceneFields):
 
         An effect that vanishes (a viscosity of zero) is left out instead.  Relaxation of a scene
         without equilibrium is to the initial depth.
+
+        Raises ConfigError where `effect` is no effect.
         """
+        if not isinstance(effect, Effect):
+            return replace(self, effects=(*self.effects, effect))  # whose check states the mistake
         kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
             unneeded: dict[str, Any] = {effect.needs: None} if effect.needs else {}

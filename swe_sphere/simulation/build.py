@@ -17,6 +17,7 @@ import numpy
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import world
@@ -243,7 +244,8 @@ class Setup:
             counted = dict(self.model.counters)
             spectrum = self.kind.spectrum(self.model, self.model.initial_state())
             self.model.counters.update(counted)  # evaluations of the estimate are none of the run
-            label, limit = f"stable_dt of stepper {self.kind.name}", self.kind.limit(spectrum)
+            label = f"stable_dt of stepper {self.kind.name}"
+            limit = guarded(label, self.kind.limit, spectrum)
             self.limits["stable"] = float(convert(label, float, limit, finite=False))
         return self.limits["stable"]
 

@@ -278,6 +278,7 @@ class Simulation:
         try:
             for observer in observers:
                 observer.begin(self.plan, self.snapshot)
+            _ = self.snapshot.own_fields  # a diagnostic that fails does so before the first step
             health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
             loop = Loop(
                 self.model, self.stepper, self.plan, health, observers, lambda: self.snapshot,

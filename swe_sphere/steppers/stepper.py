@@ -137,7 +137,7 @@ class Stepper(Trajectory, ABC):
     repeats_from: ClassVar[int | None] = None
     """The step from which on `advance` launches the same kernels on arrays that `swap` exchanges,
     with no other work, so that it can be recorded; None: never.  A class that defines `advance`
-    defines it as well."""
+    does not inherit it."""
     safety: ClassVar[float] = 0.85
     """Part of the stability limit that an automatic step uses: winds grow during a run."""
     courant: ClassVar[float] = 2.0
@@ -227,7 +227,10 @@ class Stepper(Trajectory, ABC):
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
         """Largest amplification factors of a step, for eigenvalues times dt of both parts."""
-        raise ConfigError(f"stepper {cls.name} defines no `growth`, from which its limit follows")
+        raise ConfigError(
+            f"stepper {cls.name} defines no `growth(cls, z_wave, z_dissipation)`, from which its"
+            " stability limit follows"
+        )
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:

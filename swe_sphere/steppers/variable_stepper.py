@@ -14,8 +14,8 @@ from swe_sphere.steppers.stepper import Family, Stepper
 
 DIFFUSION = ("whole", "apart")
 """Whether viscosity and hyperviscosity are part of the implicit equations, or split off."""
-SMALLEST_PART = 64
-"""A step that cannot be solved is halved, and halved again, down to this part of it."""
+MOST_STEP_PARTS = 64
+"""A step that cannot be solved is halved, and halved again, into at most this many parts."""
 
 
 class VariableStepper(Stepper):
@@ -82,7 +82,7 @@ class VariableStepper(Stepper):
             start = wp.clone(self.state) if parts == 1 else start
             self.counters["rejected_steps"] += 1
             done, parts = 2 * done, 2 * parts
-            if parts > SMALLEST_PART:
+            if parts > MOST_STEP_PARTS:
                 wp.copy(self.state, start)
                 raise SolverFailed(
                     f"{self.name}: the step from {self.time:.0f} s cannot be solved even in "
