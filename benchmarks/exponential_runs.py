@@ -8,6 +8,7 @@ from swe_sphere.errors import RunFailed
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import OnGrid, Reference
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators.diagnose import vorticity
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.simulation import Simulation
 
@@ -91,4 +92,5 @@ def _error(scene: str, mesh: Mesh, name: str, dt: float, days: float, exact: np.
 
 
 def _vorticity(made: Run) -> np.ndarray:
-    return made.sim.model.vorticity(made.sim.stepper.state)
+    fields = made.sim.snapshot.fields
+    return vorticity(made.sim.mesh, fields["u"], fields["v"])

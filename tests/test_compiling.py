@@ -5,6 +5,7 @@ import pty
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 import warp as wp
@@ -98,6 +99,7 @@ def other_name(self, device):
         ("Runtime", "get_clang_pch_dir", None),
         ("Runtime", "get_clang_pch_dir", other_headers),
         ("Module", "_get_compile_output_name", None),
+        ("llvm", "wp_get_host_cpu_features", None),
         ("Module", "_get_compile_output_name", other_name),
     ],
 )
@@ -108,7 +110,9 @@ def test_another_warp_is_left_as_it_is(monkeypatch, tmp_path, owner, name, metho
     wp.init()
     with monkeypatch.context() as patched:
         kept = context.runtime.__dict__.get("get_clang_pch_dir")
-        if method is None:
+        if owner == "llvm":
+            patched.setattr(context.runtime, owner, SimpleNamespace())
+        elif method is None:
             patched.delattr(getattr(context, owner), name)
         else:
             patched.setattr(getattr(context, owner), name, method)

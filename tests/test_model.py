@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import sys
+import weakref
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 from support import make_scene, random_state, tendency
 
+from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
@@ -232,3 +235,20 @@ def test_models_of_fewer_effects_share_arrays_and_counters(small_mesh) -> None:
         other.conservative_tendency(other.initial_state(), 0.0, out)
         assert model.counters["rhs_evaluations"] == before + 1
     assert not model.inviscid.diffusive and model.inviscid.inviscid is model.inviscid
+
+
+def test_nothing_keeps_the_arrays_of_a_model_that_is_gone() -> None:
+    """A second simulation in a process must not find the memory of the first one occupied."""
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
+    model.tendency(model.initial_state(), 0.0, model.zeros())
+    mesh = weakref.ref(model.device_mesh)
+    del model
+    gc.collect()
+    assert mesh() is None
+
+
+def test_tracers_that_diffuse_have_no_stages() -> None:
+    scene = get_scene("deformational").with_effect(Viscosity(1e5))
+    model = Model(Mesh.build(2, 4), scene)
+    with pytest.raises(ConfigError, match="viscosity of tracers cannot be added in stages"):
+        model.right_hand_side(stage=(model.zeros(), 60.0))

@@ -12,6 +12,7 @@ from swe_sphere.equations.effect_terms import element_terms
 from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, term_operations
 from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.kernels.tracers import pointwise_kernels
@@ -56,7 +57,7 @@ class TracerEquations:
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
         """Return the operations on tracers of a component, see `RightHandSide`.
 
-        Raises NotImplementedError for a stage with diffusion, which is added to rates.
+        Raises ConfigError for a stage with diffusion, which is added to rates.
         """
         if component not in TRANSPORT:
             operations = [Operation(partial(_clear, self.first))]
@@ -67,7 +68,9 @@ class TracerEquations:
         if self._diffusion is None or component == "conservative":
             return operations
         if stage is not None:
-            raise NotImplementedError("a stage cannot diffuse tracers")
+            raise ConfigError(
+                "viscosity of tracers cannot be added in stages: leave out `diffusion_apart`"
+            )
         return operations + self._diffusion.operations(base if component == "tangent" else None)
 
     def carry(self, wind: wp.array, x: wp.array, out: wp.array) -> None:

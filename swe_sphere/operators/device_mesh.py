@@ -44,6 +44,8 @@ class DeviceMesh(Layout):
         super().__init__(mesh, part, comm, device, real, shape)
         self.points = mesh.np**2
         self._halos: dict[int, Halo] = {}
+        self._places: dict[int, wp.array] = {}
+        self._scratch: dict[tuple[int, Any], Field] = {}
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """The same part in another number type or order."""
@@ -125,13 +127,17 @@ class DeviceMesh(Layout):
         """One over the nodal area (N,) [m-2]."""
         return self.scatter(1.0 / self.mesh.area)
 
-    @functools.cache  # noqa: B019 - lives as long as the mesh, with two or three entries
     def places(self, unknowns: int) -> wp.array:
         """(N,) where the contributors of each node stand in local tendencies of that many fields.
 
         A node lacks those that are -1; the fourth of three stands in the empty last group.
         Raises ConfigError where 32 bits cannot tell the places.
         """
+        if unknowns not in self._places:
+            self._places[unknowns] = self._find_places(unknowns)
+        return self._places[unknowns]
+
+    def _find_places(self, unknowns: int) -> wp.array:
         part, width = self.part, unknowns * self.lanes
         if self.rows * width >= 2**31:
             raise ConfigError(
@@ -180,13 +186,15 @@ class DeviceMesh(Layout):
             setattr(filled, name, known[name] if name in known else getattr(self, name))
         return filled
 
-    @functools.cache  # noqa: B019 - lives as long as the mesh, with two or three entries
     def scratch(self, unknowns: int, value: Any) -> Field:
-        """The room for local tendencies that all operators share: each reads what it has written.
+        """Return the room for local tendencies that all operators share, see `local`.
 
-        See `local`.
+        An operator must have read its results before another one is launched.
         """
-        return self.local(unknowns, value)
+        key = unknowns, value
+        if key not in self._scratch:
+            self._scratch[key] = self.local(unknowns, value)
+        return self._scratch[key]
 
     def local(self, unknowns: int, value: Any) -> Field:
         """Return room for local tendencies, (groups + 1 ..., np*np, unknowns) of `value`.

@@ -118,6 +118,9 @@ def warp_internals() -> Any | None:
     try:
         from warp._src import context
 
+        wp.init()
+        if context.runtime.llvm is not None:
+            context.runtime.llvm.wp_get_host_cpu_features  # noqa: B018 - is it there?
         headers = inspect.signature(context.Runtime.get_clang_pch_dir).parameters
         compiled = inspect.signature(getattr(context.Module, OBJECT)).parameters
     except (ImportError, AttributeError):

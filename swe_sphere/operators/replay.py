@@ -29,8 +29,9 @@ class Replay:
             with replay.record(key):
                 ...
 
-    where the block makes the same launches every time that the key is the same.  Replays inside the
-    block do nothing: their launches belong to its recording.
+    where the block makes the same launches every time that the key is the same.  The key must name
+    the addresses of all arrays of the caller; all others must live as long as the replay.  Replays
+    inside the block do nothing: their launches belong to its recording.
     """
 
     def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:

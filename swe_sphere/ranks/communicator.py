@@ -149,7 +149,8 @@ class MpiCommunicator(Communicator):
         from mpi4py import MPI
 
         keep_to_one_thread()
-        self._mpi, self._comm = MPI, cast(Any, MPI.COMM_WORLD)
+        # messages of callers on COMM_WORLD must not meet those of the halo
+        self._mpi, self._comm = MPI, cast(Any, MPI.COMM_WORLD.Dup())
         self._failures = self._comm.Dup()
         self.rank, self.size = self._comm.rank, self._comm.size
         machine = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
