@@ -351,6 +351,7 @@ def test_ctrl_c_keeps_the_file_and_leaves_with_130(tmp_path):
     assert RunFile(file).times[-1] == pytest.approx(numbers["days"] * 86400.0)
 
 
+@pytest.mark.thorough
 def test_a_first_run_says_that_it_compiles(tmp_path):
     """In one line, also beside JSON; later runs, and those asked to be quiet, do not."""
     cache = {**os.environ, "WARP_CACHE_PATH": str(tmp_path / "cache")}

@@ -149,6 +149,7 @@ def test_templates_of_headers_are_instantiated_once(monkeypatch, flags):
     assert wp.config.cpu_compiler_flags == (flags and f"{flags} {TEMPLATES}")
 
 
+@pytest.mark.thorough
 def test_what_was_compiled_for_another_processor_is_compiled_anew_and_told_of(tmp_path):
     """Warp keeps the objects of all processors in one folder."""
     script = (

@@ -101,7 +101,10 @@ def kernels(real: type) -> list[wp.Kernel]:
 
 
 @with_cuda
-@pytest.mark.parametrize("real", [wp.float64, pytest.param(wp.float32, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "real", [wp.float64, pytest.param(wp.float32, marks=pytest.mark.exhaustive)]
+)
+@pytest.mark.thorough
 def test_kernels_compile_for_cuda(real: type, tmp_path) -> None:
     """To PTX, by the compiler that comes with Warp; no GPU is needed.  Its code spills nothing."""
     for i, kernel in enumerate(kernels(real)):
@@ -123,7 +126,7 @@ def test_spilled_registers_are_found(tmp_path) -> None:
 
 @with_cuda
 @with_ptxas
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_all_kernels_of_scenes_and_steppers_are_in_the_table(tmp_path) -> None:
     """And spill nothing."""
     (known,) = (s for name, s in json.loads(TABLE.read_text()).items() if name == "kernels")

@@ -129,6 +129,7 @@ def test_mass_is_kept_to_round_off(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [*EXPLICIT, *IMEX])
+@pytest.mark.thorough
 def test_it_limits_no_step(name: str) -> None:
     """The limit is that without it, and dynamics are compiled without its terms."""
     scene = make_scene("pressure")

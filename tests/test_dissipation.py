@@ -40,6 +40,7 @@ def test_viscosity_has_the_eigenvalues_of_the_laplacian(name: str, turned: bool)
 
 
 @pytest.mark.parametrize("turned", [False, True], ids=["gradient", "rotated"])
+@pytest.mark.thorough
 def test_hyperviscosity_squares_the_eigenvalues(turned: bool) -> None:
     nu = 1e17
     scene = make_scene("hyperviscosity").with_effect(Hyperviscosity(nu))

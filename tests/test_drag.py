@@ -47,6 +47,7 @@ LAGGED = ("leapfrog", "semi-implicit", "forward-backward", "fb-rk3")
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("names", SETS, ids="+".join)
+@pytest.mark.thorough
 def test_right_hand_side_and_tangent(small_mesh, names, shape) -> None:
     """Against the independent formulation, whose derivative is a complex step."""
     scene = make_scene(*names)
@@ -78,6 +79,7 @@ def test_tangent_of_quadratic_drag_in_still_air_is_nothing(small_mesh) -> None:
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.thorough
 def test_parts_add_up(small_mesh, shape, precision) -> None:
     """All of drag and relaxation is in the dissipative part, which has nothing to assemble."""
     model = Model(
@@ -113,6 +115,7 @@ def test_energy_falls_by_the_work_of_drag(small_mesh, drag) -> None:
 
 
 @pytest.mark.parametrize("name", (*EXPLICIT, *IMPLICIT))
+@pytest.mark.thorough
 def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
     """v/v0 = e^(-rt) / (1 + c |v0| (1 - e^(-rt)) / r), and depth goes to equilibrium as e^(-t/T).
 
@@ -135,6 +138,7 @@ def test_wind_decays_as_the_formulas_say(name: str, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", STEPPERS)
+@pytest.mark.thorough
 def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
     """On a made solution of all of dynamics; but where damping is lagged it is of first order."""
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
@@ -166,6 +170,7 @@ def test_leapfrog_is_stable_with_damping(name: str, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("name", IMPLICIT)
+@pytest.mark.thorough
 def test_mass_follows_relaxation(name: str) -> None:
     """It is not that of the right-hand side any more: the mean depth goes to equilibrium."""
     model = Model(MESH, make_scene("pressure", "rotation").with_effect(Relaxation(1e4)))

@@ -27,6 +27,7 @@ def model() -> Model:
 
 
 @pytest.mark.parametrize("name", STEPPERS)
+@pytest.mark.thorough
 def test_every_stepper_keeps_its_order_with_unsteady_forcing(model, name, monkeypatch) -> None:
     """Forcing of wind and depth, taken at the times of the stages; the filters switched off."""
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)

@@ -52,6 +52,7 @@ def ab(b: float, levels: list[np.ndarray]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("effects", SCENES.values(), ids=SCENES.keys())
+@pytest.mark.thorough
 def test_forward_backward_is_what_its_formulas_say(small_mesh, effects) -> None:
     """Shchepetkin & McWilliams (2005), from whole right-hand sides, after two steps of rk4."""
     model, dt = Model(small_mesh, make_scene(*effects)), 100.0

@@ -121,6 +121,7 @@ def operator_of(model: Model, component: str = "all"):
     ],
     ids="+".join,
 )
+@pytest.mark.thorough
 def test_only_the_named_effects_are_compiled(effects, shape) -> None:
     """Each optional name is in the code if and only if an effect of the scene calls for it."""
     code = code_of(make_scene(*effects), shape)

@@ -49,6 +49,7 @@ def test_mass_and_energy_tendencies_vanish(mesh, shape) -> None:
 
 
 @pytest.mark.parametrize("names", [("wind",), ("viscosity",), ("hyperviscosity", "orography")])
+@pytest.mark.thorough
 def test_mass_is_kept_by_transport_and_diffusion(mesh, names) -> None:
     model = Model(mesh, make_scene(*names))
     dh = tendency(model, random_state(model))[-mesh.size :]

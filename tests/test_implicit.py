@@ -74,6 +74,7 @@ def after_a_day(mountain):
 
 
 @pytest.mark.parametrize("name", SOLVES)
+@pytest.mark.thorough
 def test_mass_is_kept_to_round_off(after_a_day, name: str) -> None:
     assert abs(after_a_day[name]["mass"]) < 1e-13
 
@@ -171,6 +172,7 @@ def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
+@pytest.mark.thorough
 def test_restart_is_exact_to_the_last_bit(name: str) -> None:
     """Interrupted at any step, with dissipation, at an odd start time and a depth that changes."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))
@@ -371,6 +373,7 @@ def test_prescribed_wind_takes_one_newton_iteration_a_solve(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
+@pytest.mark.thorough
 def test_float32_follows_float64(small_mountain, name: str) -> None:
     single = Model(small_mountain.mesh, small_mountain.scene, precision="float32")
     ours, exact = (advance(name, m, HOUR, 5).state.numpy() for m in (single, small_mountain))
@@ -380,6 +383,7 @@ def test_float32_follows_float64(small_mountain, name: str) -> None:
 
 @pytest.mark.parametrize("name", SOLVES)
 @pytest.mark.parametrize("preconditioner", ["none", "jacobi", "helmholtz-direct"])
+@pytest.mark.thorough
 def test_solution_does_not_depend_on_the_preconditioner(
     small_mountain, name: str, preconditioner: str
 ) -> None:

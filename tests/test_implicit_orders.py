@@ -138,6 +138,7 @@ def moving():
 
 
 @pytest.mark.parametrize("name", IMPLICIT)
+@pytest.mark.thorough
 def test_temporal_order_over_three_halvings(moving, name: str) -> None:
     model, state, reference = moving
     scale = np.repeat(np.abs(reference).reshape(3, -1).max(axis=1), model.mesh.size)

@@ -104,6 +104,7 @@ def in_order(dataset):
     return dataset.isel(run=np.lexsort([dataset[n].values for n in ("dt", "stepper", "role")]))
 
 
+@pytest.mark.thorough
 def test_a_sweep_on_two_processes_finds_what_one_finds(tmp_path):
     """But for costs: none of them is timed."""
     alone = sweep("lauter", ["rk4", "leapfrog"], repeats=1, **TINY)

@@ -40,6 +40,7 @@ def check(mesh, names, shape, precision, bound) -> None:
 
 
 @pytest.mark.parametrize("np_", range(3, 17))
+@pytest.mark.thorough
 def test_node_shape_for_every_np(np_: int) -> None:
     check(Mesh.build(1, np_, spin=11.0), DYNAMICS, "node", "float64", ROUND_OFF)
 
@@ -50,7 +51,8 @@ def test_element_shape_for_many_np(np_: int) -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("np_", [4, pytest.param(7, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("np_", [4, pytest.param(7, marks=pytest.mark.exhaustive)])
+@pytest.mark.thorough
 def test_single_precision(np_: int, shape: str) -> None:
     check(Mesh.build(2, np_), FULL, shape, "float32", 1e-5)
 
@@ -64,6 +66,7 @@ def test_element_groups_that_are_not_full(ne: int) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("names", three_at_a_time(), ids="+".join)
+@pytest.mark.thorough
 def test_combinations_of_effects(small_mesh, names, shape) -> None:
     """The right-hand side, and its tangent by a complex step and by the exact difference."""
     scene = make_scene(*names)

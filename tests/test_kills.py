@@ -47,7 +47,7 @@ def quick_folder(tmp_path):
         yield Path(folder)
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_a_kill_at_any_call_leaves_whole_files(shim, quick_folder):
     """Before each write, truncation, sync, rename and removal in turn, and amid each write.
 
@@ -73,6 +73,7 @@ ENDLESS = (
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.37])
+@pytest.mark.thorough
 def test_a_killed_run_goes_on_bit_for_bit(tmp_path, delay):
     file, rest, whole = (tmp_path / f"{name}.nc" for name in ("killed", "rest", "whole"))
     program = Path(sys.executable).with_name("swe-sphere")

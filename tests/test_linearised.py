@@ -139,6 +139,7 @@ def test_newton_converges_at_once(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STEPPERS)
+@pytest.mark.thorough
 def test_every_stepper_keeps_its_order(name: str, monkeypatch) -> None:
     """On a made solution, with forcing beside the linearised dynamics."""
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)

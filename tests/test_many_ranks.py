@@ -102,6 +102,7 @@ def sums(parts, fields):
     return np.array(found)
 
 
+@pytest.mark.thorough
 def test_sums_of_many_ranks_have_the_bits_of_one(mesh, dealt_out):
     """Of numbers whose sum has others in any other order."""
     generator = np.random.default_rng(5)
@@ -119,6 +120,7 @@ def told_by(ranks, job):
     return json.loads(subprocess.check_output(command, text=True, timeout=300).splitlines()[-1])
 
 
+@pytest.mark.thorough
 def test_ranks_send_what_follows_from_mesh_and_launches():
     """Byte for byte, with explicit, semi-implicit and implicit steps."""
     pytest.importorskip("mpi4py")

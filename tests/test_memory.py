@@ -32,7 +32,7 @@ print(peak_memory() - before)
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("stepper", "ne", "np_"),
     [("rk4", 30, 4), ("semi-implicit", 30, 4), ("tr-bdf2", 30, 4), ("rk4", 16, 8),

@@ -29,6 +29,7 @@ def byte_code_of_installed_packages(monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("mutant", [*METRIC, *QUADRATURE, *SCENES, *ASSEMBLY, *STEPPERS], ids=label)
+@pytest.mark.thorough
 def test_fault_is_noticed(mutant: Swap) -> None:
     assert mutant.caught()
 
@@ -56,6 +57,7 @@ def test_edited_copy_is_the_one_that_runs(tmp_path) -> None:
     assert sources(copy) == before
 
 
+@pytest.mark.thorough
 def test_tests_notice_a_fault_in_a_copy(tmp_path) -> None:
     copy = copy_sources(tmp_path)
     fault = next(edit for edit in STEP_EDITS if "same for all np" in edit.name)

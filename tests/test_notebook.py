@@ -30,6 +30,7 @@ def shown(notebook):
     return [out.get("data", {}) for cell in cells for out in cell.outputs]
 
 
+@pytest.mark.thorough
 def test_the_first_steps_run_as_a_new_user_would(tmp_path):
     """A day of the jet and each run timed once; what is published shows all of it."""
     short = [
@@ -48,6 +49,7 @@ def test_the_first_steps_run_as_a_new_user_would(tmp_path):
     assert (tmp_path / "jet.nc").exists()
 
 
+@pytest.mark.thorough
 def test_what_accuracy_costs_is_found(tmp_path):
     found = executed("cost.ipynb", tmp_path)
     runs, answer = (data["text/plain"] for data in found if "text/html" in data)
@@ -56,6 +58,7 @@ def test_what_accuracy_costs_is_found(tmp_path):
     assert sum("image/png" in data for data in found) == 1
 
 
+@pytest.mark.thorough
 def test_own_scene_stepper_and_diagnostic_do_what_they_should(tmp_path):
     found = executed("own.ipynb", tmp_path)
     texts = [data["text/plain"] for data in found if data and "image/png" not in data]
@@ -68,7 +71,7 @@ def test_own_scene_stepper_and_diagnostic_do_what_they_should(tmp_path):
     assert abs(there - expected) < 0.1
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_output_is_read_and_regridded(tmp_path):
     pytest.importorskip("dask")
     found = executed("output.ipynb", tmp_path)

@@ -112,7 +112,7 @@ def triangles(a, b, c):
     return 2.0 * np.arctan2(np.sum(a * np.cross(b, c, axis=0), axis=0), 1.0 + sum(dot))
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_uxarray_takes_areas_and_zonal_means(run):
     """Almost all of its time goes into numba's compiling."""
     ux = pytest.importorskip("uxarray")

@@ -129,6 +129,7 @@ def with_drag():
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.thorough
 def test_own_drag_is_the_drag_of_the_package(path: Path, shape: str, precision: str) -> None:
     """Right-hand side and derivative, to round-off."""
     models = [
@@ -180,6 +181,7 @@ def test_spectrum_knows_it_with_a_derivative_or_without(path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["rk4", "ark2", "tr-bdf2", "gauss-legendre"])
 @pytest.mark.parametrize("base", ["williamson5", "williamson1"])
+@pytest.mark.thorough
 def test_a_source_of_mass_brings_its_mass(path: Path, name: str, base: str) -> None:
     """No implicit stepper takes it for an error of its solver; also under a prescribed wind."""
     if name == "ark2" and base == "williamson1":

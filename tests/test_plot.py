@@ -58,6 +58,7 @@ def colours(path):
 
 
 @pytest.mark.parametrize("field", ["h", "surface", "b", "u", "v", "speed", "vorticity"])
+@pytest.mark.thorough
 def test_every_field_gives_a_picture(run, tmp_path, field):
     look = Look(panel=field == "h")  # the series are the same under all of them
     picture = plot_file(run, field, out=tmp_path / f"{field}.png", look=look)
@@ -76,6 +77,7 @@ def test_the_frame_asked_for_is_drawn(run, tmp_path):
     assert not np.array_equal(colours(early), colours(late))
 
 
+@pytest.mark.thorough
 def test_pictures_beside_the_file_are_named_after_field_and_day(run):
     """So that none takes the place of another."""
     asked = {
@@ -376,6 +378,7 @@ def test_lines_of_the_panels_are_not_cut(run):
 
 
 @pytest.mark.parametrize("ending", ["gif", "mp4"])
+@pytest.mark.thorough
 def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
     monkeypatch.setattr(animate, "ROWS", 31)
     monkeypatch.setattr(animate, "DOTS_PER_INCH", 40)
@@ -391,6 +394,7 @@ def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
 
 
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
+@pytest.mark.thorough
 def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, monkeypatch, ending):
     monkeypatch.setattr(animate, "ROWS", 31)
     mesh = Mesh.build(2, 4)

@@ -145,6 +145,7 @@ def test_all_find_the_same_solution(name: str) -> None:
 @pytest.mark.parametrize("shape", ["element", "node"])
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("name", ELIMINATING)
+@pytest.mark.thorough
 def test_number_types_and_launch_shapes_agree(name: str, precision: str, shape: str) -> None:
     mesh = Mesh.build(2, 4, stretch=1.5, spin=17.0)
     scene = make_scene("advection", "pressure", "rotation")

@@ -195,13 +195,14 @@ def fingerprints(ranks, modes):
 
 
 @pytest.mark.parametrize("case", range(len(EXPLICIT)))
+@pytest.mark.thorough
 def test_explicit_steps_have_the_bits_of_one_process(found, case):
     expected = [*fingerprint(*EXPLICIT[case])][:2]
     two, three = (found[ranks]["plain"][case][:2] for ranks in (2, 3))
     assert two == three == expected
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(mpi):
     """On a mesh so fine that no rank has all coarse functions of the preconditioner."""
     cases = [["williamson5", name, 600.0, 2, 12, 3, {}] for name in STEPPERS]
@@ -282,6 +283,7 @@ def status_here(*arguments):
     return ended.value.code
 
 
+@pytest.mark.thorough
 def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
     """Its commands, shortened."""
     page = Path(__file__).parents[1] / "docs" / "parallel.md"
@@ -297,6 +299,7 @@ def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
         subprocess.run(command, cwd=tmp_path / program, check=True, timeout=60, env=env)
 
 
+@pytest.mark.thorough
 def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):
     run = ["run", "williamson5", "--ne", 2, "--dt", 1800, "--every", 3, "--quiet"]
     alone, several = tmp_path / "alone.nc", tmp_path / "several.nc"
@@ -333,6 +336,7 @@ def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
         ),
     ],
 )
+@pytest.mark.thorough
 def test_a_rank_that_fails_alone_ends_the_job(mpi, tmp_path, deed, said):
     """In one line, with the frames before it in the file, from which the run goes on."""
     own, out = tmp_path / "own.py", tmp_path / "run.nc"
@@ -384,6 +388,7 @@ Simulation("williamson2", ne=1, np=3, dt=600.0).step()
 """
 
 
+@pytest.mark.thorough
 def test_what_fails_on_all_ranks_may_be_caught_on_all(mpi, tmp_path):
     """Rank 0 compiles for all; where it cannot, the others find so too, and none waits."""
     (tmp_path / "wrong.py").write_text(WRONG)  # Warp reads the source of a formula
@@ -392,6 +397,7 @@ def test_what_fails_on_all_ranks_may_be_caught_on_all(mpi, tmp_path):
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
+@pytest.mark.thorough
 def test_ranks_may_have_fewer_nodes_than_a_register(mpi):
     run = ["williamson5", "--ne", 1, "--np", 3, "--stepper", "forward-backward", "--days", 0.1]
     ended = program("run", *run, "--precision", "float32", "--quiet", ranks=6)
@@ -440,6 +446,7 @@ def test_more_ranks_than_were_started_are_refused(mpi):
     assert ended.returncode == 2 and "2 have been started" in ended.stderr
 
 
+@pytest.mark.thorough
 def test_a_file_says_how_many_ranks(mpi, tmp_path):
     """As the flag does, which goes first; the file holds when the run goes on, too."""
     file, out = tmp_path / "run.toml", tmp_path / "run.nc"
@@ -487,6 +494,7 @@ SCRIPTS = {
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.thorough
 def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
     command = [*MPIEXEC, "2", sys.executable, "-c", "import swe_sphere as s\n" + script]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
@@ -523,6 +531,7 @@ def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, st
     assert ended.returncode == status
 
 
+@pytest.mark.thorough
 def test_one_rank_may_have_jobs(mpi):
     """What it starts are no ranks."""
     verify = ["verify", "--quick", "--scenes", "start-williamson2,start-williamson5", "--jobs", 2]
@@ -531,6 +540,7 @@ def test_one_rank_may_have_jobs(mpi):
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.thorough
 def test_ranks_hear_of_what_is_sent_to_what_started_them(mpi, tmp_path, sent):
     out = tmp_path / "run.nc"
     run = ["run", "williamson5", "--ne", "4", "--every", "1", "--ranks", "2", "--out", str(out)]

@@ -188,6 +188,7 @@ def test_arguments_that_a_benchmark_does_not_take_are_found(monkeypatch):
 
 
 @pytest.mark.parametrize("lines", COMMANDS)
+@pytest.mark.thorough
 def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, monkeypatch, capsys):
     """Each command of a page in turn, in one folder: shortened, and of sweeps the plan alone.
 

@@ -119,6 +119,7 @@ def sweep(folder, *more: str) -> None:
     assert end.value.code == 0
 
 
+@pytest.mark.thorough
 def test_every_combination_of_a_recipe_has_a_folder(small_map) -> None:
     names = {path.name for path in (small_map / "out").iterdir() if path.is_dir()}
     assert names == {

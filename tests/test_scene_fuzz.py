@@ -55,6 +55,7 @@ def is_one_clear_line(text: str) -> bool:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.thorough
 def test_a_faulty_scene_ends_in_one_line(run_scene, tmp_path, fault) -> None:
     (tmp_path / "a.nc").write_text("precious")
     result = run_scene(FAULTS[fault], "--quiet")
@@ -73,7 +74,7 @@ def test_a_function_that_fails_later_ends_the_run_in_good_order(run_scene, tmp_p
     assert list(RunFile(tmp_path / "a.nc").times) == [0.0]
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_number_stands_for_an_array_of_it(run_scene, name) -> None:
     """Whole numbers and lists of one, too: bit for bit the same."""
@@ -114,7 +115,7 @@ def test_a_complaint_names_scene_field_and_line(run_scene) -> None:
     assert "mine: coriolis has the shape (55,); it must be an array of shape (56,)" in short
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @settings(max_examples=100, deadline=None)
 @given(
     shape=hnp.array_shapes(min_dims=1, max_dims=2, max_side=4),

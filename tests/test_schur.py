@@ -84,6 +84,7 @@ def case(request):
     return System(*request.param), ROUNDOFF[request.param[1]]
 
 
+@pytest.mark.thorough
 def test_elimination_against_matrices(case) -> None:
     system, tolerance = case
     n = system.mesh.size
@@ -155,6 +156,7 @@ def at_rest(mesh) -> np.ndarray:
 @pytest.mark.parametrize("rotation", [(), ("rotation",)], ids=["still", "rotating"])
 @pytest.mark.parametrize("np_", [4, 8])
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.thorough
 def test_direct_is_the_inverse_of_the_model_at_rest(np_: int, rotation, shape: str) -> None:
     """Both ways round: M^-1 (I - tau J) d = d and (I - tau J) M^-1 r = r."""
     mesh = mesh_of(np_)

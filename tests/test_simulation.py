@@ -218,6 +218,7 @@ DAMPED = ("hyperviscosity.nu=default",)
     [(name, DAMPED) for name in ("rk4", "ssprk3", "kg5", "leapfrog")]
     + [(name, ()) for name in ("tr-bdf2", "bdf2", "semi-implicit", "ark2")],
 )
+@pytest.mark.thorough
 def test_a_restart_goes_on_bit_for_bit(tmp_path, stepper, settings):
     """Also where the set-up of the preconditioner in use was made for an earlier depth."""
     whole, part, rest = (tmp_path / name for name in ("whole.nc", "part.nc", "rest.nc"))

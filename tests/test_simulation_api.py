@@ -422,6 +422,7 @@ def test_a_damaged_checkpoint_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", STEPPERS)
+@pytest.mark.thorough
 def test_a_second_simulation_makes_no_kernel(monkeypatch, name):
     """Making one takes longer than most of what else a short run does."""
 

@@ -28,6 +28,7 @@ def site(tmp_path_factory):
     return folder / "html"
 
 
+@pytest.mark.thorough
 def test_every_scene_has_a_page_with_its_source_and_its_formula(site):
     for name in SCENES:
         page = (site / "scenes" / f"{name}.html").read_text()

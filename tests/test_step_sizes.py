@@ -53,6 +53,7 @@ def error(stepper: Stepper, scene: str = "lauter") -> float:
 
 
 @pytest.mark.parametrize("name", SOLVING)
+@pytest.mark.thorough
 def test_short_steps_converge_with_default_tolerances(name: str) -> None:
     """At no less than 0.85 of the order, to 1.15 times the errors of exact solves."""
     found = {dt: advance(name, dt) for dt in (LONG, SHORT)}

@@ -120,6 +120,7 @@ def energy(model: Model, state) -> float:
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("name", EXPLICIT)
+@pytest.mark.thorough
 def test_restart_is_exact_to_the_last_bit(name: str, precision: str) -> None:
     """Interrupted at any step, with dissipation and an odd start time."""
     scene = get_scene("williamson5").with_effect(Viscosity(1e5))

@@ -377,7 +377,7 @@ def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
 # --- all of the quick form
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
     line = ["stress", "--quick", "--json", "--resume", "--out", str(tmp_path / "page.md")]
     with pytest.raises(SystemExit) as end:

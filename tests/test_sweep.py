@@ -292,6 +292,7 @@ GRID = {"ne": 2, "np": 4, "days": 0.25, "levels": 3, "repeats": 2}
 
 
 @pytest.mark.parametrize("runs", [1, 2, 5, 12])
+@pytest.mark.thorough
 def test_a_sweep_that_was_stopped_ends_like_one_that_was_not(tmp_path, runs, lauter_whole):
     handler = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
@@ -323,7 +324,7 @@ sweep("lauter", ["rk4", "bdf2"], out=sys.argv[1], ne=2, np=4, days=0.25, levels=
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_nothing_is_lost_by_kills_at_random_moments(tmp_path, lauter_whole):
     """SIGKILL at any point, while a file is written too; finished runs stay as they are."""
     seed = random.randrange(10**6)

@@ -206,7 +206,7 @@ class Disk:
         self.states.append({path.relative_to(self._folder): path.read_bytes() for path in files})
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 def test_a_kill_at_any_write_leaves_what_the_sweep_goes_on_from(tmp_path, monkeypatch):
     """All that lay in the folder at any moment, half-written pieces included."""
     with monkeypatch.context() as patched:

@@ -114,6 +114,7 @@ def without_times(text):
 
 
 @pytest.mark.parametrize(("live", "environment"), PICTURES)
+@pytest.mark.thorough
 def test_pictures_and_tables_are_those_of_one_process(alone, live, environment):
     status, text = by_ranks(*live, environment=environment)
     expected = alone(live, environment)
@@ -128,6 +129,7 @@ def test_a_bar_and_a_table_are_as_wide_as_the_terminal(alone):
     assert "\x1b[3m" in table and "completed" in table
 
 
+@pytest.mark.thorough
 def test_a_terminal_of_unknown_size_shows_the_table(alone):
     _, text = by_ranks(*U, size=UNKNOWN)
     assert "completed" in text and without_times(text) == without_times(alone(U, {}, UNKNOWN)[1])
@@ -141,6 +143,7 @@ def test_what_goes_to_a_file_is_plain(tmp_path):
     assert "\x1b" not in table and "completed" in table
 
 
+@pytest.mark.thorough
 def test_pictures_need_a_terminal_for_errors(tmp_path):
     with (tmp_path / "told").open("w") as file:
         status, text = by_ranks(*U, stderr=file)

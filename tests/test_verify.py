@@ -71,6 +71,7 @@ def measured_once(known, monkeypatch) -> None:
 
 @pytest.mark.usefixtures("measured_once")
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: case.name)
+@pytest.mark.thorough
 def test_quick_verification_passes(case: Case) -> None:
     for row in run_cases([case]):
         assert (row.measure.status, row.measure.reason) == ("completed", "")
