@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from dataclasses import replace
 
 import matplotlib as mpl
@@ -21,6 +22,7 @@ from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Observer, every
 from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.steppers import STEPPERS
+from swe_sphere.steppers.stepper import Stepper
 from swe_sphere.testcases import get_scene
 
 mpl.use("Agg")
@@ -432,3 +434,18 @@ def test_a_second_simulation_makes_no_kernel(monkeypatch, name):
     step_once()
     monkeypatch.setattr(wp.Kernel, "__init__", lambda *_, **__: pytest.fail("one was made"))
     step_once()
+
+
+def test_cpu_time_of_steps_leaves_compiling_out(monkeypatch):
+    """A kernel that is compiled within a step does not count as work of the step."""
+    sim, now = small(), [100.0]
+    monkeypatch.setattr(time, "process_time", lambda: now[0])
+
+    def step(stepper):
+        now[0] += 8.0
+        stepper.model.launch.compile_cpu_seconds += 3.0
+        stepper.steps += 1
+
+    monkeypatch.setattr(Stepper, "step", step)
+    summary = sim.run(days=0.125)
+    assert sim.clock.cpu_seconds == pytest.approx(5.0 * summary["steps"])
