@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from swe_sphere.simulation.observers import every
     from swe_sphere.simulation.simulation import Simulation
     from swe_sphere.solvers.preconditioners import Preconditioner
-    from swe_sphere.steppers import Stepper, list_steppers
+    from swe_sphere.steppers import Stepper, get_stepper, list_steppers
     from swe_sphere.steppers.dirk import DiagonallyImplicit
     from swe_sphere.steppers.imex_runge_kutta import ImexRungeKutta
     from swe_sphere.steppers.runge_kutta import RungeKutta
@@ -39,7 +39,7 @@ __all__ = [
     "DYNAMICS", "EARTH", "MASSES", "ConfigError", "DiagonallyImplicit", "Effect", "ImexRungeKutta",
     "Mesh", "Orography", "Planet", "PointwiseEffect", "Preconditioner", "Rotation", "RungeKutta",
     "Scene", "Simulation", "Stepper", "Tracers", "__version__", "diagnostic", "every", "get_scene",
-    "list_scenes", "list_steppers", "open_run", "sweep", "verify",
+    "get_stepper", "list_scenes", "list_steppers", "open_run", "sweep", "verify",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -58,7 +58,7 @@ _MODULES = {
     "simulation.observers": ("every",),
     "simulation.simulation": ("Simulation",),
     "solvers.preconditioners": ("Preconditioner",),
-    "steppers": ("Stepper", "list_steppers"),
+    "steppers": ("Stepper", "get_stepper", "list_steppers"),
     "steppers.dirk": ("DiagonallyImplicit",),
     "steppers.imex_runge_kutta": ("ImexRungeKutta",),
     "steppers.runge_kutta": ("RungeKutta",),

@@ -161,8 +161,14 @@ def test_other_steppers_have_it_in_their_stages(name: str) -> None:
     if name in IMPLICIT:
         assert stepper.order_in(model, diffusion="apart") == min(stepper.order, 2)
     if stepper.estimate_order is not None:
-        adaptive = AdaptiveSteps(stepper, 1e-3)
-        assert adaptive.diffusion is None and adaptive.model is model
+        twin, state = STEPPERS[name](model, 900.0), model.initial_state()
+        adaptive = AdaptiveSteps(stepper, 1.0, first=900.0)
+        for one in (adaptive, twin):
+            one.start(state)
+        adaptive.step()
+        assert twin.attempt(0.0, 900.0) is None
+        twin.accept(900.0)
+        np.testing.assert_array_equal(adaptive.state.numpy(), twin.state.numpy())
 
 
 def test_apart_it_costs_an_implicit_stepper_no_iterations() -> None:

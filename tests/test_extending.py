@@ -125,6 +125,15 @@ def test_a_stepper_without_growth_is_one_line(here) -> None:
         )
 
 
+@pytest.mark.parametrize("names", [("state", "previos"), "state", ("dt",)])
+@pytest.mark.parametrize("what", ["memory", "levels"])
+def test_names_of_no_arrays_are_one_line(what: str, names: object, monkeypatch) -> None:
+    model = Model(Mesh.build(2, 4), get_scene("williamson5"))
+    monkeypatch.setattr(RK4, what, names)
+    with pytest.raises(ConfigError, match="stepper rk4: `memory` and `levels` must be tuples"):
+        RK4(model, 60.0).start(model.initial_state())
+
+
 def test_a_class_is_as_good_as_its_name() -> None:
     assert get_stepper(RK4) is RK4 is get_stepper("rk4")
 
@@ -156,6 +165,10 @@ def test_the_same_file_gives_the_same_class_until_it_is_edited(here) -> None:
         (RK + EULER.format("A", "rk4"), "class A: there is a stepper 'rk4' already, in swe_sphere"),
         (BASE, "stepper A does not define advance"),
         (RK + "class A(RungeKutta):\n    name = 'a'\n", "stepper a has no `order`"),
+        (
+            RK + EULER.format("A", "one") + "    family = 'mine'\n",
+            "stepper one: `family` is one of explicit, .*, not 'mine'",
+        ),
     ],
 )
 def test_a_bad_file_is_one_clear_line(here, text: str | None, message: str) -> None:

@@ -19,7 +19,7 @@ TO_DERIVE_FROM = {
 }  # fmt: skip
 PARTS = {
     "ConfigError", "DYNAMICS", "EARTH", "MASSES", "Orography", "Planet", "Rotation", "Tracers",
-    "get_scene",
+    "get_scene", "get_stepper",
 }  # fmt: skip
 NAMES = WITH_EXAMPLES | TO_DERIVE_FROM | PARTS
 EXAMPLES = (

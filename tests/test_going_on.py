@@ -146,7 +146,19 @@ def test_a_mesh_of_another_planet_is_refused():
 
 @pytest.mark.parametrize(
     "more",
-    [{"effects": {"viscosity.nu": 1e5}}, {"scene": "williamson5"}, {"mesh": Mesh.build(3, 4)}],
+    [
+        {"effects": {"viscosity.nu": 1e5}},
+        {"scene": "williamson5"},
+        {"mesh": Mesh.build(3, 4)},
+        {"dt": 60.0},
+        {"adaptive": 1e-3},
+        {"tolerance": 1e-3},
+        {"precision": "float32"},
+        {"tracer_steps": 2},
+        {"device": "cpu"},
+        {"launch": "node"},
+        {"alpha": 0.1},
+    ],
 )
 def test_a_stepper_on_a_model_of_its_own_brings_all(more):
     sim = small("williamson2")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from swe_sphere.equations.effects import EFFECTS as ALL_EFFECTS
 from swe_sphere.equations.effects import Viscosity
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError, RunFailed, SolverFailed
 from swe_sphere.io.integrals import integrals
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
@@ -436,3 +437,25 @@ def test_bdf2_and_its_start_share_one_set_up(small_mountain) -> None:
     for _ in range(2):
         stepper.step()
     assert stepper.costs()["setups"] == 1
+
+
+def test_a_failing_start_of_bdf2_leaves_no_trace(small_mountain, monkeypatch) -> None:
+    """And what the solver is told to forget before any step is nothing."""
+    stepper = STEPPERS["bdf2"](small_mountain, 900.0)
+    stepper.solver.reject()
+    stepper.start(small_mountain.initial_state())
+    failing = SolverFailed("no")
+    monkeypatch.setattr(stepper.solver, "solve", Mock(side_effect=failing))
+    with pytest.raises(SolverFailed):
+        stepper.step()
+    assert stepper.solver.prepared_for is None
+
+
+@pytest.mark.parametrize(
+    ("name", "other"), [("bdf2", "leapfrog"), ("semi-implicit", "leapfrog"), ("tr-bdf2", "ark2"),
+                        ("epi2", "tr-bdf2")],
+)  # fmt: skip
+def test_data_of_another_stepper_are_refused(small_mountain, name: str, other: str) -> None:
+    data = advance(other, small_mountain, 60.0, 1).state_dict()
+    with pytest.raises(ConfigError, match=f"the restart data do not fit stepper {name}: "):
+        STEPPERS[name](small_mountain, 60.0).load_state_dict(data, 1)

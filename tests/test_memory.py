@@ -14,6 +14,7 @@ from swe_sphere.simulation import build
 from swe_sphere.simulation.build import PROGRAM, check_memory, make_scene, needed_memory
 from swe_sphere.simulation.config import make_config
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.testcases import get_scene
 
@@ -58,6 +59,27 @@ def test_run_that_does_not_fit_is_refused_with_both_numbers(monkeypatch) -> None
     check_memory(config, scene, 30, 4)
     with pytest.raises(ConfigError, match=r"about 2\.\d+ GiB of memory, and 2 GiB are free"):
         check_memory(config, scene, 120, 4)
+
+
+@pytest.mark.parametrize("name", ["helmholtz-direct", "helmholtz-schwarz", "jacobian-direct"])
+def test_factors_of_a_preconditioner_count(name: str, monkeypatch) -> None:
+    given = {"scene": "williamson5", "stepper": "tr-bdf2"}
+    plain, scene = make_config(given), get_scene("williamson5")
+    for more in ({"preconditioner": name}, {"settings": [f"stepper.preconditioner={name}"]}):
+        config = make_config(given | more)
+        added = needed_memory(config, scene, 30, 4) - needed_memory(plain, scene, 30, 4)
+        factors = PRECONDITIONERS[name].memory_of_factors(6 * 90**2 + 2, 4)
+        assert added == pytest.approx(factors) and factors > 3e7
+        monkeypatch.setattr(build, "available_memory", lambda: 2.0**20)
+        with pytest.raises(ConfigError, match="take a smaller ne, or the preconditioner helmholtz"):
+            check_memory(config, scene, 30, 4)
+
+
+def test_the_table_goes_on_beyond_its_end() -> None:
+    config, scene = make_config({"scene": "williamson5"}), get_scene("williamson5")
+    node = {n: (needed_memory(config, scene, 8, n) - PROGRAM) / n**2 for n in (8, 12, 14, 16)}
+    assert node[16] - node[12] == pytest.approx(node[12] - node[8])
+    assert node[14] - node[12] == pytest.approx(0.5 * (node[12] - node[8]))
 
 
 def test_room_for_a_basis_takes_memory_only_row_by_row() -> None:

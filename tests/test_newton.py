@@ -139,7 +139,6 @@ def test_history_and_counts_tell_what_was_done() -> None:
     assert len(residuals) == result.newton_iterations + 1
     assert len(result.forcing) == len(result.krylov) == len(result.lengths)
     assert result.krylov_iterations == sum(result.krylov) == problem.calls["jacobian"]
-    assert problem.calls["residual"] == result.residual_evaluations
     assert problem.calls["linearise"] == result.newton_iterations
     assert all(after < before for before, after in pairwise(residuals))
     assert result.residual == pytest.approx(np.linalg.norm(problem.f(u)), rel=1e-9)
@@ -225,16 +224,17 @@ def test_linear_problem_takes_one_iteration(guess: float) -> None:
     problem = Equation(lambda x: a @ x - b, lambda x: a)
     result, x = solve(problem, np.full(SIDE**2, guess), rtol=1e-8, forcing=constant(1e-9))
     assert (result.status, result.newton_iterations) == (Status.CONVERGED, 1)
-    assert result.residual_evaluations == 2
+    assert problem.calls["residual"] == 2
     assert x == pytest.approx(sla.spsolve(a, b), abs=1e-7)
 
 
 def test_good_guess_needs_no_iteration() -> None:
     problem = bratu()
     _, u = solve(problem, np.zeros(SIDE**2), rtol=1e-11)
+    problem.calls["residual"] = 0
     again, same = solve(problem, u, rtol=0.0, atol=1e-9)
     assert (again.status, again.newton_iterations) == (Status.CONVERGED, 0)
-    assert again.residual_evaluations == 1
+    assert problem.calls["residual"] == 1
     assert np.array_equal(same, u)
     exact, _ = solve(one(lambda x: x - 1.0, np.ones_like), np.ones(3), rtol=0.0)
     assert (exact.status, exact.newton_iterations) == (Status.CONVERGED, 0)
@@ -270,7 +270,7 @@ def test_line_search_where_the_full_step_diverges(start: float) -> None:
     assert result.converged
     assert x == pytest.approx([0.0], abs=1e-11)
     assert min(result.lengths) < 0.5 < result.lengths[-1]
-    assert result.residual_evaluations > result.newton_iterations + 1
+    assert problem.calls["residual"] > result.newton_iterations + 1
 
 
 def test_steps_back_from_where_the_residual_is_not_a_number() -> None:
@@ -328,7 +328,7 @@ def test_not_a_number(where: str) -> None:
     result, u = solve(problem, guess, rtol=1e-6)
     assert result.status is Status.NAN
     assert np.array_equal(u, guess, equal_nan=True)
-    assert result.residual_evaluations < 15
+    assert problem.calls["residual"] < 15
 
 
 def test_counts_do_not_depend_on_units() -> None:

@@ -102,8 +102,7 @@ class Model:
     @property
     def repeats(self) -> bool:
         """Whether a right-hand side is the same launches at all times, with nothing in between."""
-        alone = self.limiter is None or not self.comm.shared  # it adds up on the host
-        return self.discrete.wind.steady and self.discrete.forcing.steady and alone
+        return self.discrete.wind.steady and self.discrete.forcing.steady
 
     @property
     def dissipative(self) -> bool:

@@ -9,6 +9,7 @@ from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
 from swe_sphere.kernels.tracers import blocks_kernel
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, in_runs
+from swe_sphere.operators.replay import Replay
 
 
 class Limiter:
@@ -44,9 +45,17 @@ class Limiter:
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
         kernels = [kernel for kernel, _, _ in (*self._add, *self._limits)]
         launch.load(self._inside.limit, self._across.sums, self._across.parts, *kernels)
+        self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
         """Limit the tracers of a state."""
+        if self._mesh.comm.shared:  # it adds up on the host
+            self._limit(state)
+        elif not self._replay(state.ptr):
+            with self._replay.record(state.ptr):
+                self._limit(state)
+
+    def _limit(self, state: wp.array) -> None:
         self._within_elements(state)
         self._over_the_sphere(state)
 

@@ -85,7 +85,8 @@ def read_inputs(
     _check_methods(stepper, preconditioner)
     if not isinstance(stepper, Name | type):
         more = mesh or preconditioner or changes or added or parameters or options or settings
-        _check_model(stepper, str(getattr(scene, "name", scene)), bool(more))
+        decided = any(fields.get(name) is not None for name in DECIDED)
+        _check_model(stepper, str(getattr(scene, "name", scene)), decided or bool(more))
         mesh = stepper.model.mesh
     of_mesh = {} if mesh is None else _settings_of_mesh(mesh)
     for name in of_mesh.keys() & fields.keys():
@@ -132,12 +133,19 @@ def _is_kind(thing: object, kind: type) -> bool:
     return isinstance(thing, type) and issubclass(thing, kind)
 
 
+DECIDED = (
+    "adaptive", "adaptive_by", "alpha", "device", "dt", "launch", "precision", "tolerance",
+    "tracer_steps",
+)  # fmt: skip
+"""Fields of a configuration that are decided where a stepper and its model are made."""
+
+
 def _check_model(stepper: Stepper, scene: str, more: bool) -> None:
     own = stepper.model.scene.name
     if more or (own != scene and not scene.endswith((".py", ".toml"))):
         raise ConfigError(
             f"the stepper has a model of its own, of {own}: give this scene, and leave out mesh,"
-            " preconditioner, effects, parameters, options and settings"
+            f" preconditioner, effects, parameters, options, settings, {', '.join(DECIDED)}"
         )
 
 
@@ -373,24 +381,39 @@ DIFFUSION = 200.0
 def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     """Return about how much memory [bytes] a run on a CPU occupies, the program included.
 
-    A Krylov basis of more than 14 vectors, and preconditioners with direct solves, occupy more.
+    A Krylov basis of more than 14 vectors occupies more, float32 a little less.
     """
     from swe_sphere.steppers import get_stepper
 
     kind = get_stepper(config.stepper)
     row = BYTES.get(kind.name, BYTES[kind.family])
-    node = numpy.interp(np, NODES, row) * (1.0 + TRACER * len(scene.tracers or ()))
+    beyond = max(0, np - NODES[-1]) / (NODES[-1] - NODES[-2])
+    node = float(numpy.interp(np, NODES, row)) + beyond * (row[-1] - row[-2])
+    node *= 1.0 + TRACER * len(scene.tracers or ())
     node += DIFFUSION if any(effect.diffuses for effect in scene.effects) else 0.0
-    return PROGRAM + float(node) * 6.0 * (ne * np) ** 2
+    return PROGRAM + node * 6.0 * (ne * np) ** 2 + _memory_of_factors(config, scene, ne, np)
+
+
+def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
+    """Those of the preconditioner [bytes], if it is one by name."""
+    named = config.settings_of(STEPPER).get("preconditioner", config.preconditioner)
+    if named is None or scene.wind is not None:
+        return 0.0
+    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+
+    kind = PRECONDITIONERS.get(str(named))
+    return 0.0 if kind is None else kind.memory_of_factors(6 * (ne * (np - 1)) ** 2 + 2, np)
 
 
 def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:
     """Raise ConfigError for a run that the system would end because it exhausts the memory."""
     needed, free = needed_memory(config, scene, ne, np), available_memory()
     if free is not None and needed > free:
+        factors = _memory_of_factors(config, scene, ne, np) > 0.0
         raise ConfigError(
             f"ne={ne} with np={np} and {config.stepper} needs about {needed / 2**30:.3g} GiB of"
             f" memory, and {free / 2**30:.3g} GiB are free: take a smaller ne"
+            + (", or the preconditioner helmholtz" if factors else "")
         )
 
 

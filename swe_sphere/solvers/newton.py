@@ -50,7 +50,6 @@ class NewtonResult:
 
     residuals: |F| at the start and after each step taken.  For each iteration the forcing term, the
     Krylov iterations, and the part of the Newton step that was taken, 0 when none was.
-    residual_evaluations: calls of F alone, without Jacobian products.
     roundoff: converged as far as the arithmetic allows, which missed the tolerance; the status is
     CONVERGED then.
     """
@@ -61,7 +60,6 @@ class NewtonResult:
     forcing: list[float] = field(default_factory=list)
     krylov: list[int] = field(default_factory=list)
     lengths: list[float] = field(default_factory=list)
-    residual_evaluations: int = 1
     status: Status | None = None
     message: str = ""
     roundoff: bool = False
@@ -176,7 +174,6 @@ class NewtonKrylov:
 
         tiny = eta < 0.5 and self._is_roundoff(x)
         search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, p.residual, eta)
-        p.residual_evaluations += search.trials
         if not tiny:
             self._learn(p, search, eta)
         self._accept(p, x, search, eta, tiny)

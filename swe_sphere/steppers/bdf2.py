@@ -56,10 +56,11 @@ class BDF2(VariableStepper):
 
     def _start_up(self, t: float, dt: float, out: wp.array) -> str | None:
         """A few more iterations with the set-up of the steps to come cost less than another one."""
-        self._starter.start(self.state, t)
-        self.solver.prepared_for = 2.0 / 3.0 * dt
         starter = self._starter
+        starter.start(self.state, t)
         self.solver.aim(starter.state, starter.error_constant, starter.order, dt)
-        failure = self._starter.solve_step(t, dt, out)
-        self.solver.prepared_for = None
-        return failure
+        self.solver.prepared_for = 2.0 / 3.0 * dt
+        try:
+            return starter.solve_step(t, dt, out)
+        finally:
+            self.solver.prepared_for = None

@@ -8,6 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.variable_stepper import VariableStepper
@@ -74,6 +75,8 @@ class ExponentialMultistep(VariableStepper):
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps."""
         super().load_state_dict(state, steps)
+        if "past" not in state:
+            raise ConfigError(f"the restart data do not fit stepper {self.name}: past")
         self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
 
     def arrays(self) -> dict[str, wp.array]:

@@ -106,6 +106,7 @@ class NewtonStages(StageSolver):
         )
         self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
         self._units = self._unit_masses()
+        self._known = self.newton.nonlinearity
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
         """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""

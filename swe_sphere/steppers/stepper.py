@@ -160,6 +160,10 @@ class Stepper(Trajectory, ABC):
         if "name" in vars(cls):
             if not hasattr(cls, "order"):
                 raise ConfigError(f"stepper {cls.name} has no `order`: say it beside its name")
+            if cls.family not in (known := get_args(Family)):
+                raise ConfigError(
+                    f"stepper {cls.name}: `family` is one of {', '.join(known)}, not {cls.family!r}"
+                )
             STEPPERS.add(cls)
 
     def __init__(self, model: Model, dt: float) -> None:
@@ -176,10 +180,24 @@ class Stepper(Trajectory, ABC):
             self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
+        """Begin from a copy of the state at time t [s].
+
+        Raises ConfigError where `memory` or `levels` name what is no array.
+        """
+        self._check_names()
         super().start(state, t)
         if self.solver is not None:
             self.begin(self.solver.start(self.state, t, self.dt))
+
+    def _check_names(self) -> None:
+        for names in (self.memory, self.levels):
+            if not isinstance(names, tuple) or not all(
+                isinstance(getattr(self, str(name), None), wp.array) for name in names
+            ):
+                raise ConfigError(
+                    f"stepper {self.name}: `memory` and `levels` must be tuples of names of"
+                    f" attributes with arrays, not {names!r}"
+                )
 
     def begin(self, slope: wp.array) -> None:
         """Make the first guesses of a method with a solver from the slope at the start."""
@@ -255,7 +273,12 @@ class Stepper(Trajectory, ABC):
         """
         super().load_state_dict(state, steps)
         if self.solver is not None:
-            self.solver.load_state_dict(state)
+            try:
+                self.solver.load_state_dict(state)
+            except KeyError as lacking:
+                raise ConfigError(
+                    f"the restart data do not fit stepper {self.name}: {lacking.args[0]}"
+                ) from None
 
     def solver_tolerance(self, tolerance: float | None) -> float:
         """The tolerance of the solver, or the default of the method."""
@@ -263,6 +286,7 @@ class Stepper(Trajectory, ABC):
 
     def undeclared_levels(self) -> list[str]:
         """Names of arrays in `memory` that may be earlier states, if a class has no `levels`."""
+        self._check_names()
         size = self.state.shape
         others = {name: array for name, array in self.arrays().items() if name != "state"}
         return [] if self.levels else [k for k, x in others.items() if x.shape[-1:] == size]
@@ -298,7 +322,7 @@ class CheckedReplay(Replay):
             if not np.array_equal(array.numpy(), values, equal_nan=True):
                 raise ConfigError(
                     f"stepper {self._stepper.name}: a recorded step leaves another {name} than the"
-                    " step itself, as `advance` does work on the host or depends on the time; leave"
-                    " out `repeats_from`"
+                    " step itself, as `advance` does work on the host, depends on the time or"
+                    " changes arrays that `memory` does not name; leave out `repeats_from`"
                 )
         return True

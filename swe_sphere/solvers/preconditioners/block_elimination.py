@@ -1,5 +1,6 @@
 """Preconditioning by block elimination with the consistent Helmholtz operator."""
 
+import math
 from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
@@ -125,10 +126,15 @@ class DirectElimination(BlockElimination):
     name, real = "helmholtz-direct", wp.float64
 
     def __init__(self, model: Model) -> None:
-        n, degree = model.mesh.size, model.mesh.np - 1
+        n = model.mesh.size
         factors = f"the factors of a {n} x {n} Schur complement"
-        refuse_if_large(12.0 * 2.2 * degree * n**1.5, factors, self.name)
+        refuse_if_large(self.memory_of_factors(n, model.mesh.np), factors, self.name)
         super().__init__(model)
+
+    @classmethod
+    def memory_of_factors(cls, nodes: int, np: int) -> float:
+        """Memory [bytes] of the factors for a mesh of so many nodes, about."""
+        return 12.0 * 2.2 * (np - 1) * nodes * math.sqrt(nodes)
 
     def invert(self, tau: float, depth: Array) -> None:
         """Factorise for the implicit step tau [s] and the depth (N,) [m]."""

@@ -33,14 +33,19 @@ class JacobianDirect(KeptSetup):
 
     def __init__(self, model: Model) -> None:
         super().__init__(model)
-        mesh, n = model.mesh, model.mesh.size
-        memory = (330.0 * math.log2(n) + 1900.0 * mesh.np) * n  # measured, rather too much
+        mesh = model.mesh
+        memory = self.memory_of_factors(mesh.size, mesh.np)
         refuse_if_large(memory, "the factors of the Jacobian", self.name)
         self._probing = Probing(mesh)
         self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
         self._jacobian = model.inviscid.jacobian()
         self._direction, self._image = model.zeros(), model.zeros()
+
+    @classmethod
+    def memory_of_factors(cls, nodes: int, np: int) -> float:
+        """Memory [bytes] of the factors for a mesh of so many nodes: measured, rather too much."""
+        return (330.0 * math.log2(nodes) + 1900.0 * np) * nodes
 
     def _needed(self, fluid: Array) -> Array:
         return fluid

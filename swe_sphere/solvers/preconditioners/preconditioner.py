@@ -57,6 +57,11 @@ class Preconditioner(ABC):
             PRECONDITIONERS.add(cls)
 
     @classmethod
+    def memory_of_factors(cls, nodes: int, np: int) -> float:
+        """Memory [bytes] of the factors or inverses for a mesh of so many nodes, about."""
+        return 0.0
+
+    @classmethod
     def for_model(cls, model: Model) -> Self | None:
         """The one for a model; None where there is nothing to precondition with."""
         return cls(model)  # type: ignore[call-arg]

@@ -24,13 +24,18 @@ class SchwarzElimination(BlockElimination):
     name = "helmholtz-schwarz"
 
     def __init__(self, model: Model) -> None:
-        self._longest = (3 * model.mesh.np - 2) ** 2
-        refuse_if_large(8.0 * model.mesh.size * self._longest, "the patch inverses", self.name)
+        memory = self.memory_of_factors(model.mesh.size, model.mesh.np)
+        refuse_if_large(memory, "the patch inverses", self.name)
         super().__init__(model)
+
+    @classmethod
+    def memory_of_factors(cls, nodes: int, np: int) -> float:
+        """Memory [bytes] of the patch inverses for a mesh of so many nodes."""
+        return 8.0 * nodes * _longest(np)
 
     def invert(self, tau: float, depth: Array) -> None:
         """Invert the patches for the implicit step tau [s] and the depth (N,) [m]."""
-        mesh, longest = self.matrix.mesh, self._longest
+        mesh, longest = self.matrix.mesh, _longest(self.matrix.mesh.np)
         matrix = self.matrix.matrix(tau, depth)
         columns = np.zeros((mesh.size, longest), dtype=np.int32)
         rows = np.zeros((mesh.size, longest), dtype=np.float32)
@@ -74,3 +79,8 @@ class SchwarzElimination(BlockElimination):
             for row in nodes
         ]
         return [np.unique(nodes[group]) for group in near]
+
+
+def _longest(np: int) -> int:
+    """Nodes of a patch: of an element and the eight around it."""
+    return (3 * np - 2) ** 2
