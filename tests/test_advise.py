@@ -83,6 +83,12 @@ def test_what_cannot_be_advised_on_is_one_line(arguments, line, capsys) -> None:
 
 
 def test_an_error_that_nothing_keeps_to_is_told(capsys) -> None:
-    given = ("lauter", "--error", "1e-14", "--ne", "2", "--days", "0.25", "--steppers", "rk4")
-    assert advise(*given) == 2
-    assert "error: no step is found that keeps to 1e-14 over 0.25 days" in capsys.readouterr().err
+    """One below that of the reference run, and one that no stepper reaches within the budget."""
+    given = ("lauter", "--ne", "2", "--days", "0.1", "--steppers", "rk4", "--error")
+    assert advise(*given, "1e-14") == 2
+    told = capsys.readouterr().err
+    assert re.search(
+        r"error: 1e-14 cannot be measured, the reference run has [\d.]+e-\d+: ask", told
+    )
+    assert advise(*given, "1e-3", "--budget", "1e-6") == 2
+    assert "error: no step is found that keeps to 0.001 over 0.1 days" in capsys.readouterr().err

@@ -192,6 +192,17 @@ def ranked(*runs, levels=(), **attributes):
     return rankings(rows, metrics(rows), "here", levels=levels)
 
 
+def test_a_target_that_is_not_resolved_is_kept_and_nobody_reaches_it():
+    rows = rows_of(*(run(n, 1.0, 1.0) | {"errors": {("time", "h"): 0.0}} for n in ("rk4", "bdf2")))
+    (found,) = rankings(rows, metrics(rows), "here", own=2e-11, levels=[1e-3, 1e-13])
+    assert found.targets == [1e-3, 1e-13]
+    assert len(found.winners(0)) == 2 and found.winners(1) == []
+    assert found.notes == [
+        "An error of 1e-13 cannot be measured: the run that errors are taken against has 2.0e-11"
+        " itself."
+    ]
+
+
 def test_the_table_has_step_cost_and_error_of_the_cheapest_and_marks_the_best():
     (found,) = ranked(*RACE, levels=[1e-3, 2e-4])
     assert found.heads == ["stepper", "≤ 1e-3", "≤ 2e-4", "smallest error"]

@@ -23,7 +23,8 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
     folders |= {name: tmp_path / name for name in (*fingerprints.NUMBERS, "studies.report")}
     for folder in folders.values():
         folder.mkdir()
-        (folder / "a.py").write_text("x = 1\n")
+        for module in ("a", "words", *fingerprints.RUNNING):
+            (folder / f"{module}.py").write_text("x = 1\n")
 
     def find(name):
         found = ModuleSpec(name, None, origin="")
@@ -36,11 +37,12 @@ def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch
     first = compute()
     assert compute() == first != compute("studies.report")
     (folders["studies.report"] / "a.py").write_text("x = 2\n")
+    (folders["studies"] / "words.py").write_text("x = 2\n")
     assert compute() == first
     found = {first}
     for name, folder in folders.items():
         if name != "studies.report":
-            (folder / "a.py").write_text(f"x = {len(found)} + 1\n")
+            (folder / "jobs.py").write_text(f"x = {len(found)} + 1\n")
             found.add(compute())
     assert len(found) == 2 + len(fingerprints.NUMBERS)
 

@@ -409,7 +409,7 @@ def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> No
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130
-    told = "interrupted by Ctrl-C at day 1; --resume goes on after the last case"
+    told = "interrupted by Ctrl-C at day 1; resume with --resume"
     assert told in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main([*line, "--resume"])

@@ -113,6 +113,21 @@ def test_runs_are_repeated_until_their_two_shortest_times_agree(monkeypatch, agr
     assert len(grid) == runs
 
 
+def test_a_repeat_that_was_cut_short_is_not_the_time_of_the_run(tmp_path):
+    """Nor does it count as one of the repeats that are wanted."""
+    options = TINY | {"dt": 3600, "repeats": 2, "out": tmp_path}
+    sweep("lauter", "rk4", **options)
+    path = next(p for p in tmp_path.glob("runs/*.json") if json.loads(p.read_text())["repeat"] == 1)
+    kept = json.loads(path.read_text())
+    kept["numbers"] |= {"cpu_seconds": 1e-9, "wall_seconds": 1e-9}
+    path.write_text(json.dumps(kept | {"status": "unstable", "reason": "cut short"}))
+    (cut,) = rows(write_dataset(tmp_path), role="grid")["cpu"].values
+    assert np.isnan(cut[1]) and np.isfinite(cut[0])
+    found = rows(sweep("lauter", "rk4", **options), role="grid")
+    assert found["cpu_seconds"].item() > 1e-9 and found["spread"].item() < 1e3
+    assert np.isfinite(found["cpu"].values).sum() >= 2
+
+
 def test_runs_that_were_not_timed_are_timed_by_a_sweep_that_times(tmp_path):
     """Their errors are kept."""
     options = TINY | {"dt": 3600, "out": tmp_path}

@@ -51,6 +51,11 @@ def test_lists_may_be_written_in_any_way():
         ({"days": 2, "report_days": "1,3"}, "report-days: day 3 is after the end, day 2"),
         ({"repeats": 0}, "repeats: must be greater than or equal to 1"),
         ({"target_error": 0}, "target-error: must be greater than 0"),
+        ({"budget": 10}, "budget: only a search has one: give target-error too"),
+        (
+            {"budget": 10, "target_error": 1e-3, "jobs": 2},
+            "jobs: processes cannot share a budget: leave jobs or budget out",
+        ),
         ({"target_norm": "l3"}, "target-norm: must be 'l1', 'l2' or 'linf'"),
         ({"time_limit": -1}, "time-limit: must be greater than 0"),
         ({"reference": "none.nc"}, "reference: there is no file none.nc"),

@@ -304,7 +304,7 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130
-    assert "--resume goes on after the last run" in capsys.readouterr().err
+    assert "interrupted by Ctrl-C at day 0; resume with --resume" in capsys.readouterr().err
     with pytest.raises(SystemExit) as end:
         main([*line, "--resume"])
     assert end.value.code == 0

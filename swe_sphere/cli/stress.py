@@ -58,7 +58,7 @@ def stress(
         with nullcontext() if store is None else store.unfinished():
             rows = _run(cases, known, store, jobs, quiet=as_json)
     except Interrupted as error:
-        rest = "" if store is None else "; --resume goes on after the last case"
+        rest = "" if store is None else "; resume with --resume"
         raise Stopped(f"{error}{rest}") from None
     counts = {name: sum(row.outcome == name for row in rows) for name in OUTCOMES}
     results = [row.as_result() for row in rows]

@@ -66,7 +66,7 @@ def verify(
             words = [word for word in context.obj if word != "--resume"]
             _write(files, rows, result, shlex.join(["swe-sphere", *words]))
     except Interrupted as error:
-        hint = "; --resume goes on after the last run" if files else ""
+        hint = "; resume with --resume" if files else ""
         raise Stopped(f"{error}{hint}") from None
     typer.echo(json.dumps(result) if as_json else _conclusion(rows, files))
     return 0 if result["passed"] else 1

@@ -30,8 +30,8 @@ STRINGS_AND_COMMENTS = r"""
 """
 """Regular expression for formatted sources, where a docstring begins and ends a line."""
 TEXT = re.compile(STRINGS_AND_COMMENTS, re.MULTILINE | re.VERBOSE)
-FLAT = ("", "studies")
-"""Of these the modules count, but not the packages in them."""
+RUNNING = ("ended", "jobs", "peak_memory", "record_store")
+"""Modules directly in `studies` that count: the others there show and explain numbers."""
 SCENE_FILE = "the scene's file"
 """What the file that holds the scene is called among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")
@@ -52,8 +52,8 @@ def file_fingerprint(path: Path) -> str:
 def code_fingerprint(*more: str) -> str:
     """A short name for the code that makes the numbers, as this process found it.
 
-    It is made of the code of all modules in `NUMBERS` and directly in swe_sphere, and of the
-    versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
+    It is made of the code of all modules in `NUMBERS` and directly in swe_sphere, of `RUNNING`, and
+    of the versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
     """
     root = find_spec("swe_sphere")
     assert root is not None
@@ -61,11 +61,18 @@ def code_fingerprint(*more: str) -> str:
     folders = [("", folder) for folder in root.submodule_search_locations or ()]
     folders += [(name, folder) for name in (*NUMBERS, *more) for folder in _folders(name)]
     for name, folder in folders:
-        for path in sorted(Path(folder).glob("*.py" if name in FLAT else "**/*.py")):
+        for path in _modules(name, Path(folder)):
             contents = code_of(path.read_text(encoding="utf-8")).encode()
             place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
             digest.update(place.encode() + contents)
     return digest.hexdigest()[:16]
+
+
+def _modules(name: str, folder: Path) -> list[Path]:
+    """Return the modules that count of a package in a folder."""
+    if name == "studies":
+        return [folder / f"{module}.py" for module in RUNNING]
+    return sorted(folder.glob("**/*.py" if name else "*.py"))
 
 
 def code_of(source: str) -> str:

@@ -53,7 +53,7 @@ class Interruption:
     def check(self) -> None:
         """Raise Interrupted if a signal has come."""
         if self._received is not None:
-            raise Interrupted(self._received)
+            raise Interrupted(f"interrupted by {self._received}")
 
     def _note(self, number: int, _: FrameType | None) -> None:
         self._received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name

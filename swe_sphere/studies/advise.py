@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import warp as wp
 from pydantic import BeforeValidator, Field
 
 from swe_sphere.errors import ConfigError
@@ -111,7 +112,8 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     Errors are taken to grow in proportion to the days.
 
     Raises:
-        ConfigError: the scene cannot be made, or no stepper is found that has the error.
+        ConfigError: the scene cannot be made, the error is smaller than that of the reference run,
+            or no stepper is found that has the error.
         Interrupted: the user asked to stop.
     """
     space = Discretisation(question.run_config())
@@ -125,6 +127,12 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         dataset = run_plan(plan, Path(folder), watcher)
+    own, target = float(dataset.attrs["converged_check"]), plan.target_error or 0.0
+    if not target >= own:
+        raise ConfigError(
+            f"error: {target:.2g} cannot be measured, the reference run has {own:.2g}:"
+            " ask for a larger one"
+        )
     for ranking in search_rankings(dataset, plan):
         if ranking.winners(0):
             return Advice(question, days, whole, ranking)
@@ -143,11 +151,14 @@ def _error_kind(space: Discretisation) -> dict[str, Any]:
 
 
 def _seconds_a_day(space: Discretisation, question: Question) -> float:
-    """CPU time [s] that rk4 takes for a day with its longest step."""
+    """Time [s] that rk4 takes for a day with its longest step: CPU time, on a GPU wall time."""
     sim = space.simulation(question.run_config(stepper="rk4"))
+    device = sim.model.device
+    clock = time.process_time if device == "cpu" else time.perf_counter
     times = []
     for _ in range(TIMED_STEPS):
-        began = time.process_time()
+        began = clock()
         sim.step()
-        times.append(time.process_time() - began)
+        wp.synchronize_device(device)
+        times.append(clock() - began)
     return min(times) * DAY / sim.plan.dt

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import ValidationError
+from pydantic import ValidationError, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings.values import place_and_complaint, read_toml
@@ -55,6 +55,20 @@ class Table(Case):
     """Steppers known to need the remedy; None: all of them."""
     quick: tuple[str, ...] = ()
     """Steppers that the quick form runs too, with the changes `quickly`."""
+
+    @model_validator(mode="after")
+    def _keys_are_used(self) -> Self:
+        """Refuse keys that a table with steppers, or one without, would ignore."""
+        ignored = (
+            ("levels", "seeds") if self.steppers else ("random", "remedy", "remedied", "quick")
+        )
+        for name in ignored:
+            if name in self.model_fields_set:
+                rule = "cannot be given beside" if self.steppers else "needs"
+                raise ValueError(f"{self.name}: {name} {rule} steppers")
+        if self.method == "series" and not self.steppers and "stepper" not in self.run:
+            raise ValueError(f"{self.name}: give steppers, or run.stepper")
+        return self
 
     def cases(self) -> Iterator[Case]:
         """Yield all cases; one with the remedy, which must pass, after the one that may break."""

@@ -196,7 +196,7 @@ def rankings(
 
     That is the first of total, time and slow-flow error, but the slow one where the depth
     saturates.  rows: of one mesh.  own: time error of the converged run that time errors are taken
-    against.  levels: targets asked for.
+    against.  levels: requested targets; no run counts for a target below own.
     """
     by_name = {(metric.kind, metric.field): metric for metric in found}
     chosen = (
@@ -219,15 +219,16 @@ def _ranking(
     drawn = [curve for curve in curves(rows) if smallest(curve.rows, metric) is not None]
     # the check of the converged run is on its depth
     resolved = own if (metric.kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
-    wanted = [level for level in sorted(levels, reverse=True) if level >= resolved]
+    wanted = sorted(levels, reverse=True)
     wanted = wanted or targets([curve.rows for curve in drawn], metric, resolved)
-    lines: list[tuple[Curve, list[Row | None]]] = [
-        (c, [*(cheapest(c.rows, metric, t) for t in wanted), smallest(c.rows, metric)])
-        for c in drawn
-    ]
+    lines: list[tuple[Curve, list[Row | None]]] = []
+    for curve in drawn:
+        cells = [cheapest(curve.rows, metric, t) if t >= resolved else None for t in wanted]
+        lines.append((curve, [*cells, smallest(curve.rows, metric)]))
     lines.sort(key=lambda line: [row.cost if row and row.timed else math.inf for row in line[1]])
     flat = plateau(rows, metric) if metric.field == "h" and metric.kind != "slow" else None
-    return Ranking(where, metric, wanted, lines, flat)
+    notes = [prose("unresolved", wanted[-1], own)] if wanted and wanted[-1] < resolved else []
+    return Ranking(where, metric, wanted, lines, flat, notes)
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,9 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *INNER})):
         attributes = {"units": UNITS[name]} if name in UNITS else {}
         data[name] = ("run", runs[name].to_numpy(float), attributes)
+    # a repeat that was cut short has no time of the whole run
+    cut = (table["repeat"] > 0) & (table["status"] != "completed")
+    table.loc[cut, list(CLOCKS)] = np.nan
     data |= _times(table, order)
     data["error"] = _errors(runs["record"])
     return xr.Dataset(data, attrs=_attributes(header, records))

@@ -277,7 +277,8 @@ class Sweep:
         try:
             return longest_accurate(error, self._target, longest, shortest)
         except BudgetSpent:
-            return Target(None, f"no step is good enough that its share of {budget:.3g} s allows")
+            share = max(budget, 0.0)
+            return Target(None, f"no step is good enough that its share of {share:.3g} s allows")
 
     def _worth_timing(self, tried: Iterable[RunSpec]) -> list[RunSpec]:
         """The good runs that may turn out to be the cheapest."""

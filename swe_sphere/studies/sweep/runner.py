@@ -167,9 +167,10 @@ class Runner:
         return record if has is not None and had is not None and has <= had else None
 
     def timings(self, spec: RunSpec) -> list[float]:
-        """Times of the repeats of a run that were alone [s], the shortest first."""
+        """Times of the completed repeats of a run that were alone [s], the shortest first."""
         repeats = (run for (key, _), run in self._known.items() if key == spec.key)
-        return sorted(run.seconds for run in repeats if math.isfinite(run.seconds))
+        completed = (run.seconds for run in repeats if run.status == "completed")
+        return sorted(filter(math.isfinite, completed))
 
     def repeats(self, spec: RunSpec) -> int:
         """Number of records of a run."""

@@ -163,6 +163,8 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
         ConfigError: an unknown name or an unfit value, in one line that says which.
     """
     plan = validated(SweepPlan, values)
+    if plan.budget is not None and plan.target_error is None:
+        raise ConfigError("budget: only a search has one: give target-error too, or leave it out")
     _check(plan, make_scene(plan.run_config(), scene))
     if plan.jobs > 1:
         _check_jobs(plan, scene)
@@ -170,9 +172,11 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
 
 
 def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
-    """ConfigError for what other processes do not have."""
+    """ConfigError for what other processes do not have or cannot share."""
     from swe_sphere.steppers import get_stepper
 
+    if plan.budget is not None:
+        raise ConfigError("jobs: processes cannot share a budget: leave jobs or budget out")
     if plan.device != "cpu":
         raise ConfigError("jobs: runs on a GPU are made one after the other: leave jobs out")
     kinds = [get_stepper(name) for name in plan.steppers if not is_user_file(name)]
