@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from swe_sphere.mesh import Mesh
     from swe_sphere.planet import EARTH, Planet
     from swe_sphere.simulation.diagnostics import diagnostic
-    from swe_sphere.simulation.observers import every
+    from swe_sphere.simulation.observers import Observer, every
     from swe_sphere.simulation.simulation import Simulation
     from swe_sphere.solvers.preconditioners import Preconditioner
     from swe_sphere.steppers import Stepper, get_stepper, list_steppers
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DYNAMICS", "EARTH", "MASSES", "ConfigError", "DiagonallyImplicit", "Effect", "ImexRungeKutta",
-    "Mesh", "Orography", "Planet", "PointwiseEffect", "Preconditioner", "Rotation", "RungeKutta",
-    "Scene", "Simulation", "Stepper", "Tracers", "__version__", "diagnostic", "every", "get_scene",
-    "get_stepper", "list_scenes", "list_steppers", "open_run", "sweep", "verify",
+    "Mesh", "Observer", "Orography", "Planet", "PointwiseEffect", "Preconditioner", "Rotation",
+    "RungeKutta", "Scene", "Simulation", "Stepper", "Tracers", "__version__", "diagnostic", "every",
+    "get_scene", "get_stepper", "list_scenes", "list_steppers", "open_run", "sweep", "verify",
 ]  # fmt: skip
 
 __version__ = "0.1.0"
@@ -55,7 +55,7 @@ _MODULES = {
     "mesh": ("Mesh",),
     "planet": ("EARTH", "Planet"),
     "simulation.diagnostics": ("diagnostic",),
-    "simulation.observers": ("every",),
+    "simulation.observers": ("Observer", "every"),
     "simulation.simulation": ("Simulation",),
     "solvers.preconditioners": ("Preconditioner",),
     "steppers": ("Stepper", "get_stepper", "list_steppers"),

@@ -30,7 +30,7 @@ from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import PROJECTIONS, Look
 from swe_sphere.pictures.maps import grid_of, new_map, place
 from swe_sphere.pictures.panels import draw_panel, panels
-from swe_sphere.pictures.plot import draw_state, new_figure, plot_file
+from swe_sphere.pictures.plot import draw_state, new_figure, plot_file, size
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.settings.values import validated
 from swe_sphere.testcases import get_scene
@@ -70,6 +70,33 @@ def test_every_field_gives_a_picture(run, tmp_path, field):
 def test_a_still_field_is_drawn_too(run, tmp_path):
     found = colours(plot_file(run, "divergence", out=tmp_path / "still.png"))
     assert found.std() > 0.01
+
+
+@pytest.mark.parametrize(("ending", "begins"), [
+    ("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"),
+])  # fmt: skip
+def test_the_ending_says_the_format(run, tmp_path, ending, begins):
+    picture = plot_file(run, "h", out=tmp_path / f"a.{ending}", look=Look(panel=False))
+    assert picture.read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize("look", [
+    {"projection": "lat-lon", "region": (0.0, 360.0, -30.0, 30.0)}, {"projection": "equal-earth"},
+    {"projection": "lat-lon"}, {"projection": "south-polar"},
+])  # fmt: skip
+def test_the_caption_lies_below_the_labels_and_above_the_scale(run, look):
+    figure, look = new_figure(), Look(**look)
+    axes = new_map(figure, look)
+    figure.set_size_inches(*size(axes))
+    Drawing(RunFile(run), "h", look, grid_of(axes, 91)).draw(axes, DAY)
+    FigureCanvasAgg(figure).draw()
+    (lines,) = axes.findobj(Gridliner)
+    caption = next(text for text in axes.texts if text.get_text().startswith("Contours"))
+    box = caption.get_window_extent()
+    boxes = [label.get_window_extent() for label in lines.label_artists if label.get_visible()]
+    assert boxes and not any(box.overlaps(label) for label in boxes)
+    (scale,) = (other for other in figure.axes if other is not axes)
+    assert scale.get_window_extent().y1 < box.y0
 
 
 def test_the_frame_asked_for_is_drawn(run, tmp_path):
@@ -212,6 +239,7 @@ def test_a_region_fills_the_map(name):
 @pytest.mark.parametrize(("region", "labels"), [
     ((240.0, 301.0, 0.0, 20.0), {"110°W": -20.5, "100°W": -10.5, "70°W": 19.5}),
     ((170.0, -170.0, 0.0, 20.0), {"175°E": -5.0, "180°": 0.0, "175°W": 5.0}),
+    ((10.0, 11.0, 0.0, 1.0), {"10.2°E": -0.3, "10.4°E": -0.1, "10.8°E": 0.3}),
 ])  # fmt: skip
 def test_meridians_of_a_region_are_labelled_once_where_they_are(run, region, labels):
     look = Look(projection="lat-lon", region=region)

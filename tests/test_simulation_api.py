@@ -6,9 +6,11 @@ import time
 from dataclasses import replace
 
 import matplotlib as mpl
+import netCDF4
 import numpy as np
 import pytest
 import warp as wp
+import xarray as xr
 
 from swe_sphere.analysis.accessor import open_run
 from swe_sphere.equations.effects import Drag
@@ -17,6 +19,7 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
+from swe_sphere.simulation.build import Inputs
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Observer, every
@@ -129,6 +132,10 @@ def test_it_goes_on_where_it_stands():
         ({"effects": {"drag.linearr": 1}}, "no effect 'drag'|no parameter"),
         ({"parameters": {"beta": 1}}, "beta"),
         ({"options": {"beta": 1}}, "has no option 'beta'"),
+        ({"effects": {"nu": 1.0}}, r"set: must be tables .* not \{'nu': 1.0\}"),
+        ({"settings": 5}, "set: must be a list of EFFECT.PARAMETER=VALUE, not 5"),
+        ({"parameters": [1]}, r"parameters: give \{'alpha': 0.8\}, not \[1\]"),
+        ({"options": [1]}, r"options: give \{'tolerance': 1e-6\}, not \[1\]"),
     ],
 )
 def test_what_cannot_be_is_one_line(values, word):
@@ -257,6 +264,78 @@ def test_an_observer_may_be_among_the_callbacks():
     nodes = (small().mesh.size,)
     small().run(days=0.25, callbacks=[heights])
     assert heights.seen == [(12, 0), (5, nodes), (10, nodes), (12, nodes), "end"]
+
+
+@pytest.mark.parametrize("moment", ["begin", "due", "observe", "tick", "end"])
+def test_an_observer_that_raises_ends_the_run_in_one_line(tmp_path, moment):
+    ended = []
+
+    class Late(Observer):
+        def begin(self, *seen):
+            self.begun = True
+
+        def end(self):
+            ended.append(self.begun)
+
+    class Early(Late):
+        pass
+
+    def breaks(self, *seen):
+        raise RuntimeError("oh")
+
+    broken = type("Broken", (Observer,), {moment: breaks})()
+    file = tmp_path / "a.nc"
+    summary = small().run(days=0.25, callbacks=[Early(), broken, Late()], out=file)
+    assert (summary.status, summary.exit_status) == ("failed", 1)
+    assert summary.reason.startswith("the observer Broken fails: RuntimeError: oh")
+    assert ended == ([True] if moment == "begin" else [True, True])
+    with netCDF4.Dataset(file) as data:
+        assert "the observer Broken fails" in str(vars(data))
+
+
+def test_an_observer_whose_end_fails_hides_no_earlier_failure():
+    class Broken(Observer):
+        def observe(self, snapshot):
+            raise RuntimeError("first")
+
+        def end(self):
+            raise RuntimeError("second")
+
+    assert "first" in small().run(days=0.25, callbacks=[Broken()]).reason
+
+
+def test_scalars_of_arrays_are_numbers(tmp_path):
+    for value in (np.array(1e5), xr.DataArray(1e5), np.float32(1e5)):
+        sim = small(effects={"viscosity.nu": value}, settings=[("drag", "linear", value)])
+        assert [type(setting.value) for setting in sim.config.settings] == [float, float]
+        assert sim.config.model_dump_json()
+
+
+def test_a_limit_is_none_only_where_there_is_none():
+    sim = small()
+    sim.begin()
+    assert "stability limit" not in dict(sim.summary.rows())
+    sim.stable_dt()
+    assert dict(sim.summary.rows())["stability limit"].endswith(" s")
+    sim = small(stepper="implicit-midpoint")
+    sim.step()
+    assert dict(sim.summary.rows())["stability limit"] == "none"
+
+
+def test_inputs_are_all_arguments():
+    inputs = small().setup.config
+    with pytest.raises(ConfigError, match="leave out stepper, ne"):
+        Simulation(Inputs(inputs), ne=5, stepper="ars343")
+
+
+def test_a_picture_that_fails_leaves_the_numbers_of_the_run(tmp_path, monkeypatch):
+    def fails(*arguments, **options):
+        raise TypeError("unexpected\nargument")
+
+    monkeypatch.setattr("swe_sphere.pictures.plot.plot_file", fails)
+    summary = run(make_config({"scene": "williamson6", **SMALL, "days": 0.125, "plot": "a.pdf"}))
+    assert (summary.completed, summary.exit_status, summary["steps"]) == (True, 1, 6)
+    assert summary.reason == "cannot draw a.pdf: TypeError: unexpected argument"
 
 
 def test_callbacks_may_be_a_generator():

@@ -133,9 +133,10 @@ class Drawing:
         draw_graticule(axes, self.grid)
         _draw_scale(axes, image, self.kind)
         _write_titles(axes, self.source, self.kind, time)
-        axes.text(
-            0.5, -0.075, "  ".join(filter(None, notes)), transform=axes.transAxes, ha="center",
-            va="top", fontsize=8.5, color="0.35", parse_math=False,
+        axes.annotate(
+            "  ".join(filter(None, notes)), (0.5, 0.0), xycoords="axes fraction", va="top",
+            xytext=(0.0, -CAPTION), textcoords="offset points", ha="center", fontsize=8.5,
+            color="0.35", parse_math=False,
         )  # fmt: skip
 
     def _contoured(self, axes: GeoAxes, values: Array, ends: tuple[float, float]) -> str:
@@ -199,8 +200,9 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
     bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
 
 
-SUBTITLE, TITLE = 6.0, 20.0
-"""Distances of the subtitle from the map and of the title from the subtitle [points]."""
+SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
+"""Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
+the map, which leaves room for the labels of the meridians [points]."""
 LABELS = 14.0
 """Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 

@@ -33,7 +33,7 @@ LONGEST = 1.2
 """Length of the longest arrow, in units of the spacing of the arrows."""
 CALM = 0.02
 """Arrows are omitted where the wind is weaker than this fraction of the strongest wind."""
-APART = (60, 30, 20, 10, 5, 2, 1)
+APART = (60.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
 """Spacings of the meridians [degrees]: the widest that gives four of them is drawn."""
 GLOBE = crs.Globe(ellipse=None, semimajor_axis=EARTH.radius, semiminor_axis=EARTH.radius)
 """Globe of all maps: cartopy's own is an ellipsoid."""

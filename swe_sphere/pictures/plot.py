@@ -72,8 +72,9 @@ def plot_file(
         for below, panel in zip(np.ravel(part.subplots(1, len(curves))), curves, strict=True):
             draw_panel(below, panel, time)
     with clear_errors(f"cannot write {out}"):
-        smaller = {"optimize": True} if out.suffix.lower() == ".png" else {}
-        figure.savefig(out, dpi=DOTS_PER_INCH, pil_kwargs=smaller)
+        png = out.suffix.lower() == ".png"
+        smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
+        figure.savefig(out, dpi=DOTS_PER_INCH, **smaller)
     return out
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from swe_sphere.errors import ConfigError, shown
@@ -53,8 +52,7 @@ def read_settings(given: object) -> tuple[Setting, ...]:
             as TOML has it, or {"owner.parameter": value}.
 
     Raises:
-        ConfigError: a text does not have that form.
-        ValueError: a mapping holds something else.
+        ConfigError: a text or a mapping does not have that form.
     """
     if isinstance(given, Mapping):
         return tuple(_settings_in(given))
@@ -62,7 +60,11 @@ def read_settings(given: object) -> tuple[Setting, ...]:
         items: Iterable[Any] = [given] if isinstance(given, str) else iter(given)  # type: ignore[call-overload]
         return tuple(_setting(item) for item in items)
     except TypeError:
-        raise ValueError("must be a list of EFFECT.PARAMETER=VALUE") from None
+        raise _unfit("a list of EFFECT.PARAMETER=VALUE", given) from None
+
+
+def _unfit(choice: str, given: object) -> ConfigError:
+    return ConfigError(f"{flag_of('settings')}: must be {choice}, not {shown(given)}")
 
 
 def _settings_in(table: Mapping[str, object]) -> Iterator[Setting]:
@@ -73,12 +75,14 @@ def _settings_in(table: Mapping[str, object]) -> Iterator[Setting]:
         elif dot:
             yield Setting(owner, parameter, _plain(value))
         else:
-            raise ValueError("must be tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE")
+            choice = "tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE"
+            raise _unfit(choice, table)
 
 
 def _setting(item: Any) -> Setting:
     if not isinstance(item, str):
-        return Setting(*item)
+        setting = Setting(*item)
+        return setting._replace(value=_plain(setting.value))
     key, _, value = item.partition("=")
     owner, _, parameter = (part.strip() for part in key.partition("."))
     if not (owner and parameter and value.strip()):
@@ -88,8 +92,8 @@ def _setting(item: Any) -> Setting:
 
 
 def _plain(value: object) -> object:
-    """Return a value that JSON can hold where the value is one of numpy's, or a path."""
-    if isinstance(value, np.generic):
+    """Return a value that JSON can hold where the value is a scalar of an array, or a path."""
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
         return value.item()
     return str(value) if isinstance(value, Path) else value
 

@@ -82,6 +82,8 @@ def read_inputs(
     changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, _listed(effects))
     choice = "parameters {'viscosity.nu': 1e5}, or a list of Effects"
     _expect(all(isinstance(effect, Effect) for effect in added), "effects", choice, effects)
+    _expect(isinstance(parameters, Mapping | None), "parameters", "{'alpha': 0.8}", parameters)
+    _expect(isinstance(options, Mapping | None), "options", "{'tolerance': 1e-6}", options)
     _check_methods(stepper, preconditioner)
     if not isinstance(stepper, Name | type):
         more = mesh or preconditioner or changes or added or parameters or options or settings

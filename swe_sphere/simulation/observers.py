@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from swe_sphere.io.netcdf import FrameWriter
 
 Function = Callable[[Any], Any]
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Observer:
@@ -301,12 +303,50 @@ class Callback(Observer):
         if not self.due(snapshot.steps):
             return
         name = getattr(self.function, "__name__", type(self.function).__name__)
-        try:
-            guarded(f"the callback {name}", self.function, self.sim)
-        except (RunFailed, KeyboardInterrupt):
-            raise
-        except SweError as error:
-            raise RunFailed(str(error)) from error
+        _called(f"the callback {name}", self.function, self.sim)
+
+
+class Guarded(Observer):
+    """A user-defined observer, whose errors end the run in one line, as those of callbacks do."""
+
+    def __init__(self, observer: Observer) -> None:
+        self._observer, self._what = observer, f"the observer {type(observer).__name__}"
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Prepare the observer."""
+        _called(self._what, self._observer.begin, plan, snapshot)
+
+    def due(self, step: int) -> bool:
+        """Return whether the observer is due."""
+        return _called(self._what, self._observer.due, step)
+
+    def observe(self, snapshot: Snapshot) -> None:
+        """Show the observer a state."""
+        _called(self._what, self._observer.observe, snapshot)
+
+    def tick(self, step: int) -> None:
+        """Pass the number of steps on."""
+        _called(self._what, self._observer.tick, step)
+
+    def end(self) -> None:
+        """Finish the observer."""
+        _called(self._what, self._observer.end)
+
+
+def guard(observer: Observer) -> Observer:
+    """Return the observer, guarded unless its class is of this package."""
+    ours = type(observer).__module__.startswith("swe_sphere.")
+    return observer if ours else Guarded(observer)
+
+
+def _called(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    """Return the result of a user-defined function; RunFailed states what failed, and where."""
+    try:
+        return guarded(what, function, *args, **kwargs)
+    except RunFailed:
+        raise
+    except SweError as error:
+        raise RunFailed(str(error)) from error
 
 
 def every(

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.equations.scene import Scene
-from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
-from swe_sphere.files.user_file import users_code
+from swe_sphere.files.user_file import cause, users_code
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import validated
@@ -38,6 +38,7 @@ from swe_sphere.simulation.observers import (
     Observer,
     ProgressBar,
     Recorder,
+    guard,
     intervals,
     read_callbacks,
 )
@@ -113,12 +114,15 @@ class Simulation:
         options: Mapping[str, object] | None = None,
         **settings: Any,
     ) -> None:
+        given: dict[str, Any] = {
+            "stepper": stepper, "mesh": mesh, "preconditioner": preconditioner, "effects": effects,
+            "parameters": parameters, "options": options, **settings,
+        }  # fmt: skip
         if not isinstance(scene, Inputs):
             _check_settings(settings)
-            scene = read_inputs(
-                scene, stepper=stepper, mesh=mesh, preconditioner=preconditioner, effects=effects,
-                parameters=parameters, options=options, **settings,
-            )  # fmt: skip
+            scene = read_inputs(scene, **given)
+        elif more := [name for name, value in given.items() if value not in (None, ())]:
+            raise ConfigError(f"Inputs hold all arguments already: leave out {', '.join(more)}")
         self.setup = setup = Setup(scene)
         """What stays the same while it is stepped: scene, mesh, model, options, limits, ..."""
         self.config: RunConfig = setup.config
@@ -275,9 +279,29 @@ class Simulation:
         Raises:
             Interrupted: the user asked to stop, and an interruption was given.
         """
+        outcome = Outcome()
+        try:
+            with ExitStack() as stack:
+                outcome = self._advance(observers, stack, time_limit, interruption)
+        except Interrupted:
+            raise
+        except (SweError, *BREAKDOWNS) as error:  # of the end of an observer
+            return self._ended_by(error) if outcome.completed else outcome
+        return outcome
+
+    def _advance(
+        self,
+        observers: Sequence[Observer],
+        stack: ExitStack,
+        time_limit: float | None,
+        interruption: Interruption | None,
+    ) -> Outcome:
+        """Advance with observers that end with the stack, each if it has begun."""
+        observers = [guard(observer) for observer in observers]
         try:
             for observer in observers:
                 observer.begin(self.plan, self.snapshot)
+                stack.callback(observer.end)
             _ = self.snapshot.own_fields  # a diagnostic that fails does so before the first step
             health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
             loop = Loop(
@@ -296,9 +320,6 @@ class Simulation:
             return self._ended_by(error)
         except (SweError, *BREAKDOWNS) as error:
             return self._ended_by(error)
-        finally:
-            for observer in observers:
-                observer.end()
         return Outcome()
 
     def _ended_by(self, error: Exception) -> Outcome:
@@ -677,7 +698,9 @@ def _plotted(summary: Summary, file: Path, picture: Path) -> Summary:
 
     try:
         plot_file(file, out=picture)
-    except SweError as error:
+    except Exception as error:  # also an unexpected error must not lose the numbers of the run
+        clear = isinstance(error, SweError)
+        why = str(error) if clear else f"cannot draw {picture}: {cause(error)}"
         status = summary.exit_status or RunFailed.exit_status
-        return replace(summary, reason=summary.reason or str(error), exit_status=status)
+        return replace(summary, reason=summary.reason or in_one_line(why), exit_status=status)
     return summary

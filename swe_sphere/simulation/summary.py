@@ -114,7 +114,9 @@ class Summary(Outcome):
         yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
         if n["dt"] is not None:
             yield "time step", _step(n)
-            yield "stability limit", "none" if n["stable_dt"] is None else f"{n['stable_dt']:.5g} s"
+            limit = self.numbers["stable_dt"]  # None where it has not been computed
+            if limit is not None:
+                yield "stability limit", f"{limit:.5g} s" if math.isfinite(limit) else "none"
         yield "machine", f"{n['device']}, {n['precision']}"
         yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
         yield from _costs(n)
