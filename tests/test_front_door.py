@@ -14,8 +14,8 @@ WITH_EXAMPLES = {
     "open_run", "sweep", "verify",
 }  # fmt: skip
 TO_DERIVE_FROM = {
-    "DiagonallyImplicit", "Effect", "ImexRungeKutta", "PointwiseEffect", "Preconditioner",
-    "RungeKutta", "Stepper",
+    "DiagonallyImplicit", "Effect", "ImexRungeKutta", "Observer", "PointwiseEffect",
+    "Preconditioner", "RungeKutta", "Stepper",
 }  # fmt: skip
 PARTS = {
     "ConfigError", "DYNAMICS", "EARTH", "MASSES", "Orography", "Planet", "Rotation", "Tracers",
