@@ -1,7 +1,9 @@
 """Runs in Zarr stores: the same as in netCDF files, whole whatever happens, and gone on with."""
 
+import os
 import shutil
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from swe_sphere import open_run
 from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.files import durable
 from swe_sphere.io.compare import compare
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.runfile import RunFile
@@ -126,6 +129,97 @@ def test_a_disk_that_is_full_at_any_write_loses_no_frame(mesh, tmp_path, monkeyp
         times, series = found.series()
         assert times.size == series["mass"].size and np.isfinite(series["mass"]).all()
     assert counts == sorted(counts) and min(map(counts.count, range(3))) > 0
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["given-up", "written-again"])
+def test_after_any_single_failed_write_all_frames_can_be_read(mesh, tmp_path, monkeypatch, again):
+    """The failure is in the second frame or in the summary, and there is room for what follows."""
+    put, put_whole, left = zarr.storage._local._put, durable._put, 0
+
+    def fails():
+        nonlocal left
+        left -= 1
+        return left == 0
+
+    def put_once_not(path, *arguments, **options):
+        if fails():
+            path.parent.mkdir(exist_ok=True)
+            path.with_suffix(".partial").write_bytes(b"torn")
+            raise OSError(28, "No space left on device")
+        return put(path, *arguments, **options)
+
+    def put_whole_once_not(file, contents):
+        if fails():
+            put_whole(file, contents[: len(contents) // 2])
+            raise OSError(28, "No space left on device")
+        put_whole(file, contents)
+
+    monkeypatch.setattr(zarr.storage._local, "_put", put_once_not)
+    monkeypatch.setattr(durable, "_put", put_whole_once_not)
+    counts = set()
+    for k in count(2 if again else 1, 3):
+        store, left = tmp_path / f"{k}.zarr", 0
+        with FrameWriter(store, mesh, {"scene": "none"}) as writer:
+            writer.write(0.0, frame(mesh, 0), {"mass": 1.0})
+            left = k
+            with suppress(RunFailed):
+                writer.write(60.0, frame(mesh, 1), {"mass": 2.0})
+            if again and writer.frames == 1:
+                writer.write(60.0, frame(mesh, 1), {"mass": 2.0})
+            frames = writer.frames
+            with suppress(RunFailed):
+                writer.finish({"days": 1.0})
+            whole, left = left > 0, 0
+            writer.finish({"days": 1.0})
+        counts.add(frames)
+        found, plain = RunFile(store), xr.open_zarr(store, chunks=None, decode_times=False)
+        assert found.times.tolist() == plain.time.values.tolist() == [0.0, 60.0][:frames]
+        for i, time in enumerate(found.times):
+            for name, values in frame(mesh, i).items():
+                np.testing.assert_array_equal(found.frame(time)[name], values)
+                np.testing.assert_array_equal(plain[name][i], values)
+        assert found.series()[1]["mass"].tolist() == plain.mass.values.tolist()
+        assert plain.mass.values.tolist() == [1.0, 2.0][:frames]
+        assert found.attributes["days"] == 1.0
+        if whole:
+            break
+    assert k > 20 and counts == ({2} if again else {1, 2})
+
+
+def test_the_lengths_are_replaced_at_once_after_the_numbers_are_on_the_disk(
+    mesh, tmp_path, monkeypatch
+):
+    """And not for each of the frames that are copied when a run is resumed."""
+    store, synced, published = tmp_path / "run.zarr", set(), []
+    sync, replace = os.fsync, os.replace
+
+    def unsynced(folder):
+        files = [path for path in folder.glob("*/*") if not path.name.startswith(".")]
+        return [path.name for path in files if path.stat().st_ino not in synced]
+
+    def fsync(file):
+        synced.add(os.fstat(file).st_ino)
+        sync(file)
+
+    def replaced(source, target):
+        if Path(target).name == ".zmetadata":
+            published.append(unsynced(Path(target).parent))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(os, "replace", replaced)
+    with FrameWriter(store, mesh, {"scene": "none"}) as writer:
+        for k in range(4):
+            writer.write(60.0 * k, frame(mesh, k), {"mass": 1.0})
+        layout, *commits = published
+        assert layout and commits == [[]] * 5  # the first two are made under another name
+        writer.finish({})
+    assert published[1:] == [[]] * 6
+    published.clear()
+    with FrameWriter(store, mesh, {"scene": "none"}, append_from=180.0) as writer:
+        writer.write(180.0, frame(mesh, 3), {"mass": 1.0})
+    assert published[1:] == [[]] * 2
+    assert RunFile(store).times.tolist() == [0.0, 60.0, 120.0, 180.0]
 
 
 def test_a_store_is_whole_while_it_is_written(mesh, tmp_path):

@@ -1,13 +1,17 @@
-"""Zarr stores of runs: written by xarray during a run, and read as if they were netCDF files.
+"""Zarr stores of runs: appended to during a run, and read as if they were netCDF files.
 
 Zarr 2 (zarr-specs.readthedocs.io), one chunk for each frame of each variable.  The consolidated
 metadata, a single file that is replaced atomically, hold the length of every variable.  They are
-written last, so that a reader finds a frame of all variables or of none.
+written last, so that a reader finds a frame of all variables or of none.  The lengths in the
+metadata of single arrays may be ahead after a failed write, and nothing here reads them.
 """
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
@@ -17,18 +21,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import part_of
+from swe_sphere.files.durable import part_of, write_whole
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.growing import Growing
 
 SUFFIX = ".zarr"
 """What the names of stores end with."""
 DIMENSIONS = "_ARRAY_DIMENSIONS"
+CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
 
 
 def is_store(path: Path) -> bool:
     """Whether there is a folder that holds a Zarr store."""
-    return any((path / name).is_file() for name in (".zmetadata", ".zgroup", "zarr.json"))
+    return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
 
 
 def engine(path: Path) -> Literal["zarr"] | None:
@@ -43,38 +48,42 @@ def check_zarr(path: Path) -> None:
 
 
 class GrowingStore(Growing):
-    """A Zarr store with the methods of `GrowingFile`, appended to by xarray.
+    """A Zarr store with the methods of `GrowingFile`.
 
-    Samples are stored with the next record or text; there is room for any number of them.
+    Samples are stored with the next record or text; there is room for any number of them.  What a
+    failed write leaves behind is never counted, and the next write replaces it.
     """
 
     def __init__(self, place: Path, series: str, _size: int) -> None:
         check_zarr(place)
         super().__init__(place, series, folder=True)
         self._samples: list[Mapping[str, float]] = []
+        self._unsynced: set[str] = set()
 
     def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """As `GrowingFile`; the dataset is defined in memory and copied."""
+        """As `GrowingFile`; the dataset is defined in memory and copied by xarray."""
         import xarray as xr
 
         with netCDF4.Dataset("layout", "w", diskless=True, format=FORMAT) as dataset:
             define(dataset)
             source = xr.backends.NetCDF4DataStore(dataset)  # type: ignore[no-untyped-call]
             layout = xr.open_dataset(source, decode_cf=False).load()
-        self._attributes = layout.attrs
         self._axes = {str(name): variable.dims for name, variable in layout.variables.items()}
         self.recorded = frozenset(n for n, axes in self._axes.items() if "time" in axes)
         chunks: dict[Any, int] = {**layout.sizes, "time": 1}
         encoding = {n: {"chunks": [chunks[x] for x in axes]} for n, axes in self._axes.items()}
         empty = layout.isel({self._series: slice(0)}, missing_dims="ignore")
         empty.to_zarr(self._root, zarr_format=2, consolidated=True, encoding=encoding)
+        self._consolidated = json.loads((self._root / CONSOLIDATED).read_text())
+        self._unsynced = {str(path.relative_to(self._root)) for path in self._root.rglob("*")}
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
-        """As `GrowingFile`, but the system may not have written the numbers to the disk yet."""
+        """As `GrowingFile`; without sync, readers do not find the record yet."""
         if sync:
             self._append_samples()
-        shapes = {name: (1, -1)[: len(self._axes[name])] for name in values}
-        self._append("time", {name: np.reshape(x, shapes[name]) for name, x in values.items()})
+        self._put(values, self.records, 1)
+        if sync:
+            self._commit(self.records + 1)
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
@@ -83,30 +92,63 @@ class GrowingStore(Growing):
 
     def set_text(self, name: str, text: str) -> None:
         """As `GrowingFile`."""
-        import zarr
-
         self._append_samples()
-        self._attributes[name] = text
-        group = zarr.open_group(self._root, mode="r+", zarr_format=2)
-        group.update_attributes({name: text})
-        zarr.consolidate_metadata(group.store, zarr_format=2)
+        attributes = self._consolidated["metadata"][ATTRIBUTES]
+        attributes[name] = text
+        write_whole(self._root / ATTRIBUTES, json.dumps(attributes))
+        self._commit(self.records)
 
     def _append_samples(self) -> None:
-        if new := self._samples[self.samples :]:
-            self._append(self._series, {n: [sample[n] for sample in new] for n in new[0]})
+        if new := self._samples:
+            columns = {name: [sample[name] for sample in new] for name in new[0]}
+            self._put(columns, self.samples, len(new))
             self.samples += len(new)
+            self._samples = []
 
-    def _append(self, axis: str, values: Mapping[str, ArrayLike]) -> None:
-        """Append to all variables along an axis: consolidating makes the new length known."""
-        import xarray as xr
+    def _put(self, values: Mapping[str, ArrayLike], begin: int, count: int) -> None:
+        """Write count numbers or rows of each variable, the first one at index begin.
 
-        arrays = {name: (self._axes[name], x) for name, x in values.items()}
-        new = xr.Dataset(arrays, attrs=self._attributes)
-        new.to_zarr(self._root, append_dim=axis, consolidated=True)
+        The metadata of the arrays come from the consolidated ones.  Whatever an earlier, failed
+        write did to the length of an array, `resize` replaces.  Raises ValueError for values that
+        do not fit.
+        """
+        import zarr
+
+        group = zarr.open_group(self._root, mode="r+", zarr_format=2, use_consolidated=True)
+        for name, value in values.items():
+            array: Any = group[name]
+            numbers = np.reshape(value, (count, *array.shape[1:]))
+            array.resize((begin + count, *array.shape[1:]))
+            array[begin:] = numbers
+            size, rest = array.chunks[0], ".0" * (array.ndim - 1)
+            chunks = range(begin // size, (begin + count - 1) // size + 1)
+            self._unsynced |= {name, *(f"{name}/{k}{rest}" for k in chunks)}
+
+    def _commit(self, records: int) -> None:
+        """Publish the lengths, after all numbers are on the disk."""
+        for name in sorted(self._unsynced):
+            _sync(self._root / name)
+        self._unsynced.clear()
+        lengths = {"time": records, self._series: self.samples}
+        for name, axes in self._axes.items():
+            if axes and axes[0] in lengths:
+                shape = self._consolidated["metadata"][f"{name}/.zarray"]["shape"]
+                shape[0] = lengths[axes[0]]
+        write_whole(self._root / CONSOLIDATED, json.dumps(self._consolidated))
 
     @property
     def _root(self) -> Path:
         return self._place if self._in_place else part_of(self._place)
+
+
+def _sync(path: Path) -> None:
+    """Put a file or folder on the disk; Zarr leaves out chunks that hold the fill value alone."""
+    with suppress(FileNotFoundError):
+        file = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
 
 
 class _Stored:
