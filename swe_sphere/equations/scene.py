@@ -93,7 +93,7 @@ class Scene(SceneFields):
 
         Raises ConfigError where `effect` is no effect.
         """
-        if not isinstance(effect, Effect):
+        if isinstance(effect, type) or not hasattr(effect, "absent"):
             return replace(self, effects=(*self.effects, effect))  # whose check states the mistake
         kept = tuple(e for e in self.effects if e.name != effect.name)
         if effect.absent:
