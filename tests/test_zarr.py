@@ -73,6 +73,7 @@ def test_comparisons_and_grids_take_stores(whole, tmp_path):
 
 
 @pytest.mark.parametrize("behind", [False, True], ids=["", "checkpoint-behind"])
+@pytest.mark.thorough
 def test_a_run_goes_on_in_its_own_store(whole, tmp_path, behind):
     """Frame by frame as if it had never stopped; also where the checkpoint is an older one."""
     store = tmp_path / "jet.zarr"
@@ -132,6 +133,7 @@ def test_a_disk_that_is_full_at_any_write_loses_no_frame(mesh, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["given-up", "written-again"])
+@pytest.mark.thorough
 def test_after_any_single_failed_write_all_frames_can_be_read(mesh, tmp_path, monkeypatch, again):
     """The failure is in the second frame or in the summary, and there is room for what follows."""
     put, put_whole, left = zarr.storage._local._put, durable._put, 0
