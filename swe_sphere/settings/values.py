@@ -81,8 +81,8 @@ def _settings_in(table: Mapping[str, object]) -> Iterator[Setting]:
 
 def _setting(item: Any) -> Setting:
     if not isinstance(item, str):
-        setting = Setting(*item)
-        return setting._replace(value=_plain(setting.value))
+        owner, parameter, value = item
+        return Setting(owner, parameter, _plain(value))
     key, _, value = item.partition("=")
     owner, _, parameter = (part.strip() for part in key.partition("."))
     if not (owner and parameter and value.strip()):
