@@ -59,7 +59,7 @@ def read_settings(given: object) -> tuple[Setting, ...]:
     try:
         items: Iterable[Any] = [given] if isinstance(given, str) else iter(given)  # type: ignore[call-overload]
         return tuple(_setting(item) for item in items)
-    except TypeError:
+    except (TypeError, ValueError):
         raise _unfit("a list of EFFECT.PARAMETER=VALUE", given) from None
 
 
