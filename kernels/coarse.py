@@ -117,7 +117,7 @@ class TallKernels:
     product: wp.Kernel
     """out = M x, or out + M x if `add`."""
     parts: wp.Kernel
-    """What each group adds to M' y in each of its columns."""
+    """Kernel that computes the contribution of each group to M' y, column by column."""
     total: wp.Kernel
     """Over the columns: sums of their parts, which are `listed` by column from ends[c] to
     ends[c + 1]."""

@@ -34,9 +34,9 @@ class Formula:
     """(geometry, winds, d1, d2, e, n): `fields` rows of the result, times the weights."""
     fields: int = 0
     is_scalar: bool = False
-    """Whether the same rows are differentiated along both coordinates."""
+    """True where the same rows are differentiated along both coordinates."""
     turns: bool = False
-    """Whether the result needs the winds."""
+    """True where the result needs the winds."""
 
 
 def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:

@@ -26,7 +26,7 @@ from swe_sphere.kernels.terms import KernelTypes, Terms
 
 @dataclass(frozen=True)
 class _Node:
-    """Where a field is stepped: a node, or a run of nodes that fill a register."""
+    """Types of the place where a field is stepped: a node, or nodes that fill a register."""
 
     register: Register
     unknowns: int
@@ -34,10 +34,10 @@ class _Node:
     """Warp structure with at least N (`size`), `inverse_area` (N,) and `point`."""
     point: PointwiseSum
     damped: bool
-    """Whether the loss of `levels_struct` is added to all rates."""
+    """True where the loss of `levels_struct` is added to all rates."""
     shifted: bool = False
-    """Whether the base of `levels_struct` is subtracted from all combinations, and `carried` holds
-    those of the winds too."""
+    """True where the base of `levels_struct` is subtracted from all combinations; `carried` then
+    holds the combinations of the winds too."""
 
 
 def _finish_mass(of: _Node) -> Finish:

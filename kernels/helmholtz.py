@@ -48,8 +48,8 @@ class EliminationKernels:
     value: Any
     share: int
     together: bool
-    """Whether fluxes stand in one row of f1 and f2, in the nearest cache, and a thread takes their
-    divergence too; else `divergence` does."""
+    """True where fluxes stand in one row of f1 and f2, in the nearest cache.  A thread then takes
+    their divergence too; otherwise `divergence` does."""
 
 
 @functools.cache

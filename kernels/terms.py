@@ -52,12 +52,12 @@ class Terms:
 
     @property
     def dynamics(self) -> bool:
-        """Whether there is any term but diffusion."""
+        """Return whether there is a term other than diffusion."""
         return self.gradient or (self.wind and not self.still)
 
     @property
     def diffuses(self) -> bool:
-        """Whether any weak Laplacian is computed."""
+        """Return whether a weak Laplacian is computed."""
         return self.diffusion or self.biharmonic
 
     @property
@@ -67,7 +67,7 @@ class Terms:
 
     @property
     def linear(self) -> bool:
-        """Whether the terms are linear in the state, with coefficients of the state `base`."""
+        """Return whether the terms are linear, with coefficients from the state `base`."""
         return self.gradient and (self.tangent or self.poisson)
 
 
@@ -87,9 +87,9 @@ class KernelTypes:
     """Pointwise terms that kernels over elements add at nodes inside elements: these nodes need no
     DSS and are finished there.  None where all results are left for DSS."""
     steps: bool = False
-    """Whether these nodes are stepped (`levels_struct`), or their rates left by a stage."""
+    """True where the nodes are stepped (`levels_struct`); else a stage leaves their rates."""
     whole: bool = True
-    """Whether products are those of whole registers, see `metric_of`."""
+    """True where products take whole registers, see `metric_of`."""
 
     @cached_property
     def register(self) -> Register:

@@ -231,7 +231,7 @@ class Model:
 
     @cached_property
     def fluid_tendency(self) -> RightHandSide:
-        """The same of wind and depth alone, also for vectors that hold nothing else."""
+        """Rates of wind and depth without dissipation; vectors may hold nothing else."""
         return self.right_hand_side("conservative", fluid_only=True)
 
     @cached_property
@@ -241,7 +241,7 @@ class Model:
 
     @cached_property
     def fluid_dissipation(self) -> Operator:
-        """The same of wind and depth alone, also for vectors that hold nothing else."""
+        """Dissipation of wind and depth; vectors may hold nothing else."""
         return self.right_hand_side("dissipative", fluid_only=True).at_start
 
     @cached_property
