@@ -63,11 +63,16 @@ def _put(file: int, contents: bytes) -> None:
 def _sync_folder(folder: Path) -> None:
     """Make a new name in a folder last, where the system can."""
     with suppress(OSError):
-        file = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
+        sync(folder)
+
+
+def sync(path: Path) -> None:
+    """Write a file or a folder through to the disk; raises OSError where that fails."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def refuse_to_replace(path: Path, overwrite: bool) -> None:

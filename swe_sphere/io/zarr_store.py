@@ -9,7 +9,6 @@ metadata of single arrays may be ahead after a failed write, and nothing here re
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib.util import find_spec
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.durable import part_of, write_whole
+from swe_sphere.files.durable import part_of, sync, write_whole
 from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.growing import Growing
 
@@ -127,7 +126,8 @@ class GrowingStore(Growing):
     def _commit(self, records: int) -> None:
         """Publish the lengths, after all numbers are on the disk."""
         for name in sorted(self._unsynced):
-            _sync(self._root / name)
+            with suppress(FileNotFoundError):  # Zarr omits chunks that hold the fill value alone
+                sync(self._root / name)
         self._unsynced.clear()
         lengths = {"time": records, self._series: self.samples}
         for name, axes in self._axes.items():
@@ -139,16 +139,6 @@ class GrowingStore(Growing):
     @property
     def _root(self) -> Path:
         return self._place if self._in_place else part_of(self._place)
-
-
-def _sync(path: Path) -> None:
-    """Put a file or folder on the disk; Zarr leaves out chunks that hold the fill value alone."""
-    with suppress(FileNotFoundError):
-        file = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
 
 
 class _Stored:
