@@ -53,7 +53,6 @@ class AverageVectorField(VariableStepper):
 
     name, order = "average-vector-field", 2
     style = ("#6E3548", "8")
-    expected_error = ((900.0, 1.259850e-05, 2.160948e-04), (450.0, 3.188864e-06, 5.434619e-05))
     default_tolerance = 1e-6
     error_constant = 1.0 / 12.0  # that of the midpoint rule
     equations = AverageProblem

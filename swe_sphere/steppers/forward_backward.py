@@ -73,7 +73,6 @@ class ForwardBackward(SplitExplicit):
     memory = *levels, "carried", "pushed"
     diffusion_steps = 1
     diffusion_order = 1
-    expected_error = ((900.0, 3.130558e-05, 7.691910e-04), (450.0, 8.782066e-06, 2.055525e-04))
     repeats_from: ClassVar[int] = 2
     style = ("#080123", (9, 1, 0))
     waves: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 3, gamma=3 / 20)
@@ -170,7 +169,6 @@ class ForwardBackwardRK3(SplitExplicit):
     """
 
     name, order = "fb-rk3", 2
-    expected_error = ((900.0, 5.665654e-06, 7.301736e-05), (450.0, 1.344998e-06, 1.817516e-05))
     repeats_from = 0
     style = ("#B7DC5D", (10, 1, 0))
     fractions: ClassVar[tuple[float, ...]] = (1 / 3, 1 / 2, 1.0)

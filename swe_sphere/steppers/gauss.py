@@ -136,7 +136,6 @@ class GaussLegendre(VariableStepper):
 
     name, order = "gauss-legendre", 4
     style = ("#5229A3", (6, 1, 0))
-    expected_error = ((900.0, 4.778152e-08, 4.285903e-07), (450.0, 3.042596e-09, 2.722186e-08))
     default_tolerance = 1e-4
     error_constant = error_constant(np.array(A), np.array(B), order)
 

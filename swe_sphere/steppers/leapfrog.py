@@ -30,7 +30,6 @@ class Leapfrog(Stepper):
     repeats_from = 1
     reach = 2.0
     style = ("#D55E00", "s")
-    expected_error = ((900.0, 3.182509e-05, 5.538334e-04), (450.0, 1.104617e-05, 2.096963e-04))
 
     default_strength: ClassVar[float] = 0.1
     """Strength nu of the filter (Robert's coefficient 0.05 in other notation)."""

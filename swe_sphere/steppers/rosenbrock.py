@@ -22,7 +22,6 @@ class RosenbrockW(DiagonallyImplicit):
 
     name, order = "rosenbrock-w", 3
     style = ("#A55E50", (3, 1, 0))
-    expected_error = ((900.0, 1.264198e-06, 1.320438e-05), (450.0, 1.673914e-07, 1.818855e-06))
     estimate_order = 3
     gamma = 0.4358665215084590
     alpha = (

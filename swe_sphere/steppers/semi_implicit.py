@@ -36,7 +36,6 @@ class SemiImplicit(Stepper):
     default_tolerance = 1e-2
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
-    expected_error = ((900.0, 5.462867e-05, 1.128908e-03), (450.0, 1.447359e-05, 3.498897e-04))
 
     def __init__(
         self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"

@@ -121,9 +121,6 @@ class Stepper(Trajectory, ABC):
     """Power of dt that the estimate of its error goes with; None: it has no estimate."""
     style: ClassVar[tuple[str, Marker] | None] = None
     """Colour and marker in pictures; None: whatever is free."""
-    expected_error: ClassVar[tuple[tuple[float, float, float], ...]] = ()
-    """Time steps [s] with the l2 errors of height and wind in scene lauter, ne 3, after 3 hours,
-    against which `swe-sphere verify` checks it."""
     diffusion_apart: bool = True
     """Whether viscosity and hyperviscosity are split off, so that they do not limit its step."""
     diffusion_steps: ClassVar[int | None] = None

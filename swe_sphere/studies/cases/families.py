@@ -13,15 +13,15 @@ from pydantic import ValidationError, model_validator
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings.values import place_and_complaint, read_toml
-from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
-from swe_sphere.studies.cases.case import CONVERGED, Case, Level
+from swe_sphere.steppers import STEPPERS, get_stepper
+from swe_sphere.studies.cases.case import Case, Level
 from swe_sphere.studies.cases.configuration import merged
 from swe_sphere.studies.cases.random_state import random_setting
 
 FAMILIES = {
     "verification": (
         "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",
-        "conservation", "dissipation",
+        "conservation", "dissipation", "steppers",
     ),
     "stability": (
         "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
@@ -127,14 +127,9 @@ class Family:
 def families(folder: str) -> Mapping[str, Family]:
     """Return all families of "verification" or "stability" by name."""
     place = Path(str(files(__package__))) / folder
-    found = {
+    return {
         name: read_family(place / f"{name}.toml", DEFAULTS[folder]) for name in FAMILIES[folder]
     }
-    if folder == "verification":
-        steppers = [kind for kind in STEPPERS.values() if kind.expected_error]
-        cases = tuple(map(_stepper_case, steppers))
-        found["steppers"] = Family("steppers", "Steppers", cases=cases)
-    return found
 
 
 def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
@@ -217,28 +212,3 @@ def _launched(family: Family, launch: str) -> Family:
     for case in cases[:1]:
         _ = case.base.config
     return replace(family, cases=cases)
-
-
-def _stepper_case(kind: type[Stepper]) -> Case:
-    """Return the case of a stepper's time error, on a mesh where a converged run costs little.
-
-    The error of a scheme is a number like any other: a wrong coefficient, filter or first step
-    changes it even where the order stays.
-    """
-    solves = kind.family != "explicit"
-    levels = tuple(
-        Level.model_validate({"dt": dt, "values": {"l2_h": height, "l2_v": wind}, "quick": True})
-        for dt, height, wind in kind.expected_error
-    )
-    return Case(
-        name=f"stepper-{kind.name}",
-        title=f"{kind.name}, order {kind.order}",
-        run={"scene": "lauter", "ne": 3, "np": 4, "days": 0.125, "stepper": kind.name}
-        | ({"tolerance": 1e-11} if solves else {}),
-        levels=levels,
-        along="dt",
-        against=CONVERGED,
-        bounds=DEFAULTS["verification"]["bounds"],
-        # the residual of the solver, which depends on the order of sums, changes small errors
-        tolerance=2e-3 if solves and kind.order >= 4 else 3e-4,
-    )
