@@ -8,6 +8,22 @@ import time
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.jobs import in_processes
 
+LONG = 600.0
+"""Seconds that no test waits for."""
+
+
+def die():
+    """Kill this process; the signal may arrive late."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(LONG)
+
+
+class Deadly:
+    """Kills the process that sends it."""
+
+    def __reduce__(self):
+        die()
+
 
 def squaring(tell, power):
     def work(number):
@@ -16,10 +32,12 @@ def squaring(tell, power):
         if number == "break":
             raise ValueError("what\na pity")
         if number == "die":
-            os.kill(os.getpid(), signal.SIGKILL)
+            die()
+        if number == "die sending":
+            tell(("x" * 2**24, Deadly()))
         if number == "wait":
             tell(os.getpid())
-            time.sleep(60.0)
+            time.sleep(LONG)
         tell((number, number**power))
 
     return work

@@ -43,23 +43,29 @@ def test_every_task_is_done_once():
         ("raise", ConfigError, "no number"),
         ("break", RunFailed, "unexpected ValueError: what"),
         ("die", RunFailed, "killed by SIGKILL"),
+        ("die sending", RunFailed, "killed by SIGKILL"),
     ],
 )
 def test_what_fails_in_one_process_ends_all(deed, kind, said):
-    began = time.monotonic()
     with pytest.raises(kind, match=said):
         squares(2, ["wait", deed])
-    assert time.monotonic() - began < 30.0 and multiprocessing.active_children() == []
+    assert multiprocessing.active_children() == []
+
+
+def test_what_is_finished_before_another_process_dies_is_kept():
+    found = []
+    with pytest.raises(RunFailed, match="killed by SIGKILL"):
+        for result in in_processes(1, jobs.squaring, (2,), [*range(5), "die sending"]):
+            found.append(result)
+    assert sorted(found) == [(n, n * n) for n in range(5)]
 
 
 def test_ctrl_c_ends_all():
     waiting = in_processes(2, jobs.squaring, (2,), ["wait", "wait"])
     next(waiting)
-    began = time.monotonic()
     os.kill(os.getpid(), signal.SIGINT)
     with pytest.raises(Interrupted):
         next(waiting)
-    assert time.monotonic() - began < 30.0
     assert multiprocessing.active_children() == []
 
 

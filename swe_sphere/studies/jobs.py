@@ -2,34 +2,39 @@
 
 The process that starts the others stores the records they return. It then carries out the study
 as usual and finds these records instead of making the runs.
+
+Results travel as whole files. A pipe that all processes share would not do: its reader waits
+forever when a process dies in the middle of a message.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache, partial
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from multiprocessing.queues import SimpleQueue
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from types import ModuleType
 from typing import Any
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.files.durable import write_whole
 from swe_sphere.ranks.communicator import leave_ranks
 from swe_sphere.simulation.loop import Interruption
 
 Tell = Callable[[Any], None]
 """Sends one result to the process that stores results."""
-Begin = Callable[..., Callable[[Any], None]]
-"""Prepares a process, called as begin(tell, *arguments); returns the function that does a task."""
 
 MOST_JOBS = 1024
 IGNORED = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
@@ -47,7 +52,10 @@ def checked_jobs(jobs: int) -> int:
 
 
 def in_processes(
-    jobs: int, begin: Begin, arguments: Sequence[object], tasks: Sequence[object]
+    jobs: int,
+    begin: Callable[..., Callable[[Any], None]],
+    arguments: Sequence[object],
+    tasks: Sequence[object],
 ) -> Iterator[Any]:
     """Yield the results of tasks from up to `jobs` processes, in the order of their arrival.
 
@@ -67,48 +75,40 @@ def in_processes(
     """
     if not tasks:
         return
-    with (
-        Interruption() as interruption,
-        _started(min(jobs, len(tasks)), begin, arguments, tasks) as (pending, results),
-    ):
-        while pending:
-            done, pending = wait(pending, LOOK, FIRST_COMPLETED)
-            while not results.empty():
-                interruption.check()
-                yield results.get()
-            interruption.check()
-            for future in done:
-                future.result()
-
-
-@contextmanager
-def _started(
-    jobs: int, begin: Begin, arguments: Sequence[object], tasks: Sequence[object]
-) -> Iterator[tuple[set[Future[None]], SimpleQueue[Any]]]:
-    """Submit all tasks; at the end of the block the processes are ended, whatever they do."""
     spawn = get_context("spawn")
-    results = spawn.SimpleQueue()
     alive, ours = spawn.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(
-        jobs, spawn, _initialise, (alive, partial(begin, results.put, *arguments))
-    )
     processes: list[BaseProcess] = []
-    died = False
-    try:
-        with _private_start():
-            futures = {pool.submit(_do, task) for task in tasks}
-        processes += active_children()
-        yield futures, results
-    except BrokenProcessPool:
-        died = True
-    finally:
-        ours.close()
-        pool.shutdown(cancel_futures=True)
-    if died:
-        raise RunFailed(
-            f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
-            " finished runs stay where `out` keeps them"
-        )
+    with TemporaryDirectory() as folder, Interruption() as interruption:
+        prepare = partial(begin, partial(_send, folder), *arguments)
+        pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, prepare))
+        try:
+            with _private_start():
+                pending = {pool.submit(_do, task) for task in tasks}
+            processes += active_children()
+            while pending:
+                done, pending = wait(pending, LOOK, FIRST_COMPLETED)
+                for path in sorted(Path(folder).glob("*.result")):
+                    interruption.check()
+                    yield pickle.loads(path.read_bytes())
+                    path.unlink()
+                interruption.check()
+                for future in done:
+                    future.result()
+        except BrokenProcessPool:
+            pool.shutdown()
+            raise RunFailed(
+                f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
+                " finished runs stay where `out` keeps them"
+            ) from None
+        finally:
+            ours.close()
+            pool.shutdown(cancel_futures=True)
+
+
+def _send(folder: str, result: object) -> None:
+    """Write a result for the process that stores results; later files sort last."""
+    path = Path(folder) / f"{time.time_ns():020d}-{os.getpid()}.result"
+    write_whole(path, pickle.dumps(result))
 
 
 def _end_of(processes: Sequence[BaseProcess]) -> str:
