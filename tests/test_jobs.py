@@ -101,7 +101,7 @@ def at_once(monkeypatch):
             yield from pickle.loads(pickle.dumps(found))
             found.clear()
 
-    for place in ("sweep.engine", "cases.verdict"):
+    for place in ("sweep.engine", "cases.rows"):
         monkeypatch.setattr(f"swe_sphere.studies.{place}.in_processes", done)
 
 
@@ -163,7 +163,7 @@ def test_what_other_processes_do_not_have_is_refused():
 
 
 def test_verification_is_the_same_beside_others(at_once):
-    chosen = cases.cases_of(cases.choose_verification(["lake-at-rest", "start-lauter"], quick=True))
+    chosen = cases.choose_verification(["lake-at-rest", "start-lauter"], quick=True)
     known = {found.fingerprint: found for found in cases.measured_beside(2, chosen)}
     assert len(known) > 1
     assert [*cases.measured_beside(2, chosen, known)] == []
@@ -176,27 +176,27 @@ def test_verification_is_the_same_beside_others(at_once):
 def test_levels_that_share_a_finer_run_share_a_process():
     """And all cases can be sent to it."""
     tasks = []
-    chosen = cases.cases_of(cases.choose_verification())
+    chosen = cases.choose_verification()
 
     def note(count, begin, arguments, asked):
         tasks.extend(pickle.loads(pickle.dumps(asked)))
         return []
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("swe_sphere.studies.cases.verdict.in_processes", note)
+        patch.setattr("swe_sphere.studies.cases.rows.in_processes", note)
         assert [*cases.measured_beside(2, chosen)] == []
     shared = {case.name: levels for case, levels in tasks if isinstance(case.against, dict)}
     assert shared == {c.name: [*c.levels] for c in chosen if isinstance(c.against, dict)}
 
 
 def test_stability_cases_are_the_same_beside_others(at_once):
-    chosen = cases.cases_of(cases.choose_stability(["rest"], ["rk4"], quick=True))
+    chosen = cases.choose_stability(["rest"], ["rk4"], quick=True)
     by_name = {case.name: case for case in chosen}
     found = [*cases.measured_beside(2, chosen)]
     assert [measure.name for measure in found] == [*by_name]
     rows = [cases.Row(case, case.levels[0], by) for case, by in zip(chosen, found, strict=True)]
     assert {row.outcome for row in rows} == {"passed"}
-    timed = [case for case in cases.cases_of(cases.choose_stability()) if case.is_timed]
+    timed = [case for case in cases.choose_stability() if case.is_timed]
     assert timed and all("step_seconds" in case.bounds for case in timed)
     assert [*cases.measured_beside(2, timed)] == []
 

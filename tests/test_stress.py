@@ -19,15 +19,21 @@ from swe_sphere.studies.cases import (
     Case,
     Measure,
     Row,
-    cases_of,
+    all_cases,
     choose_stability,
     families,
     run_cases,
 )
-from swe_sphere.studies.cases.configuration import Configuration
+from swe_sphere.studies.cases import measure as measuring
 from swe_sphere.studies.cases.families import DEFAULTS, read_family
 from swe_sphere.studies.cases.page import stability_page
-from swe_sphere.studies.cases.random_state import FASTEST, SHALLOWEST, random_scene, random_setting
+from swe_sphere.studies.cases.scenes import (
+    FASTEST,
+    SHALLOWEST,
+    make_scene,
+    random_setting,
+    random_state,
+)
 from swe_sphere.studies.cases.series import SYMMETRIES, Series
 from swe_sphere.studies.cases.store import Results, StabilityStore
 from swe_sphere.studies.record_store import read_record
@@ -37,7 +43,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 GROUPS = families("stability")
-CASES = cases_of(GROUPS.values())
+CASES = all_cases("stability")
 
 
 def find(name: str) -> Case:
@@ -147,15 +153,15 @@ def test_a_mesh_without_the_symmetry_is_refused() -> None:
 
 @pytest.mark.parametrize("seed", range(0, 200, 13))
 def test_random_states_are_admissible(seed: int) -> None:
-    scene, (mesh, length) = random_scene(seed), random_setting(seed)
+    scene, (mesh, length) = random_state(seed), random_setting(seed)
     lon, lat = Mesh.build(3, mesh["np"]).lon, Mesh.build(3, mesh["np"]).lat
     u, v, h = scene.initial(lon, lat)
-    again = random_scene(seed).initial(lon, lat)
+    again = random_state(seed).initial(lon, lat)
     assert np.array_equal((u, v, h), again)
     assert h.min() > SHALLOWEST * np.mean(h)
     # a little more than the flow itself may have, for the noise
     assert np.max(np.hypot(u, v) / np.sqrt(scene.planet.gravity * h)) < FASTEST + 0.05
-    assert 0.3 <= length.part < 1.0 <= length.courant <= 10.0**1.5
+    assert 0.3 <= length["part"] < 1.0 <= length["courant"] <= 10.0**1.5
 
 
 def test_all_seeds_are_dealt_out_to_all_steppers() -> None:
@@ -193,10 +199,10 @@ def test_time_that_is_used_up_fails() -> None:
 
 
 def test_an_error_that_is_none_of_ours_fails(monkeypatch) -> None:
-    def make_scene(_):
+    def fail(_):
         raise ValueError("no such thing")
 
-    monkeypatch.setattr(Configuration, "make_scene", make_scene)
+    monkeypatch.setattr(measuring, "make_scene", fail)
     result = try_out(small("steady-pi/4-rk4").changed(expect="either"))
     assert result.reason == "failed: ValueError: no such thing"
     assert result.outcome == "failed"
@@ -245,8 +251,8 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     assert cases["lake-ark2"].expect == "either"
     helped = cases["lake-rk4+viscosity"]
     assert helped.expect == "pass"
-    assert helped.base.make_scene().effect("viscosity").nu == 1e5
-    assert [str(bound) for bound in helped.all_bounds(helped.levels[0])] == [
+    assert make_scene(helped.base).effect("viscosity").nu == 1e5
+    assert [check.limits for check in helped.checks(helped.levels[0])] == [
         "mass_drift ≤ 1e-12",
         "min_depth ≥ 0",
     ]
@@ -277,9 +283,9 @@ def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) ->
 def test_every_case_can_be_run() -> None:
     """Its configuration is known, its scene can be made, and it requires something."""
     for case in CASES:
-        assert case.all_bounds(case.levels[0]) or case.expect == "refuse"
+        assert case.checks(case.levels[0]) or case.expect == "refuse"
         if case.method != "seeds":
-            case.base.make_scene()
+            make_scene(case.base)
         for symmetry in case.symmetries:
             assert symmetry in SYMMETRIES
 
@@ -289,15 +295,15 @@ def test_every_case_can_be_run() -> None:
 
 def test_names_are_unique_and_every_stepper_is_tried() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
-    assert cases_of(choose_stability()) == CASES
+    assert choose_stability() == CASES
     for group in ("noise", "rest", "random"):
         assert {case.stepper for case in GROUPS[group].cases} == set(STEPPERS)
 
 
 def test_choosing() -> None:
     chosen = choose_stability(["noise", "steady"], ["fully-implicit", "rk4"])
-    assert [group.name for group in chosen] == ["noise", "steady"]
-    assert {case.stepper for case in cases_of(chosen)} == {"tr-bdf2", "rk4"}
+    assert [*dict.fromkeys(case.family for case in chosen)] == ["noise", "steady"]
+    assert {case.stepper for case in chosen} == {"tr-bdf2", "rk4"}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
         choose_stability(["nois"])
     with pytest.raises(ConfigError, match="no case is left"):
@@ -318,7 +324,7 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     store.add(result(name, "failed", "why", "abc", l2_v=math.nan))
     store.add(result("island-rk4", "unstable", "no water", "def"))
     again = StabilityStore(path, quick=False)
-    assert set(again.known) == {"abc", "def"}
+    assert {found.fingerprint for found in again.records} == {"abc", "def"}
     with again.unfinished():
         again.add(result(name, "completed", "", "abc", **WITHIN))
         with pytest.raises(ConfigError, match="another process"), store.unfinished():
@@ -328,7 +334,7 @@ def test_results_stay_until_they_are_replaced(tmp_path) -> None:
     assert "| passed | mass_drift 0, min_depth 1, growth_v 1, l2_v 0.002," in text
     assert numbers["results"][name]["outcome"] == "passed"
     assert sorted(file.name for file in tmp_path.iterdir()) == ["page.json", "page.md"]
-    assert "def" in StabilityStore(path, quick=False).known
+    assert "def" in {found.fingerprint for found in StabilityStore(path, quick=False).records}
     with pytest.raises(ConfigError, match="full form"):
         StabilityStore(path, quick=True)
 
@@ -363,7 +369,7 @@ def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) ->
         with pytest.raises(RunFailed, match=r"cannot write .*000002\.json: No space left on"):
             store.add(result("steady-pi/4-rk4", "completed", "", "abc"))
     again = StabilityStore(tmp_path / "page.md", quick=False)
-    assert set(again.known) == {"def"}
+    assert {found.fingerprint for found in again.records} == {"def"}
 
 
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
@@ -387,7 +393,7 @@ def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
     assert (bad, end.value.code) == ([], 0)
     assert told["passed"] >= 12
     assert told["refused"] >= 3
-    groups = {group.name for group in choose_stability(quick=True)}
+    groups = {case.family for case in choose_stability(quick=True)}
     assert {"steady", "noise", "depth", "random", "guards"} <= groups
     with pytest.raises(SystemExit):
         main(line)
@@ -405,7 +411,7 @@ def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> No
             raise Interrupted("interrupted by Ctrl-C at day 1")
         return judge(case).measure.model_copy(update={"fingerprint": case.fingerprint(level)})
 
-    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", interrupted)
+    monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", interrupted)
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130

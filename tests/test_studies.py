@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,11 @@ import pytest
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies import cases as module
 from swe_sphere.studies.cases import families
-from swe_sphere.studies.cases.bounds import Bound, Check, read_bounds
-from swe_sphere.studies.cases.configuration import Configuration, merged
+from swe_sphere.studies.cases.case import Case, Check, merged, read_limits
 from swe_sphere.studies.cases.families import FAMILIES, read_family
+from swe_sphere.studies.cases.scenes import make_scene
 
-HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
+HIGH, LOW, BAND = Check("x", 1.0), Check("x", low=1.0), Check("x", 1.1, 0.9)
 
 
 @pytest.mark.parametrize(
@@ -28,34 +29,34 @@ HIGH, LOW, BAND = Bound("x", 1.0), Bound("x", low=1.0), Bound("x", 1.1, 0.9)
         (LOW, 0.5, False, 2.0),
         (LOW, -1.0, False, math.inf),
         (LOW, 0.0, False, math.inf),
-        (Bound("x", low=0.0), 3.0, True, 0.0),
-        (Bound("x", low=0.0), -1.0, False, math.inf),
-        (Bound("x", low=-2.0), -1.0, True, 0.5),
-        (Bound("x", low=-2.0), -4.0, False, 2.0),
-        (Bound("x", low=-2.0), 1.0, True, 0.0),
-        (Bound("x", -2.0), -4.0, True, 0.5),
-        (Bound("x", -2.0), 1.0, False, math.inf),
+        (Check("x", low=0.0), 3.0, True, 0.0),
+        (Check("x", low=0.0), -1.0, False, math.inf),
+        (Check("x", low=-2.0), -1.0, True, 0.5),
+        (Check("x", low=-2.0), -4.0, False, 2.0),
+        (Check("x", low=-2.0), 1.0, True, 0.0),
+        (Check("x", -2.0), -4.0, True, 0.5),
+        (Check("x", -2.0), 1.0, False, math.inf),
         (BAND, 1.1, True, 1.0),
         (BAND, 1.0, True, 0.0),
         (BAND, 1.2, False, 2.0),
-        (Bound("x", 0.0), 0.0, True, 0.0),
-        (Bound("x", 0.0), 1.0, False, math.inf),
-        (Bound("x", 1.0, 1.0), 1.0, True, 0.0),
+        (Check("x", 0.0), 0.0, True, 0.0),
+        (Check("x", 0.0), 1.0, False, math.inf),
+        (Check("x", 1.0, 1.0), 1.0, True, 0.0),
     ],
 )
 def test_how_much_of_a_bound_is_used(bound, value, holds, used) -> None:
-    check = Check(bound, value)
+    check = replace(bound, obtained=value)
     assert check.holds is holds
     assert check.used == pytest.approx(used, abs=1e-12)
 
 
 def test_bounds_in_words_and_from_tables() -> None:
-    high, low, band = read_bounds({"a": 2.0, "b": {"low": 0.5}, "c": {"low": 1.0, "high": 3.0}})
-    assert [str(bound) for bound in (high, low, band)] == ["a ≤ 2", "b ≥ 0.5", "1 ≤ c ≤ 3"]
-    assert str(Check(band, 4.0)) == "c is 4, not 1 ≤ c ≤ 3"
-    assert [*read_bounds({"a": math.inf})] == []
-    (always,) = read_bounds({"a": 2.0}, always=True)
-    assert always == Bound("a", 2.0, always=True)
+    high, low, band = read_limits({"a": 2.0, "b": {"low": 0.5}, "c": {"low": 1.0, "high": 3.0}})
+    assert [check.limits for check in (high, low, band)] == ["a ≤ 2", "b ≥ 0.5", "1 ≤ c ≤ 3"]
+    assert str(replace(band, obtained=4.0)) == "c is 4, not 1 ≤ c ≤ 3"
+    assert [*read_limits({"a": math.inf})] == []
+    (always,) = read_limits({"a": 2.0}, always=True)
+    assert always == Check("a", 2.0, always=True)
 
 
 # --- configurations
@@ -70,22 +71,23 @@ def test_changes_go_into_tables() -> None:
 
 
 def test_a_configuration_is_that_of_a_run() -> None:
-    run = Configuration({"scene": "williamson1", "set": {"scene": {"gaussian": True}}, "np": 6})
-    assert (run.config.np, run.config.settings) == (6, (("scene", "gaussian", True),))
-    assert run.make_scene().parameters["gaussian"] is True
-    damped = run.changed({"set": {"hyperviscosity": {"nu": "default"}}}).make_scene()
+    run = {"scene": "williamson1", "set": {"scene": {"gaussian": True}}, "np": 6}
+    case = Case(name="a", run=run)
+    assert (case.base.np, case.base.settings) == (6, (("scene", "gaussian", True),))
+    assert make_scene(case.base).parameters["gaussian"] is True
+    damped = make_scene(case.configured({"set": {"hyperviscosity": {"nu": "default"}}}))
     assert damped.effect("hyperviscosity") is not None
     with pytest.raises(ConfigError, match="there is no option 'nodes'"):
-        _ = run.changed({"nodes": 3}).config
+        case.configured({"nodes": 3})
 
 
 def test_scenes_of_a_study() -> None:
-    run = Configuration({"scene": "cases:decay", "set": {"scene": {"nu": 2e6}}})
-    assert run.make_scene().parameters["nu"] == 2e6
+    case = Case(name="a", run={"scene": "cases:decay", "set": {"scene": {"nu": 2e6}}})
+    assert make_scene(case.base).parameters["nu"] == 2e6
     with pytest.raises(ConfigError, match="did you mean 'decay'"):
-        run.changed({"scene": "cases:decya"}).make_scene()
+        make_scene(case.configured({"scene": "cases:decya"}))
     with pytest.raises(ConfigError, match="no parameter 'mu'"):
-        run.changed({"set": {"scene": {"mu": 1.0}}}).make_scene()
+        make_scene(case.configured({"set": {"scene": {"mu": 1.0}}}))
 
 
 def test_tables_share_what_stands_before_them(tmp_path) -> None:

@@ -14,18 +14,18 @@ import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
+from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,
     Measure,
-    cases_of,
+    all_cases,
     choose_verification,
-    families,
     run_cases,
     verify,
 )
-from swe_sphere.studies.cases.configuration import Configuration
+from swe_sphere.studies.cases import measure as measuring
 from swe_sphere.studies.cases.families import DEFAULTS, read_family
 from swe_sphere.studies.cases.measure import measure
 from swe_sphere.studies.cases.page import verification_page as page
@@ -34,14 +34,14 @@ from swe_sphere.studies.record_store import Store, locked
 from swe_sphere.testcases import SCENES
 
 DOCS = Path(__file__).parents[1] / "docs"
-CASES = cases_of(families("verification").values())
+CASES = all_cases("verification")
 BY_NAME = {case.name: case for case in CASES}
-QUICK = cases_of(choose_verification(quick=True))
+QUICK = choose_verification(quick=True)
 
 
 def chosen(*names: str) -> list[Case]:
     """The cases of these names in their quick form."""
-    return cases_of(choose_verification(names, quick=True))
+    return choose_verification(names, quick=True)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def measured_once(known, monkeypatch) -> None:
             known[key] = measure(case, level, tick)
         return known[key]
 
-    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", measured)
+    monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", measured)
 
 
 @pytest.mark.usefixtures("measured_once")
@@ -88,12 +88,12 @@ def test_every_stepper_is_held_in_a_narrow_band() -> None:
     ours = {n: kind for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
     for name, kind in ours.items():
         case = BY_NAME[f"stepper-{name}"]
-        assert case.at(case.levels[0]).config.stepper == name
+        assert case.at(case.levels[0]).stepper == name
         (long, first), (short, second) = (
-            (case.at(level).config.dt, level.values["l2_v"]) for level in case.levels
+            (case.at(level).dt, level.values["l2_v"]) for level in case.levels
         )
         assert np.log(first / second) / np.log(long / short) > kind.order - 0.65, name
-        for bound in (b for level in case.levels for b in case.all_bounds(level)):
+        for bound in (b for level in case.levels for b in case.checks(level)):
             width = bound.high - bound.low
             assert bound.quantity == "mass_drift" or width <= 4.1e-3 * bound.high, name
 
@@ -102,7 +102,7 @@ def test_every_case_has_a_name_and_every_level_a_bound(scene_of) -> None:
     assert len(BY_NAME) == len(CASES)
     for case in CASES:
         for level in case.levels:
-            assert any(b.quantity != "mass_drift" for b in case.all_bounds(level)), case.name
+            assert any(b.quantity != "mass_drift" for b in case.checks(level)), case.name
         if case.method != "start" and scene_of[case.name] != "lake-at-rest" and case.along != "dt":
             assert all(level.h for level in case.levels), case.name
 
@@ -116,7 +116,7 @@ def test_exact_scenes_have_orders_in_ne_and_np(scene_of) -> None:
 
 def test_errors_fall_with_refinement_wherever_an_order_is_asked_for() -> None:
     for case in CASES:
-        for bound in (bound for level in case.levels for bound in case.all_bounds(level)):
+        for bound in (bound for level in case.levels for bound in case.checks(level)):
             if bound.quantity.startswith("order"):
                 assert bound.low > 0.0, (case.name, bound)
 
@@ -175,7 +175,7 @@ note = "a note"
 levels = [
     {ne = 2, h = [1.0, 1.0, 1.0], v = [2.0, 2.0, 3.0]},
     {ne = 4, order = [2.0, 1.5], bounds = {max_v = 50.0, max_speed = {low = 1.0, high = 90.0}}},
-    {ne = 3, values = {nothing = 1.0}, quick = true, published = [{source = "X", l2_h = 0.5}]},
+    {ne = 3, values = {nothing = 1.0}, quick = true, published = {X = {l2_h = 0.5}}},
 ]
 [[case]]
 name = "none"
@@ -196,18 +196,18 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
     (_, none) = family.cases
     assert (family.title, none.name) == ("Two", "none")
     assert none.bounds == {"mass_drift": math.inf} and none.levels == ()
-    assert none.base.config.stepper == "leapfrog"
-    assert none.base.config.scene == "williamson2"
-    first, second, third = ([str(b) for b in easy.all_bounds(level)] for level in easy.levels)
+    assert none.base.stepper == "leapfrog"
+    assert none.base.scene == "williamson2"
+    first, second, third = ([b.limits for b in easy.checks(level)] for level in easy.levels)
     high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
     assert first == [*high, "mass_drift ≤ 1e-13"]
     orders = ["order ≥ 2", "order_v ≥ 1.5"]
     assert second == [*orders, "max_v ≤ 50", "1 ≤ max_speed ≤ 90", "mass_drift ≤ 1e-13"]
     assert third == ["0.999 ≤ nothing ≤ 1.001", "mass_drift ≤ 1e-13"]
     last = easy.levels[2]
-    assert (last.quick, last.published[0].source) == (True, "X")
-    assert last.published[0].values == {"l2_h": 0.5}
-    assert easy.at(last) == Configuration({"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"})
+    assert (last.quick, last.published) == (True, {"X": {"l2_h": 0.5}})
+    expected = {"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"}
+    assert easy.at(last).given() == expected
 
 
 @pytest.mark.parametrize(
@@ -295,12 +295,12 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     begun: list[float | str] = []
 
     def interrupted(case, level, tick):
-        begun.append(case.at(level).config.dt)
+        begun.append(case.at(level).dt)
         if len(begun) == 3:
             raise Interrupted("interrupted by Ctrl-C at day 0")
         return measure(case, level, tick)
 
-    monkeypatch.setattr("swe_sphere.studies.cases.verdict.measure", interrupted)
+    monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", interrupted)
     with pytest.raises(SystemExit) as end:
         main(line)
     assert end.value.code == 130
@@ -320,7 +320,7 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
 
 def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch) -> None:
     runs = Store(tmp_path, Measure)
-    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], keep=runs.add)
+    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], store=runs)
     keys = [easy.fingerprint(level) for level in easy.levels]
     assert len({*keys}) == len(keys) and first.measure.fingerprint == keys[0]
     again = changed(easy, tolerance=1e-9, levels=easy.levels[:1])
@@ -331,13 +331,13 @@ def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch
 
 
 def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
-    make = Configuration.make_scene
+    make = measuring.make_scene
 
-    def with_other_gravity(configuration: Configuration):
-        scene = make(configuration)
+    def with_other_gravity(config: RunConfig):
+        scene = make(config)
         return replace(scene, planet=replace(scene.planet, gravity=9.81))
 
-    monkeypatch.setattr(Configuration, "make_scene", with_other_gravity)
+    monkeypatch.setattr(measuring, "make_scene", with_other_gravity)
     with pytest.raises(SystemExit) as end:
         main(["verify", "--quick", "--json", "--scenes", "start-williamson2"])
     assert end.value.code == 1

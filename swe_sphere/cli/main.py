@@ -17,7 +17,7 @@ COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
     "advise": "advise:advise", "plot": "pictures:plot", "animate": "pictures:animate",
     "compare": "files:compare", "regrid": "files:regrid", "scrip": "files:scrip",
-    "verify": "verify:verify", "stress": "stress:stress", "ensemble": "ensemble:ensemble",
+    "verify": "cases:verify", "stress": "cases:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""
 

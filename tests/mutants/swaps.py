@@ -58,15 +58,15 @@ def _entry(index: int) -> Callable[[Any], Any]:
     return scale
 
 
-MAKE_SCENE = "swe_sphere.studies.cases.configuration:Configuration.make_scene"
+MAKE_SCENE = "swe_sphere.studies.cases.measure:make_scene"
 
 
 def _scene(name: str, cases: tuple[str, ...], field: str, scale: Callable[[Any], Any]) -> Swap:
     """Scenes one of whose functions is changed, after the exact solution was made."""
 
     def change(make_scene: Callable[..., Any]) -> Callable[..., Any]:
-        def mutated(configuration: Any) -> Any:
-            scene = make_scene(configuration)
+        def mutated(config: Any) -> Any:
+            scene = make_scene(config)
             return replace(scene, **{field: _returning(scale)(getattr(scene, field))})
 
         return mutated

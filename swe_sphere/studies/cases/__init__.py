@@ -2,21 +2,20 @@
 
 from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
-from swe_sphere.studies.cases.case import Case, Level, Published
+from swe_sphere.studies.cases.case import Case
 from swe_sphere.studies.cases.families import (
-    Family,
-    cases_of,
+    all_cases,
     choose_stability,
     choose_verification,
     families,
-)
+)  # fmt: skip
 from swe_sphere.studies.cases.measure import Measure
-from swe_sphere.studies.cases.verdict import OUTCOMES, Row, measured_beside, run_cases
+from swe_sphere.studies.cases.rows import OUTCOMES, Row, measured_beside, run_cases
 from swe_sphere.studies.jobs import checked_jobs
 
 __all__ = [
-    "OUTCOMES", "Case", "Family", "Level", "Measure", "Published", "Row", "cases_of",
-    "choose_stability", "choose_verification", "families", "measured_beside", "run_cases", "verify",
+    "OUTCOMES", "Case", "Measure", "Row", "all_cases", "choose_stability", "choose_verification",
+    "families", "measured_beside", "run_cases", "verify",
 ]  # fmt: skip
 
 
@@ -46,7 +45,7 @@ def verify(
         KeyboardInterrupt: on Ctrl-C.
     """
     refuse_ranks()
-    cases = cases_of(choose_verification(scenes, quick, launch))
+    cases = choose_verification(scenes, quick, launch)
     try:
         return list(run_cases(cases, jobs=checked_jobs(jobs)))
     except Interrupted as error:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
-from swe_sphere.studies.cases.bounds import Bound, Limits, read_bounds
-from swe_sphere.studies.cases.configuration import Configuration, merged
+from swe_sphere.settings.values import by_field
+from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.studies.cases.scenes import make_scene
 
 Norms = tuple[float, float, float]
 """l1, l2 and linf."""
+Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
+"""Limits by quantity: `quantity = high`, or `quantity = {low = low, high = high}`."""
 
 CONVERGED = "converged"
 """Value of `Case.against` for a run on the same mesh with a step too short for a time error."""
@@ -29,18 +34,59 @@ ORDERS = {
 """Quantities that fall with refinement, and the names of their observed orders."""
 
 
-class Published(BaseModel):
-    """Published numbers for comparison: values by quantity, and their source."""
+@dataclass(frozen=True)
+class Check:
+    """Limits of a quantity, decided before the run, and the number that is compared with them."""
 
-    model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, float]
-
-    source: str
+    quantity: str
+    high: float = math.inf
+    low: float = -math.inf
+    always: bool = False
+    """Whether it also applies to a run that was stopped early."""
+    obtained: float = math.nan
+    """NaN for a quantity that was not measured."""
 
     @property
-    def values(self) -> Mapping[str, float]:
-        """Values by quantity."""
-        return self.__pydantic_extra__
+    def holds(self) -> bool:
+        """Whether the number is within its limits; NaN is not."""
+        return self.low <= self.obtained <= self.high
+
+    @property
+    def used(self) -> float:
+        """Fraction of the limit that is used: at most 1 within it, infinite for NaN."""
+        x, high = self.obtained, self.high
+        if not math.isfinite(x):
+            return math.inf
+        if math.isinf(self.high):
+            x, high = -x, -self.low
+        elif math.isfinite(self.low):
+            high = 0.5 * (self.high - self.low)
+            x = abs(x - (self.low + high))
+        if high > 0.0:
+            return max(x, 0.0) / high
+        if high < 0.0 and x < 0.0:
+            return high / x
+        return 0.0 if x <= high else math.inf
+
+    @property
+    def limits(self) -> str:
+        """The limits in words."""
+        if math.isinf(self.high):
+            return f"{self.quantity} ≥ {self.low:g}"
+        low = "" if math.isinf(self.low) else f"{self.low:g} ≤ "
+        return f"{low}{self.quantity} ≤ {self.high:g}"
+
+    def __str__(self) -> str:
+        return f"{self.quantity} is {self.obtained:.6g}, not {self.limits}"
+
+
+def read_limits(table: Limits, always: bool = False) -> Iterator[Check]:
+    """Yield a check for each quantity that is limited; always: as `Check.always`."""
+    for quantity, limits in table.items():
+        values = {"high": limits} if isinstance(limits, float) else limits
+        check = Check(quantity, values.get("high", math.inf), values.get("low", -math.inf), always)
+        if not (math.isinf(check.high) and math.isinf(check.low)):
+            yield check
 
 
 class Level(BaseModel):
@@ -60,20 +106,10 @@ class Level(BaseModel):
     apply to the first level of a run."""
     values: dict[str, float] = {}
     """Numbers to be met to within `Case.tolerance`."""
-    published: tuple[Published, ...] = ()
+    published: Mapping[str, Mapping[str, float]] = {}
+    """Published numbers for comparison, by source and quantity."""
     quick: bool = False
     """Whether the level is part of the quick form."""
-
-    def all_bounds(self, tolerance: float) -> Iterator[Bound]:
-        """Yield all bounds of the level; tolerance: relative, of `values`."""
-        for names, limits in ((NORMS[:3], self.h), (NORMS[3:], self.v)):
-            yield from read_bounds(dict(zip(names, limits or (), strict=False)))
-        for name, low in zip(("order", "order_v"), self.order or (), strict=False):
-            yield Bound(name, low=low)
-        yield from read_bounds(self.bounds)
-        for name, value in self.values.items():
-            room = tolerance * abs(value)
-            yield Bound(name, value + room, value - room)
 
 
 class Case(BaseModel):
@@ -83,9 +119,11 @@ class Case(BaseModel):
 
     name: str
     """Name of the case, different from those of all others."""
+    family: str = ""
+    """Name of the family that the case belongs to."""
     title: str = ""
     run: dict[str, Any]
-    """The run with the keys of a `--config` file, see `Configuration`."""
+    """The run with the keys of a `--config` file; see `scenes.make_scene` for its scene."""
     method: Literal["errors", "start", "series", "file", "precisions", "seeds"] = "errors"
     """How a run is measured, see `measure.METHODS`."""
     levels: tuple[Level, ...] = (Level(quick=True),)
@@ -124,15 +162,19 @@ class Case(BaseModel):
     quickly: dict[str, Any] = {}
     """Changes of the case in the quick form."""
 
-    @property
-    def base(self) -> Configuration:
-        """The run of the case before its levels change it."""
+    def configured(self, changes: Mapping[str, Any]) -> RunConfig:
+        """Return the configuration of the run with changes; ConfigError for what does not fit."""
         limit = {} if self.seconds is None else {"time-limit": self.seconds}
-        return Configuration(limit | self.run)
+        return make_config(by_field(merged(limit | self.run, changes)))
 
-    def at(self, level: Level) -> Configuration:
+    @property
+    def base(self) -> RunConfig:
+        """The run of the case before its levels change it."""
+        return self.configured({})
+
+    def at(self, level: Level) -> RunConfig:
         """Return the run of a level."""
-        return self.base.changed(level.__pydantic_extra__)
+        return self.configured(level.__pydantic_extra__)
 
     def changed(self, **changes: Any) -> Case:
         """Return the case with other values; those in `run` are merged with its own."""
@@ -145,22 +187,31 @@ class Case(BaseModel):
         short = self.changed(**self.quickly) if self.quickly and levels else self
         return short.model_copy(update={"levels": levels})
 
-    def all_bounds(self, level: Level) -> list[Bound]:
-        """Return all bounds of a level; bounds that always apply come first."""
-        always = read_bounds(self.always, always=True)
-        return [*always, *level.all_bounds(self.tolerance), *read_bounds(self.bounds)]
+    def checks(self, level: Level) -> list[Check]:
+        """Return all checks of a level; those that always apply come first."""
+        norms = zip(NORMS, (level.h or 3 * (math.inf,)) + (level.v or ()), strict=False)
+        orders = zip(("order", "order_v"), level.order or (), strict=False)
+        room = {name: self.tolerance * abs(value) for name, value in level.values.items()}
+        return [
+            *read_limits(self.always, always=True),
+            *read_limits(dict(norms)),
+            *(Check(name, low=low) for name, low in orders),
+            *read_limits(level.bounds),
+            *(Check(n, x + room[n], x - room[n]) for n, x in level.values.items()),
+            *read_limits(self.bounds),
+        ]
 
     @property
     def is_timed(self) -> bool:
         """Whether there are bounds on its times, so that it has to run alone."""
-        bounds = (bound for level in self.levels for bound in self.all_bounds(level))
-        return any("seconds" in bound.quantity for bound in bounds)
+        checks = (check for level in self.levels for check in self.checks(level))
+        return any("seconds" in check.quantity for check in checks)
 
     def fingerprint(self, level: Level) -> str:
         """Return the same text for two levels with the same run, measurement and code."""
         judged = {"levels", "bounds", "always", "expect", "tolerance", "title", "note", "report"}
-        run = self.model_dump(exclude=judged | {"along", "quickly"})
-        return fingerprint([self.at(level).table, run, code_fingerprint("studies.cases")])
+        run = self.model_dump(exclude=judged | {"family", "along", "quickly"})
+        return fingerprint([level.__pydantic_extra__, run, code_fingerprint("studies.cases")])
 
     @property
     def stepper(self) -> str:
@@ -170,4 +221,14 @@ class Case(BaseModel):
     @property
     def scene(self) -> str:
         """Name of the scene."""
-        return self.base.make_scene().name
+        return make_scene(self.base).name
+
+
+def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table with changes; tables within it are merged too."""
+    deep = {
+        key: merged(table[key], value)
+        for key, value in changes.items()
+        if isinstance(value, Mapping) and isinstance(table.get(key), Mapping)
+    }
+    return {**table, **changes, **deep}

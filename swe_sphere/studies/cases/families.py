@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,9 +13,8 @@ from pydantic import ValidationError, model_validator
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.settings.values import place_and_complaint, read_toml
 from swe_sphere.steppers import STEPPERS, get_stepper
-from swe_sphere.studies.cases.case import Case, Level
-from swe_sphere.studies.cases.configuration import merged
-from swe_sphere.studies.cases.random_state import random_setting
+from swe_sphere.studies.cases.case import Case, Level, merged
+from swe_sphere.studies.cases.scenes import random_setting
 
 FAMILIES = {
     "verification": (
@@ -79,23 +77,24 @@ class Table(Case):
         names = named_steppers(self.steppers)
         for index, stepper in enumerate(names):
             seeds = range(index, self.random, len(names))
-            few = {"seeds": _few(seeds)} if seeds else {}
+            # other np than 4 compile more kernels
+            few = [seed for seed in seeds if random_setting(seed)[0]["np"] == 4][:QUICK_SEEDS]
             case = Case.model_validate(own | {
                 "name": f"{self.name}-{stepper}",
                 "run": self.run | {"stepper": stepper},
                 "seeds": tuple(seeds),
                 "levels": (Level(quick=stepper in self.quick),),
-                "quickly": self.quickly | few,
+                "quickly": self.quickly | ({"seeds": few} if seeds else {}),
             })  # fmt: skip
-            yield from self._with_remedy(case) if self.remedy else (case,)
-
-    def _with_remedy(self, case: Case) -> Iterator[Case]:
-        is_needed = self.remedied is None or case.stepper in self.remedied
-        usual = "break" if is_needed else "either"
-        yield case.changed(expect=self.expect if "expect" in self.model_fields_set else usual)
-        if is_needed:
-            name = f"{case.name}+{next(iter(self.remedy))}"
-            yield case.changed(name=name, run={"set": self.remedy}, levels=(Level(),))
+            if not self.remedy:
+                yield case
+                continue
+            is_needed = self.remedied is None or stepper in self.remedied
+            usual = "break" if is_needed else "either"
+            yield case.changed(expect=self.expect if "expect" in own else usual)
+            if is_needed:
+                name = f"{case.name}+{next(iter(self.remedy))}"
+                yield case.changed(name=name, run={"set": self.remedy}, levels=(Level(),))
 
 
 def named_steppers(words: tuple[str, ...]) -> list[str]:
@@ -107,26 +106,21 @@ def named_steppers(words: tuple[str, ...]) -> list[str]:
     return list(found)
 
 
-def _few(seeds: range) -> tuple[int, ...]:
-    """Return the first seeds with np 4: others compile more kernels."""
-    return tuple(s for s in seeds if random_setting(s)[0]["np"] == 4)[:QUICK_SEEDS]
-
-
 @dataclass(frozen=True)
 class Family:
     """Cases that belong together."""
 
     name: str
     title: str
-    text: str = ""
+    text: str
     """Paragraph of the page: what is run, and what is required."""
-    cases: tuple[Case, ...] = ()
+    cases: tuple[Case, ...]
 
 
 @cache
 def families(folder: str) -> Mapping[str, Family]:
     """Return all families of "verification" or "stability" by name."""
-    place = Path(str(files(__package__))) / folder
+    place = Path(__file__).parent / folder
     return {
         name: read_family(place / f"{name}.toml", DEFAULTS[folder]) for name in FAMILIES[folder]
     }
@@ -142,6 +136,7 @@ def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family
     shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{path}: there must be tables [[case]]")
+    shared["family"] = path.stem
     try:
         read = [Table.model_validate(merged(shared, table)) for table in tables]
     except ValidationError as error:
@@ -150,65 +145,55 @@ def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family
     return Family(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
 
 
-def cases_of(chosen: Iterable[Family]) -> list[Case]:
-    """Return the cases of all these families."""
-    return [case for family in chosen for case in family.cases]
+def all_cases(folder: str) -> list[Case]:
+    """Return the cases of all families of "verification" or "stability", in order."""
+    return [case for family in families(folder).values() for case in family.cases]
 
 
 def choose_verification(
     names: Sequence[str] = (), quick: bool = False, launch: str | None = None
-) -> list[Family]:
+) -> list[Case]:
     """Return the cases of these scenes, or of these names (none: all), with a shape of launches.
 
     Raises:
         ConfigError: an unknown name or shape.
     """
-    known = [*families("verification").values()]
+    chosen = all_cases("verification")
     if names:
-        own = {case.name: {case.scene, case.name} for case in cases_of(known)}
-        all_names = dict.fromkeys(name for each in own.values() for name in sorted(each))
-        for name in names:
-            if name not in all_names:
-                raise unknown_name("scene or case", name, all_names)
-        known = _kept(known, lambda case: bool(own[case.name] & set(names)))
-    chosen = _quick(known) if quick else known
-    return chosen if launch is None else [_launched(family, launch) for family in chosen]
+        own = {case.name: {case.scene, case.name} for case in chosen}
+        known = dict.fromkeys(name for each in own.values() for name in sorted(each))
+        _check_names("scene or case", names, known)
+        chosen = [case for case in chosen if own[case.name] & set(names)]
+    if launch is not None:
+        chosen = [case.changed(run={"launch": launch}) for case in chosen]
+        _ = chosen[0].base  # an unknown shape ends here
+    return _quick(chosen) if quick else chosen
 
 
 def choose_stability(
     groups: Sequence[str] = (), steppers: Sequence[str] = (), quick: bool = False
-) -> list[Family]:
-    """Return the groups of these names (none: all) with the cases of these steppers (none: all).
+) -> list[Case]:
+    """Return the cases of these families and of these steppers (none: all).
 
     Raises:
         ConfigError: an unknown name, or no case is left.
     """
     known = families("stability")
-    for name in groups:
-        if name not in known:
-            raise unknown_name("group of cases", name, known)
+    _check_names("group of cases", groups, known)
     wanted = {get_stepper(name).name for name in steppers}
-    named = [known[name] for name in groups or known]
-    chosen = _kept(named, lambda case: not wanted or case.stepper in wanted)
+    every = [case for name in groups or known for case in known[name].cases]
+    chosen = [case for case in every if not wanted or case.stepper in wanted]
     chosen = _quick(chosen) if quick else chosen
     if not chosen:
         raise ConfigError("no case is left: ask for other groups or steppers, or not --quick")
     return chosen
 
 
-def _kept(known: Iterable[Family], condition: Callable[[Case], bool]) -> list[Family]:
-    """Return the families with the cases that meet a condition, without empty ones."""
-    every = [replace(each, cases=tuple(filter(condition, each.cases))) for each in known]
-    return [family for family in every if family.cases]
+def _check_names(what: str, names: Sequence[str], known: Mapping[str, object]) -> None:
+    for name in names:
+        if name not in known:
+            raise unknown_name(what, name, known)
 
 
-def _quick(known: Iterable[Family]) -> list[Family]:
-    short = [replace(each, cases=tuple(case.quick_form() for case in each.cases)) for each in known]
-    return _kept(short, lambda case: bool(case.levels))
-
-
-def _launched(family: Family, launch: str) -> Family:
-    cases = tuple(case.changed(run={"launch": launch}) for case in family.cases)
-    for case in cases[:1]:
-        _ = case.base.config
-    return replace(family, cases=cases)
+def _quick(cases: list[Case]) -> list[Case]:
+    return [short for short in (case.quick_form() for case in cases) if short.levels]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -18,6 +17,8 @@ from swe_sphere.io.norms import area_mean, by_name, field_errors
 from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.planet import DAY
+from swe_sphere.simulation.build import Inputs
+from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import exact_fields, flow_errors, state_integrals
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import Observer, Ticker
@@ -25,11 +26,10 @@ from swe_sphere.simulation.planning import RunPlan, free_steps
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import get_stepper
 from swe_sphere.studies.cases.case import CONVERGED, Case, Level
-from swe_sphere.studies.cases.configuration import Configuration
-from swe_sphere.studies.cases.random_state import random_setting
+from swe_sphere.studies.cases.scenes import make_scene, random_setting
 from swe_sphere.studies.cases.series import SYMMETRIES, Series
 from swe_sphere.studies.ended import Ended, attempt, stepped
-from swe_sphere.studies.record_store import Result
+from swe_sphere.studies.record_store import Record
 
 Tick = Callable[[str], None]
 COSTS = ("newton_iterations", "krylov_iterations", "rejected_steps")
@@ -37,13 +37,19 @@ TIMES = ("seconds", "step_seconds", "dt")
 """Numbers of every record: wall times of all and of the steps alone [s], and the step [s]."""
 
 
-class Measure(Result):
-    """What a run of a case came to: how it ended and its numbers, `TIMES` among them."""
+class Measure(Record):
+    """How a run of a case ended, and its numbers."""
 
+    fingerprint: str
+    """Fingerprint of the run, of its measurement and of the code."""
+    reason: str
+    """Why the run did not end well; empty if it did."""
+    numbers: Mapping[str, float | None] = {}
+    """Numbers by name, `TIMES` among them."""
     name: str
     """Name of the case."""
     status: str
-    """How it ended, as `Summary.status`."""
+    """How the run ended, as `Summary.status`."""
 
 
 def measure(case: Case, level: Level, tick: Tick | None = None) -> Measure:
@@ -63,17 +69,19 @@ def measure(case: Case, level: Level, tick: Tick | None = None) -> Measure:
     )
 
 
-def _progress(sim: Simulation, tick: Tick | None) -> list[Observer]:
+def _progress(case: Case, sim: Simulation, tick: Tick | None) -> list[Observer]:
     if tick is None:
         return []
-    plan = sim.plan
-    return [Ticker(lambda n: tick(f"day {plan.time(n) / DAY:.3g}, step {n} of {plan.steps}"))]
+    plan, name = sim.plan, case.name
+    return [
+        Ticker(lambda n: tick(f"{name}: day {plan.time(n) / DAY:.3g}, step {n} of {plan.steps}"))
+    ]
 
 
 # --- errors, integrals and extremes
 
 
-def _errors(case: Case, run: Configuration, tick: Tick | None) -> Ended:
+def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     """Run a case and measure, as far as they are defined,
 
     all of `Simulation.diagnostics` at the end; its errors are those against `Case.against`;
@@ -88,24 +96,31 @@ def _errors(case: Case, run: Configuration, tick: Tick | None) -> Ended:
     """
     sim = _begun(run)
     begins = case.method == "start"
-    ended = Ended(sim=sim) if begins else stepped(sim, _progress(sim, tick), case.seconds)
+    ended = Ended(sim=sim) if begins else stepped(sim, _progress(case, sim, tick), case.seconds)
     if ended.completed:
-        ended.numbers = sim.diagnostics | _constants(sim) | _extremes(sim)
-        ended.numbers |= _errors_against(sim, case, run)
+        ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case, run)
     ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.clock.wall_seconds}
     return ended
 
 
-def _begun(run: Configuration) -> Simulation:
+def _simulation(run: RunConfig) -> Simulation:
+    return Simulation(Inputs(run, make_scene(run)))
+
+
+def _begun(run: RunConfig) -> Simulation:
     """Return the run without frames between start and end, to which its step would have to fit."""
-    days = run.config.days
-    sim = run.changed({"every": 24.0 * days} if days else {}).simulation()
+    sim = _simulation(_with(run, every=24.0 * run.days) if run.days else run)
     sim.begin()
     return sim
 
 
-def _completed(run: Configuration) -> Simulation:
-    """Return a run to compare with, at its end; RunFailed where it does not get there."""
+def _with(run: RunConfig, **changes: object) -> RunConfig:
+    return run.model_copy(update=changes)
+
+
+@lru_cache(maxsize=1)
+def _completed(run: RunConfig) -> Simulation:
+    """Return a run that all levels of a case are compared with; RunFailed where it fails."""
     sim = _begun(run)
     ended = stepped(sim)
     if not ended.completed:
@@ -113,86 +128,61 @@ def _completed(run: Configuration) -> Simulation:
     return sim
 
 
-@lru_cache(maxsize=1)
-def _finer(table: str) -> Simulation:
-    """Return a run on a finer mesh, which all levels of a case share; table: its keys in JSON."""
-    return _completed(Configuration(json.loads(table)))
-
-
-def _constants(sim: Simulation) -> dict[str, float]:
-    """Return integrals of the mesh and of the initial state."""
-    mesh, model = sim.mesh, sim.model
-    before = state_integrals(model, sim.start)
-    sphere = 4.0 * math.pi * mesh.radius**2
-    return {
-        "area": abs(float(mesh.area.sum()) / sphere - 1.0),
-        "mean_depth": before["mass"],
-        "energy": before["energy"],
-        "enstrophy": before["potential_enstrophy"],
-        "max_wind": before["max_wind"],
+def _extremes(sim: Simulation) -> dict[str, float]:
+    """Return numbers of the mesh and the initial state, largest winds, and bounds of tracers."""
+    mesh, model, before, end = sim.mesh, sim.model, sim.start, sim.diagnostics
+    integrals = state_integrals(model, before)
+    found = {
+        "area": abs(float(mesh.area.sum()) / (4.0 * math.pi * mesh.radius**2) - 1.0),
+        "mean_depth": integrals["mass"],
+        "energy": integrals["energy"],
+        "enstrophy": integrals["potential_enstrophy"],
+        "max_wind": integrals["max_wind"],
         "mean_bottom": area_mean(mesh.area, model.bottom),
         "rms_coriolis": math.sqrt(area_mean(mesh.area, model.coriolis**2)),
-    }
-
-
-def _extremes(sim: Simulation) -> dict[str, float]:
-    """Return the largest winds, and what tracers must not do."""
-    end, names = sim.diagnostics, tuple(sim.scene.tracers or ())
-    found = {
         "max_v": float(np.abs(sim.snapshot.fields["v"]).max()),
         "max_speed": end["max_wind"],
     }
-    if not names:
-        return found
-    firsts = {name: sim.start[f"q_{name}"] for name in names}
-    under = [float(first.min()) - end[f"min_q_{name}"] for name, first in firsts.items()]
-    over = [end[f"max_q_{name}"] - float(first.max()) for name, first in firsts.items()]
-    drifts = [abs(end[f"mass_drift_q_{name}"]) for name in names]
-    return found | {"beyond_bounds": max(*under, *over), "tracer_mass_drift": max(drifts)}
+    if names := tuple(sim.scene.tracers or ()):
+        under = [float(before[f"q_{name}"].min()) - end[f"min_q_{name}"] for name in names]
+        over = [end[f"max_q_{name}"] - float(before[f"q_{name}"].max()) for name in names]
+        found["beyond_bounds"] = max(*under, *over)
+        found["tracer_mass_drift"] = max(abs(end[f"mass_drift_q_{name}"]) for name in names)
+    return found
 
 
-CONVERGED_RUN = {"dt": 60.0, "stepper": "rk4", "tolerance": None}
-"""Changes of a run that leave no time error."""
-
-
-def _errors_against(sim: Simulation, case: Case, run: Configuration) -> dict[str, float]:
-    against = case.against
+def _errors_against(sim: Simulation, case: Case, run: RunConfig) -> dict[str, float]:
+    fields, against = sim.snapshot.fields, case.against
     if against == CONVERGED:
-        other = _completed(run.changed(CONVERGED_RUN)).snapshot.fields
+        other = _completed(_with(run, dt=60.0, stepper="rk4", tolerance=None)).snapshot.fields
     elif isinstance(against, dict):
-        fine = _finer(json.dumps(case.base.changed(against).table))
+        fine = _completed(case.configured(against))
         other = at_nodes(fine.mesh, fine.snapshot.fields, sim.mesh)
     elif against is not None:
-        return _reference_errors(sim, against)
+        grid, ours = OnGrid(Reference(SHIPPED / f"{against}.nc"), sim.mesh), sim.snapshot
+        errors = by_name(grid.errors(ours.with_constants, sim.scene.error_field))
+        return errors | {"decorrelation": grid.decorrelation(ours.with_constants)}
     elif sim.scene.exact is not None:
         other = exact_fields(sim.model, sim.time)
     else:
         return {}
-    off = sim.snapshot.fields["h"] - other["h"]
-    return by_name(flow_errors(sim.model, sim.snapshot.fields, other)) | {
+    off = fields["h"] - other["h"]
+    return by_name(flow_errors(sim.model, fields, other)) | {
         "rms_h": math.sqrt(area_mean(sim.mesh.area, off**2)),
         "max_h": float(np.abs(off).max()),
     }
 
 
-def _reference_errors(sim: Simulation, name: str) -> dict[str, float]:
-    """Return errors of the free surface, and of wind and vorticity that the reference has."""
-    grid = OnGrid(Reference(SHIPPED / f"{name}.nc"), sim.mesh)
-    fields = sim.snapshot.with_constants
-    found = by_name(grid.errors(fields, sim.scene.error_field))
-    return found | {"decorrelation": grid.decorrelation(fields)}
-
-
 # --- series of samples
 
 
-def _series(case: Case, run: Configuration, tick: Tick | None) -> Ended:
+def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     """Run a case and measure extremes of the whole run, see `Series`, and its costs."""
-    sim = run.simulation()
+    sim = _simulation(run)
     sim.begin(_plan(case, sim))
     series = Series(sim.plan, [SYMMETRIES[name](sim.mesh) for name in case.symmetries])
     series.observe(sim.snapshot)
-    ended = stepped(sim, [series, *_progress(sim, tick)], case.seconds)
+    ended = stepped(sim, [series, *_progress(case, sim, tick)], case.seconds)
     costs = sim.stepper.costs()
     ended.numbers = series.numbers() | {
         "dt": sim.plan.dt,
@@ -208,8 +198,13 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     """Return the steps that the case prescribes; None: as an ordinary run chooses them."""
     if case.part is None and case.courant is None:
         return None
-    own = case.part is not None and math.isfinite(sim.stable_dt())
-    dt = (case.part or 1.0) * sim.stable_dt() if own else _implicit_step(case, sim)
+    if case.part is not None and math.isfinite(sim.stable_dt()):
+        dt = case.part * sim.stable_dt()
+    else:
+        dt = (case.courant or 1.0) * sim.setup.gravity_limit()
+        wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
+        if case.advective is not None and wind > 0.0:
+            dt = min(dt, case.advective * sim.mesh.spacing()[0] / wind)
     if case.steps is None:
         return free_steps(sim.days, dt)
     whole = max(1, math.floor(sim.days * DAY / dt))
@@ -217,21 +212,12 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     return RunPlan(dt, count, count, dt)
 
 
-def _implicit_step(case: Case, sim: Simulation) -> float:
-    """Return the step [s] of `courant`, within the advective Courant number that it may have."""
-    dt = (case.courant or 1.0) * sim.setup.gravity_limit()
-    if case.advective is None:
-        return dt
-    wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
-    return min(dt, case.advective * sim.mesh.spacing()[0] / wind) if wind > 0.0 else dt
-
-
-def _precisions(case: Case, run: Configuration, tick: Tick | None) -> Ended:
+def _precisions(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     """Run a case in float32, and measure apart_h, apart_v: relative l2 distance from float64."""
-    exact = _series(case, run.changed({"precision": "float64"}), tick)
+    exact = _series(case, _with(run, precision="float64"), tick)
     if exact.sim is None or not exact.completed:
         return replace(exact, reason=f"in float64: {exact.reason}")
-    rough = _series(case, run.changed({"precision": "float32"}), tick)
+    rough = _series(case, _with(run, precision="float32"), tick)
     if rough.sim is not None and rough.completed:
         ours, theirs = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
         apart = field_errors(rough.sim.mesh.area, ours, theirs)
@@ -243,14 +229,16 @@ WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
 """Numbers of which the largest of a batch of runs is kept."""
 
 
-def _seeds(case: Case, run: Configuration, tick: Tick | None) -> Ended:
+def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Ended:
     """Run each seed by itself and measure how many `stopped`, and the worst numbers of all."""
     batch = Ended(numbers={"seeds": float(len(case.seeds)), "stopped": 0.0})
     numbers = batch.numbers
     for seed in case.seeds:
         if tick is not None:
-            tick(f"seed {seed}")
-        one = _of_seed(case, seed)
+            tick(f"{case.name}: seed {seed}")
+        mesh, step = random_setting(seed)
+        run = {**mesh, "scene": "cases:random-state", "set": {"scene": {"seed": seed}}}
+        one = case.changed(run=run, advective=get_stepper(case.stepper).courant, **step)
         ended = attempt(partial(_series, one, one.base, None))
         for name in WORST:
             if name in ended.numbers:
@@ -263,42 +251,32 @@ def _seeds(case: Case, run: Configuration, tick: Tick | None) -> Ended:
     return batch
 
 
-def _of_seed(case: Case, seed: int) -> Case:
-    mesh, length = random_setting(seed)
-    advective = get_stepper(case.stepper).courant
-    scene = {"scene": "cases:random-state", "set": {"scene": {"seed": seed}}}
-    return case.changed(
-        run={**mesh, **scene}, part=length.part, courant=length.courant, advective=advective
-    )
-
-
 # --- files
 
 
-def _file(case: Case, run: Configuration, tick: Tick | None) -> Ended:
-    """Run as the command does, with a file, and count its NaN and infinities: not_finite."""
+def _file(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
+    """Run as the command does, with a file, and count its values that are no numbers: not_finite.
+
+    Missing values count too.
+    """
+    import netCDF4
+
     if case.part is not None:
-        run = run.changed({"dt": case.part * run.simulation().stable_dt()})
+        run = _with(run, dt=case.part * _simulation(run).stable_dt())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "case.nc"
-        summary = run.simulation().run(out=path, progress=False, warn=lambda text: None)
+        summary = _simulation(run).run(out=path, progress=False, warn=lambda text: None)
         if summary.status == "interrupted":
             raise Interrupted(summary.reason)
         numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
-        numbers |= {"not_finite": _not_finite(path), "last_day": float(summary["days"] or 0.0)}
+        with netCDF4.Dataset(path) as data:
+            fields = (data[name][:] for name in ("u", "v", "h", "vorticity", "divergence"))
+            bad = sum((~np.isfinite(np.ma.filled(x, np.nan))).sum() for x in fields)
+        numbers |= {"not_finite": float(bad), "last_day": float(summary["days"] or 0.0)}
     return Ended(summary.status, summary.reason or "", numbers)
 
 
-def _not_finite(path: Path) -> float:
-    """Return how many values of the fields in a file are NaN, infinite or missing."""
-    import netCDF4
-
-    with netCDF4.Dataset(path) as data:
-        fields = (data[name][:] for name in ("u", "v", "h", "vorticity", "divergence"))
-        return float(sum((~np.isfinite(np.ma.filled(x, np.nan))).sum() for x in fields))
-
-
-METHODS: dict[str, Callable[[Case, Configuration, Tick | None], Ended]] = {
+METHODS: dict[str, Callable[[Case, RunConfig, Tick | None], Ended]] = {
     "errors": _errors,
     "start": _errors,
     "series": _series,

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
-from importlib import resources
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from swe_sphere.files.fingerprints import versions
 from swe_sphere.settings.values import read_toml
-from swe_sphere.studies.cases.bounds import Check
-from swe_sphere.studies.cases.case import NORMS
+from swe_sphere.studies.cases.case import NORMS, Check
 from swe_sphere.studies.cases.families import Family, families
-from swe_sphere.studies.cases.verdict import OUTCOMES, Row
+from swe_sphere.studies.cases.rows import OUTCOMES, Row
 from swe_sphere.studies.pages import anchor, rendered
 
 MASS = "mass_drift"
@@ -29,20 +27,14 @@ COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
 """Quantities that have a column of their own, and its head."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of a page, what stands above it, and remarks below."""
-
-    heads: Sequence[str]
-    lines: Sequence[Sequence[str]]
-    remarks: Sequence[str] = ()
-    caption: str = ""
+Table = tuple[str, Sequence[str], Sequence[Sequence[str]], Sequence[str]]
+"""A caption, heads, lines, and remarks below."""
 
 
 def verification_page(rows: Sequence[Row], command: str) -> str:
     """Return the page of these rows, in the order of the families: a table for each case."""
     sections = [
-        (family, [_case_table([*by_case]) for by_case in _by_case(mine)])
+        (family, [_case_table([*case]) for _, case in groupby(mine, lambda row: row.case.name)])
         for family, mine in _by_family("verification", rows)
     ]
     return _rendered(
@@ -54,11 +46,15 @@ def verification_page(rows: Sequence[Row], command: str) -> str:
 
 def stability_page(rows: Sequence[Row], quick: bool) -> str:
     """Return the page of these rows, in the order of the families: a table for each family."""
-    shown = [*_by_family("stability", rows)]
-    sections = [(family, [_family_table(mine)]) for family, mine in shown]
-    heads = ["group", *OUTCOMES, "not run"]
+    shown = _by_family("stability", rows)
+    lines = []
+    for family, mine in shown:
+        counts = Counter(row.outcome for row in mine)
+        numbers = [*(counts[name] for name in OUTCOMES), len(family.cases) - len(mine)]
+        lines.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
     return _rendered(
-        "stability", sections, quick=quick, summary=(heads, [_summary(*each) for each in shown]),
+        "stability", [(family, [_family_table(mine)]) for family, mine in shown], quick=quick,
+        summary=(["group", *OUTCOMES, "not run"], lines),
         seconds=sum(row.quantities.get("seconds", 0.0) for row in rows),
     )  # fmt: skip
 
@@ -69,17 +65,11 @@ def _rendered(name: str, sections: list[tuple[Family, list[Table]]], **values: o
     )
 
 
-def _by_family(folder: str, rows: Sequence[Row]) -> Iterator[tuple[Family, list[Row]]]:
-    """Yield the families of which there are rows, and these in the order of the cases."""
-    for family in families(folder).values():
-        mine = [row for case in family.cases for row in rows if row.case.name == case.name]
-        if mine:
-            yield family, mine
-
-
-def _by_case(rows: list[Row]) -> Iterator[list[Row]]:
-    for name in dict.fromkeys(row.case.name for row in rows):
-        yield [row for row in rows if row.case.name == name]
+def _by_family(folder: str, rows: Sequence[Row]) -> list[tuple[Family, list[Row]]]:
+    """Return the families of which there are rows, in order, and their rows."""
+    every = families(folder).values()
+    found = [(each, [row for row in rows if row.case.family == each.name]) for each in every]
+    return [(family, mine) for family, mine in found if mine]
 
 
 # --- verification
@@ -92,32 +82,25 @@ def _drift(row: Row) -> float:
 
 
 def _case_table(rows: list[Row]) -> Table:
-    case, columns = rows[0].case, [name for name in COLUMNS if any(name in _shown(r) for r in rows)]
-    others = any(_others(row) for row in rows)
-    heads = ["ne", "np", "Δt [s]", *(COLUMNS[name] for name in columns)]
-    title = f": {case.title}" if case.title else ""
-    return Table(
-        [*heads, *["other"] * others, "of bound"],
-        [_case_line(row, columns, others) for row in rows],
-        [*_case_remarks(rows)],
-        f"**{case.name}** ({case.scene}){title}",
-    )
-
-
-def _case_line(row: Row, columns: list[str], others: bool) -> list[str]:
-    config, shown = row.config, _shown(row)
-    step = "-" if row.case.method == "start" else f"{row.dt:.4g}"
-    numbers = [_number(name, shown[name]) if name in shown else "" for name in columns]
-    other = ["; ".join(_others(row))] if others else []
-    verdict = f"{row.worst.used:.2f} {'✓' if row.passed else '**fails**'}"
-    return [f"{config.ne}", f"{config.np}", step, *numbers, *other, verdict]
+    case, shown, others = rows[0].case, [*map(_shown, rows)], [*map(_others, rows)]
+    names = [name for name in COLUMNS if any(name in numbers for numbers in shown)]
+    other = ["other"] * any(others)
+    lines = []
+    for row, numbers, texts in zip(rows, shown, others, strict=True):
+        step = "-" if case.method == "start" else f"{row.dt:.4g}"
+        cells = [_number(name, numbers[name]) if name in numbers else "" for name in names]
+        mark = "✓" if row.passed else "**fails**"
+        cells += [*["; ".join(texts)] * len(other), f"{row.worst.used:.2f} {mark}"]
+        lines.append([f"{row.config.ne}", f"{row.config.np}", step, *cells])
+    caption = f"**{case.name}** ({case.scene})" + (f": {case.title}" if case.title else "")
+    heads = ["ne", "np", "Δt [s]", *(COLUMNS[name] for name in names), *other, "of bound"]
+    return caption, heads, lines, [*_case_remarks(rows)]
 
 
 def _shown(row: Row) -> dict[str, float]:
     """Return the numbers with a column: what is bounded, and all norms if one of them is."""
-    bounded = {check.quantity for check in row.checks}
-    orders = {name for name in ("order", "order_v") if bounded & set(NORMS)}
-    wanted = bounded | orders
+    wanted = {check.quantity for check in row.checks}
+    wanted |= {"order", "order_v"} if wanted & set(NORMS) else set()
     return {name: x for name, x in row.quantities.items() if name in wanted and name in COLUMNS}
 
 
@@ -131,19 +114,18 @@ def _others(row: Row) -> list[str]:
 
 
 def _limit(check: Check) -> str:
-    if math.isinf(check.bound.low):
-        return f" (≤ {check.bound.high:.3g})"
-    return f" (≥ {check.bound.low:.3g})" if math.isinf(check.bound.high) else ""
+    if math.isinf(check.low):
+        return f" (≤ {check.high:.3g})"
+    return f" (≥ {check.low:.3g})" if math.isinf(check.high) else ""
 
 
 def _case_remarks(rows: list[Row]) -> Iterator[str]:
     """Yield published numbers, failures, and the note of a case."""
     for row in rows:
-        for published in row.level.published:
-            for name, value in published.values.items():
+        for source, values in row.level.published.items():
+            for name, value in values.items():
                 ours = _number(name, row.quantities.get(name, math.nan))
-                theirs = f"{value:.4g} published ({published.source})"
-                yield f"{_label(name)}: {ours} here, {theirs}."
+                yield f"{_label(name)}: {ours} here, {value:.4g} published ({source})."
     stopped = [row.measure for row in rows if row.measure.status != "completed"]
     yield from (f"The run was {measure.status}: {measure.reason}." for measure in stopped)
     if note := rows[0].case.note:
@@ -153,7 +135,7 @@ def _case_remarks(rows: list[Row]) -> Iterator[str]:
 @cache
 def _quantities() -> dict[str, dict[str, Any]]:
     """Return labels, and digits worth showing, of quantities that need them."""
-    return read_toml(Path(str(resources.files(__package__))) / "quantities.toml")
+    return read_toml(Path(__file__).with_name("quantities.toml"))
 
 
 def _label(name: str) -> str:
@@ -170,35 +152,23 @@ def _number(name: str, value: float) -> str:
 # --- stability
 
 
-def _summary(family: Family, rows: list[Row]) -> list[str]:
-    """Return how many cases of a family came to which outcome."""
-    counts = Counter(row.outcome for row in rows)
-    numbers = [*(counts[name] for name in OUTCOMES), len(family.cases) - len(rows)]
-    return [f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)]
-
-
 def _family_table(rows: list[Row]) -> Table:
     """Return the table of a family, with each reason once below it."""
     reasons: dict[str, list[str]] = {}
+    lines = []
     for row in rows:
+        numbers, outcome = row.measure.numbers, row.outcome
         if row.reason:
-            reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
-    return Table(
-        ["case", "Δt [s]", "× 1/ρ", "outcome", "numbers"],
-        [_family_line(row) for row in rows],
-        [f"`{'`, `'.join(names)}` {reason}" for reason, names in reasons.items()],
-    )
-
-
-def _family_line(row: Row) -> list[str]:
-    numbers, outcome = row.measure.numbers, row.outcome
-    names = dict.fromkeys([*(check.quantity for check in row.checks), *row.case.report])
-    texts = [f"{name} {_short(numbers[name], name)}" for name in names if name in numbers]
-    if outcome != "passed" and numbers.get("last_day") is not None:
-        texts.append(f"last_day {_short(numbers['last_day'])}")
-    marked = f"**{outcome}**" if outcome in ("broke", "failed") else outcome
-    steps = [_short(numbers[x]) if x in numbers else "" for x in ("dt", "dt_over_gravity")]
-    return [row.case.name, *steps, marked, ", ".join(texts)]
+            reasons.setdefault(f"{outcome}: {row.reason}", []).append(row.case.name)
+        names = dict.fromkeys([*(check.quantity for check in row.checks), *row.case.report])
+        texts = [f"{name} {_short(numbers[name], name)}" for name in names if name in numbers]
+        if outcome != "passed" and numbers.get("last_day") is not None:
+            texts.append(f"last_day {_short(numbers['last_day'])}")
+        marked = f"**{outcome}**" if outcome in ("broke", "failed") else outcome
+        steps = [_short(numbers[x]) if x in numbers else "" for x in ("dt", "dt_over_gravity")]
+        lines.append([row.case.name, *steps, marked, ", ".join(texts)])
+    remarks = [f"`{'`, `'.join(names)}` {reason}" for reason, names in reasons.items()]
+    return "", ["case", "Δt [s]", "× 1/ρ", "outcome", "numbers"], lines, remarks
 
 
 def _short(value: float | None, name: str = "") -> str:

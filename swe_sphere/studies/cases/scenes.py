@@ -13,19 +13,29 @@ from swe_sphere.equations.effects import (
     Drag,
     Forcing,
     Hyperviscosity,
+    Orography,
     Relaxation,
     Rotation,
     Viscosity,
-)
+)  # fmt: skip
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState
+from swe_sphere.errors import unknown_name
 from swe_sphere.planet import DAY, EARTH, Planet
-from swe_sphere.studies.cases.random_state import noise, random_scene
+from swe_sphere.settings.values import SCENE
+from swe_sphere.simulation import build
+from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.flows import cone, distance, solid_body, tilted_latitude
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+from swe_sphere.testcases.user_scenes import made
+
+State = tuple[Array, Array, Array]
+"""u, v [m s-1] and h [m]."""
+
+# --- exact solutions
 
 DEGREE = 3
-"""Of the spherical harmonic Y = cos³ θ cos 3λ + ... that decays."""
+"""Degree of the spherical harmonic Y = cos³ θ cos 3λ + ... that decays."""
 MEAN = 1000.0
 
 
@@ -40,25 +50,20 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
         nu: viscosity [m2 s-1].
         nu4: hyperviscosity [m4 s-1].
         default: leave the hyperviscosity of the model to its scaling with the mesh, so that the
-            error tells whether that is nu4.
+            error shows whether that is nu4.
     """
     wavenumber = DEGREE * (DEGREE + 1) / EARTH.radius**2
     rate = nu * wavenumber + nu4 * wavenumber**2
 
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def exact(lon: Array, lat: Array, t: float) -> State:
         value, east, north = _harmonic(lon, lat)
         left = np.exp(-rate * t)
         wind = 10.0 * left
         return wind * (east - north), wind * (east + north), MEAN + 100.0 * left * value
 
     diffusion = (Viscosity(nu), Hyperviscosity(None if default else nu4))
-    return _exact_scene(
-        "decay",
-        "decay of spherical harmonics",
-        "eigenfunctions of the Laplacian",
-        exact,
-        effects=tuple(effect for effect in diffusion if not effect.absent),
-    )
+    effects = tuple(effect for effect in diffusion if not effect.absent)
+    return _exact("decay", "decay of spherical harmonics", exact, effects=effects)
 
 
 def friction(linear: float, quadratic: float, time: float) -> Scene:
@@ -76,7 +81,7 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
     def equilibrium(lon: Array, lat: Array) -> Array:
         return MEAN + 100.0 * np.sin(lat) + 0.0 * lon
 
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def exact(lon: Array, lat: Array, t: float) -> State:
         value, east, north = _harmonic(lon, lat)
         wind = 10.0 * np.stack([east, north])
         first = np.hypot(*wind)
@@ -85,21 +90,17 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
         depth = rest + (MEAN + 100.0 * value - rest) * np.exp(-t / time)
         return slower * wind[0], slower * wind[1], depth
 
-    return _exact_scene(
-        "friction",
-        "drag and relaxation",
-        "Bernoulli's differential equation",
-        exact,
-        effects=(Drag(linear, quadratic), Relaxation(time)),
-        equilibrium=equilibrium,
+    effects = (Drag(linear, quadratic), Relaxation(time))
+    return _exact(
+        "friction", "drag and relaxation", exact, effects=effects, equilibrium=equilibrium
     )
 
 
 SPEED = 40.0
-"""Of the driven flow at its equator [m s-1]."""
+"""Speed of the driven flow at its equator [m s-1]."""
 DEPTH = 3000.0
 DROP = 1000.0
-"""By which the driven flow is shallower at its poles at the start [m]."""
+"""Depth that the driven flow lacks at its poles at the start [m]."""
 GROWTH = 5.0 * DAY
 """Time in which its depth doubles [s]."""
 
@@ -107,7 +108,7 @@ GROWTH = 5.0 * DAY
 def driven(alpha: float = np.pi / 4.0) -> Scene:
     """Solid-body flow that a forcing of wind and depth keeps up, all of it of first order (exact).
 
-    Without rotation of the planet. With s the sine of the latitude above the equator of the flow,
+    The planet does not rotate. With s the sine of the latitude above the equator of the flow,
 
         h = (3000 m - 1000 m s²) (1 + t/T),
         Fh = h(0)/T,  Fv = (u0² - 2 g 1000 m (1 + t/T)) s grad s / a,
@@ -118,7 +119,7 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         alpha: tilt of the flow's axis [rad].
     """
 
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def exact(lon: Array, lat: Array, t: float) -> State:
         east, north = solid_body(lon, lat, alpha)
         return SPEED * east, SPEED * north, _depth(lon, lat) * (1.0 + t / GROWTH)
 
@@ -126,21 +127,50 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
         depth: Array = DEPTH - DROP * tilted_latitude(lon, lat, alpha) ** 2
         return depth
 
-    def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def forcing(lon: Array, lat: Array, t: float) -> State:
         pull = SPEED**2 - 2.0 * EARTH.gravity * DROP * (1.0 + t / GROWTH)
         push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
         east = np.sin(alpha) * np.sin(lon)
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
         return push * east, push * north, _depth(lon, lat) / GROWTH
 
-    return _exact_scene(
-        "driven",
-        "solid-body flow kept up by a forcing",
-        "williamson2 with a forcing in the place of rotation",
-        exact,
-        effects=(*DYNAMICS, Forcing()),
-        forcing=forcing,
-    )
+    title, effects = "solid-body flow kept up by a forcing", (*DYNAMICS, Forcing())
+    return _exact("driven", title, exact, effects=effects, forcing=forcing)
+
+
+def _exact(name: str, title: str, exact: UnsteadyState, **values: Any) -> Scene:
+    """Return a scene of a day that starts as its exact solution does."""
+    return Scene(
+        name, title=title, initial=_begin(exact), exact=exact, ne=4, days=1.0, **values
+    )  # fmt: skip
+
+
+def _begin(exact: UnsteadyState) -> Callable[[Array, Array], State]:
+    return lambda lon, lat: exact(lon, lat, 0.0)
+
+
+def _harmonic(lon: Array, lat: Array) -> State:
+    """Return Y = x³ - 3 x y² + 15 x y z, and a times its gradient eastward and northward."""
+    c, s = np.cos(lat), np.sin(lat)
+    value = c**3 * np.cos(3.0 * lon) + 7.5 * s * c**2 * np.sin(2.0 * lon)
+    east = -3.0 * c**2 * np.sin(3.0 * lon) + 15.0 * s * c * np.cos(2.0 * lon)
+    north = -3.0 * c**2 * s * np.cos(3.0 * lon) + 7.5 * (c**3 - 2.0 * s**2 * c) * np.sin(2.0 * lon)
+    return value, east, north
+
+
+# --- built-in scenes with a difference
+
+
+def _changed(
+    name: str, change: Callable[[Array, Array, Array, Array, Array], State], **values: Any
+) -> Scene:
+    """Return a built-in scene with other values, and a change(lon, lat, u, v, h) of its start."""
+    base: Scene = get_scene(name)
+
+    def initial(lon: Array, lat: Array) -> State:
+        return change(lon, lat, *base.initial(lon, lat))
+
+    return replace(base, initial=initial, **values)
 
 
 HOMME = replace(EARTH, radius=6.376e6)
@@ -153,70 +183,55 @@ def homme_mountain() -> Scene:
     The wind of u0 = 20 m/s is the same; its balance makes the surface fall by another
     (a - 6.37122e6 m) Ω u0 sin² θ / g.
     """
-    scene = get_scene("williamson5")
     more = (HOMME.radius - EARTH.radius) * EARTH.rotation * 20.0 / EARTH.gravity
 
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = scene.initial(lon, lat)
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
         return u, v, h - more * np.sin(lat) ** 2
 
-    return replace(scene, planet=HOMME, initial=initial)
+    return _changed("williamson5", change, planet=HOMME)
 
 
 def homme_wave() -> Scene:
     """williamson6 on the planet of HOMME.
 
-    Its angular speeds are the same: the wind grows with the radius, and what the depth has beyond
-    8000 m with its square.
+    Its angular speeds are the same: the wind grows with the radius, and the part of the depth
+    beyond 8000 m with the square of the radius.
     """
-    scene = get_scene("williamson6")
     more = HOMME.radius / EARTH.radius
 
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = scene.initial(lon, lat)
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
         return more * u, more * v, 8000.0 + more**2 * (h - 8000.0)
 
-    return replace(scene, planet=HOMME, initial=initial)
+    return _changed("williamson6", change, planet=HOMME)
 
 
-def _exact_scene(
-    name: str, title: str, reference: str, exact: UnsteadyState, **values: Any
-) -> Scene:
-    """A scene that starts as its exact solution does, for a day."""
-    return Scene(
-        name, title=title, reference=reference, initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact, ne=4, days=1.0, **values,
-    )  # fmt: skip
+def thin_layer(outside: float) -> Scene:
+    """A dam of 1000 m that breaks onto water of another depth [m]."""
+
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
+        return u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0
+
+    return _changed("dam-break", change)
 
 
-def _harmonic(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Y = x³ - 3 x y² + 15 x y z, and a times its gradient eastward and northward."""
-    c, s = np.cos(lat), np.sin(lat)
-    value = c**3 * np.cos(3.0 * lon) + 7.5 * s * c**2 * np.sin(2.0 * lon)
-    east = -3.0 * c**2 * np.sin(3.0 * lon) + 15.0 * s * c * np.cos(2.0 * lon)
-    north = -3.0 * c**2 * s * np.cos(3.0 * lon) + 7.5 * (c**3 - 2.0 * s**2 * c) * np.sin(2.0 * lon)
-    return value, east, north
+def noisy(name: str) -> Scene:
+    """The scene with noise from node to node, 1 m/s in the winds and 10 m in the depth (rms)."""
+
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
+        du, dv, dh = noise(lon.shape, seed=1)
+        return u + du, v + dv, h + 10.0 * dh
+
+    return _changed(name, change, exact=None)
 
 
-# --- scenes that are hard to survive
-
-
-PLACE = (1.5 * np.pi, np.pi / 6.0)
-"""Where the mountain of williamson5 stands [rad]."""
-RADIUS = np.pi / 9.0
-
-PLANETS = {
-    "mars": (Planet(3.3895e6, 3.71, 7.088e-5), 3000.0),
-    "jupiter": (Planet(7.1492e7, 24.79, 1.7585e-4), 1.0e5),
-    "venus": (Planet(6.0518e6, 8.87, -2.9924e-7), 3000.0),
-    "still": (Planet(6.37122e6, 9.80616, 0.0), 3000.0),
-}
-"""Planets that are not the Earth, and the mean depth of their water here [m]."""
+def noise(shape: tuple[int, ...], seed: int) -> Array:
+    """Three fields of independent normal numbers: as rough as a mesh can show."""
+    return np.random.Generator(np.random.PCG64(seed)).standard_normal((3, *shape))
 
 
 def mesa(lon: Array, lat: Array) -> Array:
-    """A mountain with vertical sides: 2000 m within 20 degrees of its centre, else nothing."""
-    return np.where(distance(lon, lat, *PLACE) < RADIUS, 2000.0, 0.0)
+    """A mountain with vertical sides: 2000 m within 20 degrees of the centre of williamson5's."""
+    return np.where(distance(lon, lat, 1.5 * np.pi, np.pi / 6.0) < np.pi / 9.0, 2000.0, 0.0)
 
 
 def _cone_of(height: float) -> Scalar:
@@ -224,102 +239,162 @@ def _cone_of(height: float) -> Scalar:
     return lambda lon, lat: height / 2000.0 * cone(lon, lat)
 
 
+Bottom = Literal["mesa", "peak", "island"]
 BOTTOMS: dict[str, Scalar] = {"mesa": mesa, "peak": _cone_of(5000.0), "island": _cone_of(7000.0)}
 """Bottoms by name: the peak is 960 m below the surface at rest, the island looks out of it."""
-
-Bottom = Literal["mesa", "peak", "island"]
 
 
 def lake_over(bottom: Bottom) -> Scene:
     """The lake at rest over another bottom."""
-    lake: Scene = get_scene("lake-at-rest")
     mountain = BOTTOMS[bottom]
 
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def exact(lon: Array, lat: Array, t: float) -> State:
         still = 0.0 * (lon + lat)
         return still, still.copy(), 5960.0 - mountain(lon, lat)
 
-    return replace(
-        lake, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, bottom=mountain
-    )
+    lake: Scene = get_scene("lake-at-rest")
+    return replace(lake, initial=_begin(exact), exact=exact, bottom=mountain)
 
 
 def flow_over(bottom: Bottom) -> Scene:
     """The flow of williamson5 over another bottom."""
-    base: Scene = get_scene("williamson5")
     mountain = BOTTOMS[bottom]
 
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = base.initial(lon, lat)
+    def change(lon: Array, lat: Array, u: Array, v: Array, h: Array) -> State:
         return u, v, h + cone(lon, lat) - mountain(lon, lat)
 
-    return replace(base, initial=initial, bottom=mountain)
+    return _changed("williamson5", change, bottom=mountain)
 
 
-def noisy(name: str, wind: float = 1.0, depth: float = 10.0, seed: int = 1) -> Scene:
-    """The scene with noise from node to node: rms of the winds [m s-1] and of the depth [m]."""
-    base: Scene = get_scene(name)
-
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = base.initial(lon, lat)
-        du, dv, dh = noise(lon.shape, seed)
-        return u + wind * du, v + wind * dv, h + depth * dh
-
-    return replace(base, initial=initial, exact=None)
+# --- other planets
 
 
-def thin_layer(outside: float) -> Scene:
-    """A dam of 1000 m that breaks onto water of another depth [m]."""
-    base: Scene = get_scene("dam-break")
+def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
+    """Steady zonal flow of 40 m/s as in williamson2 (exact), of this mean depth [m]."""
+    speed = 40.0
+    fall = (radius * rotation * speed + 0.5 * speed**2) / gravity
 
-    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        u, v, h = base.initial(lon, lat)
-        return u, v, outside + (1000.0 - outside) * (h - 1000.0) / 1000.0
-
-    return replace(base, initial=initial)
-
-
-PlanetName = Literal["mars", "jupiter", "venus", "still"]
-
-
-def zonal(name: PlanetName, speed: float = 40.0) -> Scene:
-    """Steady zonal flow as in williamson2 on another planet (exact)."""
-    planet, depth = PLANETS[name]
-    fall = (planet.radius * planet.rotation * speed + 0.5 * speed**2) / planet.gravity
-
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+    def exact(lon: Array, lat: Array, t: float) -> State:
         h = depth + fall * (1.0 / 3.0 - np.sin(lat) ** 2)
         return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), h + 0.0 * lon
 
-    return _on(planet, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact)
+    return replace(
+        get_scene("williamson2"), planet=Planet(radius, gravity, rotation), coriolis=None,
+        initial=_begin(exact), exact=exact,
+    )  # fmt: skip
 
 
-def eddies(name: PlanetName, speed: float = 10.0) -> Scene:
-    """A random balanced flow on another planet, without any dissipation."""
-    planet, depth = PLANETS[name]
-    psi = random_streamfunction(lambda n: 1.0 / n**2, 8, speed, planet.radius, seed=3)
-    flow = BalancedFlow(psi, planet, depth)
-    return _on(planet, initial=flow.state, exact=None, effects=(*DYNAMICS, Rotation()))
+def eddies(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
+    """Random balanced flow of 10 m/s, of this mean depth [m], without any dissipation."""
+    planet = Planet(radius, gravity, rotation)
+    psi = random_streamfunction(lambda n: 1.0 / n**2, 8, 10.0, radius, seed=3)
+    initial, effects = BalancedFlow(psi, planet, depth).state, (*DYNAMICS, Rotation())
+    return replace(
+        get_scene("williamson2"), planet=planet, coriolis=None, initial=initial, exact=None,
+        effects=effects,
+    )  # fmt: skip
 
 
-def _on(planet: Planet, **changes: Any) -> Scene:
-    """williamson2 on another planet, with further changes."""
-    base: Scene = get_scene("williamson2")
-    return replace(base, planet=planet, coriolis=None, **changes)
+# --- random admissible states
+
+SHALLOWEST = 0.2
+"""A state is admissible if its depth is nowhere below this fraction of the mean."""
+FASTEST = 0.6
+"""Largest admissible wind, as a fraction of the speed of gravity waves (the Froude number)."""
+
+
+def random_setting(seed: int) -> tuple[dict[str, Any], dict[str, float]]:
+    """Return the mesh of a seed (keys of a run), and its step (`part` and `courant` of a case)."""
+    draw = np.random.default_rng((seed, 1))
+    nodes = int(draw.choice([3, 4, 6]))
+    mesh = {
+        "np": nodes,
+        "ne": int(draw.integers(2, 5 if nodes == 6 else 7)),
+        "stretch": float(draw.choice([1.0, 1.0, 2.0, 4.0])),
+        "centre_lon": float(draw.uniform(0.0, 360.0)),
+        "centre_lat": float(draw.uniform(-86.0, 86.0)),
+        "spin": float(draw.uniform(0.0, 86.0)),
+    }
+    part = float(draw.uniform(0.3, 0.95))
+    return mesh, {"part": part, "courant": float(10.0 ** draw.uniform(0.0, 1.5))}
+
+
+def random_state(seed: int) -> Scene:
+    """Random balanced flow over random hills on a random planet, out of balance with the hills.
+
+    Radius and gravity within a factor of three of the Earth's, any rotation up to twice the
+    Earth's, mean depths from 100 m to 20 km, hills and hollows of a tenth of that, noise of 0.1 %
+    from node to node.  Speeds are halved until the state is admissible.
+    """
+    draw = np.random.default_rng((seed, 0))
+    planet = Planet(
+        EARTH.radius * 3.0 ** draw.uniform(-1.0, 1.0),
+        EARTH.gravity * 3.0 ** draw.uniform(-1.0, 1.0),
+        EARTH.rotation * draw.uniform(-2.0, 2.0),
+    )
+    depth = 10.0 ** draw.uniform(2.0, 4.3)
+    wave = float(np.sqrt(planet.gravity * depth))
+    hills = _hills(draw, 0.1 * depth)
+    speed = wave * draw.uniform(0.02, 0.2)
+
+    def initial(lon: Array, lat: Array) -> State:
+        u, v, h = _admissible(planet, depth, speed, seed).state(lon, lat)
+        bumps = noise(lon.shape, seed)
+        return (u + 1e-3 * wave * bumps[0], v + 1e-3 * wave * bumps[1],
+                h - hills(lon, lat) + 1e-3 * depth * bumps[2])  # fmt: skip
+
+    return Scene(
+        "random-state", title="random admissible state", initial=initial, bottom=hills,
+        effects=(*DYNAMICS, Rotation(), Orography()), planet=planet, ne=4, days=1.0,
+    )  # fmt: skip
+
+
+def _admissible(planet: Planet, depth: float, speed: float, seed: int) -> BalancedFlow:
+    """Return the fastest admissible flow; speeds are halved from `speed` on."""
+    lon, lat = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 48), np.linspace(-1.57, 1.57, 24))
+    while True:
+        psi = random_streamfunction(np.ones_like, 8, speed, planet.radius, seed)
+        flow = BalancedFlow(psi, planet, depth)
+        u, v, h = flow.state(lon, lat)
+        froude = float((np.hypot(u, v) / np.sqrt(planet.gravity * np.maximum(h, 1.0))).max())
+        if h.min() > (SHALLOWEST + 0.15) * depth and froude < FASTEST:
+            return flow
+        speed *= 0.5
+
+
+def _hills(draw: np.random.Generator, height: float) -> Scalar:
+    """Return three hills and hollows of at most that height [m] each at random places."""
+    places = [
+        (draw.uniform(0.0, 2.0 * np.pi), np.arcsin(draw.uniform(-1.0, 1.0)),
+         draw.uniform(-0.5, 0.5) * height, draw.uniform(0.15, 0.6))
+        for _ in range(3)
+    ]  # fmt: skip
+
+    def bottom(lon: Array, lat: Array) -> Array:
+        parts = (
+            tall * np.exp(-((distance(lon, lat, x, y) / wide) ** 2)) for x, y, tall, wide in places
+        )
+        return np.asarray(sum(parts, start=0.0 * (lon + lat)))
+
+    return bottom
 
 
 SCENES: dict[str, Callable[..., Scene]] = {
-    "decay": decay,
-    "friction": friction,
-    "driven": driven,
-    "homme-mountain": homme_mountain,
-    "homme-wave": homme_wave,
-    "lake-over": lake_over,
-    "flow-over": flow_over,
-    "noisy": noisy,
-    "thin-layer": thin_layer,
-    "zonal": zonal,
-    "eddies": eddies,
-    "random-state": random_scene,
-}
+    scene.__name__.replace("_", "-"): scene
+    for scene in (
+        decay, friction, driven, homme_mountain, homme_wave, lake_over, flow_over, noisy,
+        thin_layer, zonal, eddies, random_state,
+    )
+}  # fmt: skip
 """Scenes by the names in files of cases; their keyword parameters are those of the scene."""
+
+
+def make_scene(config: RunConfig) -> Scene:
+    """Return the scene of a run of a case, which may be one of `SCENES`: "cases:NAME"."""
+    prefix, _, name = config.scene.partition(":")
+    if prefix != "cases":
+        return build.make_scene(config)
+    if name not in SCENES:
+        raise unknown_name("scene of cases", name, SCENES)
+    own = made(config.scene, SCENES[name], config.settings_of(SCENE))
+    return build.make_scene(config, own)

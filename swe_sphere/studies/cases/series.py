@@ -1,4 +1,4 @@
-"""A run as a series of samples, and what is made of it: extremes, growth, loss of symmetries."""
+"""A run as a series of samples: extremes, growth of errors, loss of symmetries."""
 
 from __future__ import annotations
 
@@ -19,111 +19,87 @@ from swe_sphere.simulation.planning import RunPlan
 
 Symmetry = Callable[[Snapshot], dict[str, float]]
 
-QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""A quarter turn about the axis of the planet."""
-MIRROR = np.diag([1.0, 1.0, -1.0])
-"""South for north."""
-CLOSE = 1e-9
-
 SAMPLES = 120
 """About how many samples of a run are taken."""
 BROKEN = 1e-2
-"""Part of v² off the symmetry that counts as its loss."""
+"""Fraction of v² off the symmetry that counts as its loss."""
 DRIFTS = ("mass_drift", "energy_drift", "enstrophy_drift", "total_vorticity")
-ERRORS = ("l2_h", "l2_v", "linf_h")
-GROWING = ("l2_h", "l2_v")
+EXTREMES = ("max_wind", "max_wave", "min_depth")
+ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
+"""Numbers of which the last sample counts."""
 
 
 class Series(Observer):
     """An observer that samples diagnostics and symmetries about `SAMPLES` times."""
 
     def __init__(self, plan: RunPlan, symmetries: Sequence[Symmetry] = ()) -> None:
-        self._watched = symmetries
+        self._symmetries = symmetries
         self._every = max(1, plan.steps // SAMPLES)
-        self._days: list[float] = []
         self._rows: list[dict[str, float]] = []
 
     def due(self, step: int) -> bool:
-        """Every so many steps."""
+        """Whether the step is sampled."""
         return step % self._every == 0
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take a sample."""
-        row = dict(snapshot.diagnostics)
-        for symmetry in self._watched:
+        row = {"day": snapshot.time / DAY, **snapshot.diagnostics}
+        for symmetry in self._symmetries:
             row |= symmetry(snapshot)
-        self._days.append(snapshot.time / DAY)
         self._rows.append(row)
 
     def numbers(self) -> dict[str, float]:
-        """What the series comes to; nothing of a run that had no sample.
+        """Return the numbers of the series; none of a run that had no sample.
 
         Drifts are the largest of either sign over the run; max_wind [m s-1] is the largest,
         min_depth [m] the least; wind_growth is max_wind over that of the start, froude the largest
         max_wind over the speed of gravity waves, energy_gain the largest rise of energy.  Errors
         are those at the end; growth_v and growth_h say how errors went with time, see `_growth`.
-        symmetry_day: see `_lost`.
+        symmetry_day is the first day on which `BROKEN` of v² is off the symmetry, infinite if there
+        is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
         """
         if not self._rows:
             return {}
-        found = {name: float(np.abs(self._of(name)).max()) for name in DRIFTS}
-        winds, gains = self._of("max_wind"), self._of("energy_drift")
-        found |= {
-            "max_wind": float(winds.max()),
-            "wind_growth": float(winds.max() / winds[0]) if winds[0] > 0.0 else math.nan,
-            "froude": float((winds / self._of("max_wave")).max()),
-            "min_depth": float(self._of("min_depth").min()),
-            "energy_gain": float(gains.max()),
-            "last_day": self._days[-1],
+        names = dict.fromkeys((*DRIFTS, *EXTREMES, *self._rows[-1]))
+        of = {name: np.array([row.get(name, math.nan) for row in self._rows]) for name in names}
+        days, winds = of["day"], of["max_wind"]
+        found = {name: np.abs(of[name]).max() for name in DRIFTS} | {
+            "max_wind": winds.max(),
+            "wind_growth": winds.max() / winds[0] if winds[0] > 0.0 else math.nan,
+            "froude": (winds / of["max_wave"]).max(),
+            "min_depth": of["min_depth"].min(),
+            "energy_gain": of["energy_drift"].max(),
+            "last_day": days[-1],
         }
-        return found | self._error_numbers() | self._symmetries() | self._tracers()
+        found |= {name: of[name][-1] for name in ENDS if name in of}
+        found |= {f"growth_{x}": _growth(of[f"l2_{x}"]) for x in "hv" if f"l2_{x}" in of}
+        if "off_wave" in of:
+            found["symmetry_day"] = min(days[of["off_wave"] > BROKEN], default=math.inf)
+        found |= {name: x.min() for name, x in of.items() if name.startswith("min_q_")}
+        found |= {name: x.max() for name, x in of.items() if name.startswith("max_q_")}
+        masses = [np.abs(x).max() for name, x in of.items() if name.startswith("mass_drift_q_")]
+        if masses:
+            found["tracer_mass_drift"] = max(masses)
+        return {name: float(x) for name, x in found.items()}
 
-    def _of(self, name: str) -> np.ndarray:
-        return np.array([row.get(name, math.nan) for row in self._rows])
 
-    def _error_numbers(self) -> dict[str, float]:
-        last = self._rows[-1]
-        if "l2_h" not in last:
-            return {}
-        ends = {name: last[name] for name in ERRORS if name in last}
-        growth = {f"growth_{name[-1]}": self._growth(name) for name in GROWING if name in last}
-        return ends | growth
+def _growth(errors: Array) -> float:
+    """Return the largest error of the last third over three times that of the first third.
 
-    def _growth(self, name: str) -> float:
-        """Largest error of the last third over three times that of the first third.
-
-        It is 1 for an error that grows linearly, 3 for a quadratic one, 1/3 for a constant one.
-        """
-        errors, third = self._of(name), len(self._rows) // 3
-        early, late = errors[: third + 1].max(), errors[-third - 1 :].max()
-        return float(late / (3.0 * early)) if early > 0.0 else math.nan
-
-    def _symmetries(self) -> dict[str, float]:
-        last = self._rows[-1]
-        found = {name: last[name] for name in ("off_wave", "off_mirror") if name in last}
-        return found | ({"symmetry_day": self._lost()} if "off_wave" in last else {})
-
-    def _lost(self) -> float:
-        """The first day on which `BROKEN` of v² is off the symmetry; infinite if there is none."""
-        broken = self._of("off_wave") > BROKEN
-        return self._days[int(np.argmax(broken))] if broken.any() else math.inf
-
-    def _tracers(self) -> dict[str, float]:
-        """Least and largest mixing ratios over the run, and the largest drift of a mass."""
-        last = self._rows[-1]
-        low = {n: float(self._of(n).min()) for n in last if n.startswith("min_q_")}
-        high = {n: float(self._of(n).max()) for n in last if n.startswith("max_q_")}
-        masses = [np.abs(self._of(n)).max() for n in last if n.startswith("mass_drift_q_")]
-        return low | high | ({"tracer_mass_drift": float(max(masses))} if masses else {})
+    It is 1 for an error that grows linearly, 3 for a quadratic one, 1/3 for a constant one.
+    """
+    third = len(errors) // 3
+    early, late = errors[: third + 1].max(), errors[-third - 1 :].max()
+    return float(late / (3.0 * early)) if early > 0.0 else math.nan
 
 
 def fourfold(mesh: Mesh) -> Symmetry:
-    """How much of the northward wind has a zonal wavenumber that is no multiple of four.
+    """Measure off_wave: the northward wind whose zonal wavenumber is no multiple of four.
 
-    off_wave: part of the mean of v² that is lost when v is averaged over quarter turns, which take
-    nodes to nodes on an unturned, unstretched mesh.
+    It is the fraction of the mean of v² that is lost when v is averaged over quarter turns, which
+    take nodes to nodes on an unturned, unstretched mesh.
     """
-    once = _images(mesh, QUARTER)
+    once = _images(mesh, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
 
     def off_wave(snapshot: Snapshot) -> dict[str, float]:
@@ -135,11 +111,11 @@ def fourfold(mesh: Mesh) -> Symmetry:
 
 
 def mirrored(mesh: Mesh) -> Symmetry:
-    """How far the depth is from being the same on both sides of the equator.
+    """Measure off_mirror: how far the depth differs between both sides of the equator.
 
-    off_mirror: rms of h less its mirror image, over the rms of its deviation from the mean.
+    It is the rms of h less its mirror image, over the rms of its deviation from the mean.
     """
-    other = _images(mesh, MIRROR)
+    other = _images(mesh, np.diag([1.0, 1.0, -1.0]))
 
     def off_mirror(snapshot: Snapshot) -> dict[str, float]:
         h = snapshot.fields["h"]
@@ -153,9 +129,9 @@ SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": fourfold, "mirr
 """All of them by name; each is made for a mesh."""
 
 
-def _images(mesh: Mesh, map_: Array) -> NDArray[np.intp]:
-    """For each node the one that it is mapped to; ValueError where there is none."""
-    apart, found = KDTree(mesh.xyz).query(mesh.xyz @ map_.T)
-    if apart.max() > CLOSE:
+def _images(mesh: Mesh, matrix: object) -> NDArray[np.intp]:
+    """Return for each node the one that it is mapped to; ValueError where there is none."""
+    apart, found = KDTree(mesh.xyz).query(mesh.xyz @ np.array(matrix).T)
+    if apart.max() > 1e-9:
         raise ValueError("the mesh does not have this symmetry: leave out stretch, centre and spin")
     return np.asarray(found)

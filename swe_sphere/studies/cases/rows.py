@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
-from swe_sphere.studies.cases.bounds import Check
-from swe_sphere.studies.cases.case import ORDERS, Case, Level
+from swe_sphere.studies.cases.case import ORDERS, Case, Check, Level
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.ended import STOPPED
 from swe_sphere.studies.jobs import Tell, in_processes
+from swe_sphere.studies.record_store import Store
 
 OUTCOMES = ("passed", "refused", "broke", "failed")
 
@@ -30,35 +30,31 @@ class Row:
 
     @cached_property
     def quantities(self) -> dict[str, float]:
-        """All numbers, with the observed orders."""
-        numbers = self.measure.numbers.items()
-        return self.orders | {name: math.nan if x is None else x for name, x in numbers}
-
-    @property
-    def orders(self) -> dict[str, float]:
-        """Observed orders since the level before, by the names in `ORDERS`; none for the first."""
+        """All numbers, and the observed orders since the level before by the names in `ORDERS`."""
+        numbers = {n: math.nan if x is None else x for n, x in self.measure.numbers.items()}
         if self.before is None:
-            return {}
-        ratio = math.log(self.fineness / self.before.fineness)
+            return numbers
+        ratio = math.log(self._fineness / self.before._fineness)
         old, new = self.before.measure.numbers, self.measure.numbers
-        return {
+        orders = {
             order: math.log(abs(a / b)) / ratio
             for name, order in ORDERS.items()
             if (a := old.get(name)) and (b := new.get(name))
         }
+        return orders | numbers
 
     @property
-    def fineness(self) -> float:
-        """ne, np - 1 or one over the time step: what the levels of the case differ in."""
-        config, along = self.config, self.case.along
-        if along == "dt":
+    def _fineness(self) -> float:
+        """ne, np - 1 or one over the time step: the quantity in which the levels differ."""
+        if self.case.along == "dt":
             return 1.0 / self.dt
-        return float((config.ne or 0) if along == "ne" else (config.np or 0) - 1)
+        config = self.config
+        return float((config.ne or 0) if self.case.along == "ne" else (config.np or 0) - 1)
 
     @property
     def config(self) -> RunConfig:
         """Settings of the run."""
-        return self.case.at(self.level).config
+        return self.case.at(self.level)
 
     @property
     def dt(self) -> float:
@@ -73,103 +69,86 @@ class Row:
     @cached_property
     def checks(self) -> list[Check]:
         """Every bound of the level; a quantity that was not measured fails it."""
-        skipped = set(ORDERS.values()) if self.before is None else set()
-        found = [
-            (bound, self.quantities.get(bound.quantity, math.nan))
-            for bound in self.case.all_bounds(self.level)
-            if bound.quantity not in skipped
-        ]
+        checks = self.case.checks(self.level)
+        if self.before is None:
+            checks = [check for check in checks if check.quantity not in ORDERS.values()]
+        found = [(check, self.quantities.get(check.quantity, math.nan)) for check in checks]
         # an upper bound alone limits the size
-        return [Check(bound, abs(x) if math.isinf(bound.low) else x) for bound, x in found]
-
-    @cached_property
-    def verdict(self) -> tuple[str, list[str]]:
-        """The outcome, one of `OUTCOMES`, and the reasons why it is not another one."""
-        status, reason, expect = self.measure.status, self.measure.reason, self.case.expect
-        if status != "completed" and not self.stopped:
-            return "failed", [f"{status}: {reason}"]
-        if not self.stopped and expect == "refuse":
-            return "failed", ["it was to be refused, but ran to its end"]
-        reasons = [str(check) for check in self.broken]
-        if reasons or (self.stopped and expect == "pass"):
-            return ("broke" if expect == "break" else "failed"), [*reasons, reason]
-        return ("refused" if self.stopped else "passed"), [reason]
-
-    @property
-    def broken(self) -> list[Check]:
-        """Checks that count and do not hold; of a run that stopped itself few count."""
-        return [
-            check
-            for check in self.checks
-            if (check.bound.always or not self.stopped) and not check.holds
-        ]
-
-    @property
-    def outcome(self) -> str:
-        """One of `OUTCOMES`."""
-        return self.verdict[0]
-
-    @property
-    def reason(self) -> str:
-        """Why the outcome is not another one; empty for a run within its bounds."""
-        return "; ".join(filter(None, self.verdict[1]))
-
-    @property
-    def passed(self) -> bool:
-        """Whether the run got to its end within all its bounds."""
-        return self.outcome == "passed"
-
-    @property
-    def stopped(self) -> bool:
-        """Whether the run stopped itself with a reason."""
-        return self.measure.status in STOPPED
+        return [replace(of, obtained=abs(x) if math.isinf(of.low) else x) for of, x in found]
 
     @property
     def worst(self) -> Check:
         """The check that uses most of its bound."""
         return max(self.checks, key=lambda check: check.used)
 
+    @cached_property
+    def _verdict(self) -> tuple[str, list[str]]:
+        """The outcome, one of `OUTCOMES`, and the reasons why it is not another one."""
+        status, reason, expect = self.measure.status, self.measure.reason, self.case.expect
+        stopped = status in STOPPED
+        if status != "completed" and not stopped:
+            return "failed", [f"{status}: {reason}"]
+        if not stopped and expect == "refuse":
+            return "failed", ["it was to be refused, but ran to its end"]
+        counted = (check for check in self.checks if check.always or not stopped)
+        reasons = [str(check) for check in counted if not check.holds]
+        if reasons or (stopped and expect == "pass"):
+            return ("broke" if expect == "break" else "failed"), [*reasons, reason]
+        return ("refused" if stopped else "passed"), [reason]
+
+    @property
+    def outcome(self) -> str:
+        """One of `OUTCOMES`."""
+        return self._verdict[0]
+
+    @property
+    def reason(self) -> str:
+        """Why the outcome is not another one; empty for a run within its bounds."""
+        return "; ".join(filter(None, self._verdict[1]))
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run got to its end within all its bounds."""
+        return self.outcome == "passed"
+
     def as_dict(self) -> dict[str, object]:
         """Return all of it in plain numbers and words; None for what is not finite."""
-        config = self.config
+        config, case = self.config, self.case
         return {
-            "case": self.case.name,
-            "scene": self.case.scene,
-            "title": self.case.title,
-            "ne": config.ne,
-            "np": config.np,
-            "dt": finite(self.dt),
-            "days": 0.0 if self.case.method == "start" else config.days,
-            "stepper": config.stepper,
-            "seconds": self.seconds,
-            "status": self.measure.status,
-            "reason": self.measure.reason or None,
+            "case": case.name, "scene": case.scene, "title": case.title,
+            "ne": config.ne, "np": config.np, "dt": finite(self.dt),
+            "days": 0.0 if case.method == "start" else config.days,
+            "stepper": config.stepper, "seconds": self.seconds,
+            "status": self.measure.status, "reason": self.measure.reason or None,
             "quantities": {n: finite(x) for n, x in self.quantities.items() if n not in TIMES},
-            "checks": [_plain(check) for check in self.checks],
+            "checks": [
+                {
+                    "quantity": check.quantity, "obtained": finite(check.obtained),
+                    "low": finite(check.low), "high": finite(check.high), "passed": check.holds,
+                }
+                for check in self.checks
+            ],
             "published": [
-                {"quantity": quantity, "value": value, "source": published.source}
-                for published in self.level.published
-                for quantity, value in published.values.items()
+                {"quantity": quantity, "value": value, "source": source}
+                for source, values in self.level.published.items()
+                for quantity, value in values.items()
             ],
             "passed": self.passed,
-        }
+        }  # fmt: skip
 
     def as_result(self) -> dict[str, object]:
         """Return the measure, the outcome and the bounds in words; None for what is not finite."""
         numbers = {n: None if x is None else finite(x) for n, x in self.measure.numbers.items()}
         return self.measure.model_dump() | {
-            "numbers": numbers,
-            "reason": self.reason,
-            "stepper": self.case.stepper,
-            "outcome": self.outcome,
-            "bounds": [str(check.bound) for check in self.checks],
-        }
+            "numbers": numbers, "reason": self.reason, "stepper": self.case.stepper,
+            "outcome": self.outcome, "bounds": [check.limits for check in self.checks],
+        }  # fmt: skip
 
 
 def run_cases(
     cases: Sequence[Case],
     known: Mapping[str, Measure] | None = None,
-    keep: Callable[[Measure], Measure] | None = None,
+    store: Store[Measure] | None = None,
     jobs: int = 1,
     tick: Tick | None = None,
 ) -> Iterator[Row]:
@@ -178,12 +157,12 @@ def run_cases(
     Args:
         cases: What to run.
         known: Measures by fingerprint that are not made again.
-        keep: Stores a new measure and returns it as it will be read again.
+        store: Where new measures are kept.
         jobs: Number of processes; with several, levels that are not timed are measured first.
         tick: Called with the progress in words.
     """
     found = dict(known or {})
-    keep = keep or (lambda measured: measured)
+    keep = store.add if store else (lambda measured: measured)
     beside = measured_beside(jobs, cases, found) if jobs > 1 else ()
     for count, measured in enumerate(beside, 1):
         found[measured.fingerprint] = keep(measured)
@@ -191,15 +170,10 @@ def run_cases(
             tick(f"{count} measured")
     for case in cases:
         before = None
-        told = None if tick is None else partial(_of_case, tick, case.name)
         for level in case.levels:
-            measured = found.get(case.fingerprint(level)) or keep(measure(case, level, told))
+            measured = found.get(case.fingerprint(level)) or keep(measure(case, level, tick))
             before = Row(case, level, measured, before)
             yield before
-
-
-def _of_case(tick: Tick, name: str, text: str) -> None:
-    tick(f"{name}: {text}")
 
 
 def measured_beside(
@@ -219,15 +193,7 @@ def measured_beside(
 
 def _measuring(tell: Tell) -> Callable[[tuple[Case, list[Level]]], None]:
     def work(task: tuple[Case, list[Level]]) -> None:
-        case, levels = task
-        for level in levels:
-            tell(measure(case, level))
+        for level in task[1]:
+            tell(measure(task[0], level))
 
     return work
-
-
-def _plain(check: Check) -> dict[str, object]:
-    bound = check.bound
-    numbers = {"obtained": check.obtained, "low": bound.low, "high": bound.high}
-    plain = {name: finite(x) for name, x in numbers.items()}
-    return {"quantity": check.quantity, **plain, "passed": check.holds}
