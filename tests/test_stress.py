@@ -26,6 +26,7 @@ from swe_sphere.studies.cases import (
 )
 from swe_sphere.studies.cases import measure as measuring
 from swe_sphere.studies.cases.families import DEFAULTS, read_family
+from swe_sphere.studies.cases.measure import SYMMETRIES, Series
 from swe_sphere.studies.cases.page import stability_page
 from swe_sphere.studies.cases.scenes import (
     FASTEST,
@@ -34,7 +35,6 @@ from swe_sphere.studies.cases.scenes import (
     random_setting,
     random_state,
 )
-from swe_sphere.studies.cases.series import SYMMETRIES, Series
 from swe_sphere.studies.cases.store import Results, StabilityStore
 from swe_sphere.studies.record_store import read_record
 from swe_sphere.testcases import get_scene
@@ -251,7 +251,7 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     assert cases["lake-ark2"].expect == "either"
     helped = cases["lake-rk4+viscosity"]
     assert helped.expect == "pass"
-    assert make_scene(helped.base).effect("viscosity").nu == 1e5
+    assert make_scene(helped.configured()).effect("viscosity").nu == 1e5
     assert [check.limits for check in helped.checks(helped.levels[0])] == [
         "mass_drift ≤ 1e-12",
         "min_depth ≥ 0",
@@ -285,7 +285,7 @@ def test_every_case_can_be_run() -> None:
     for case in CASES:
         assert case.checks(case.levels[0]) or case.expect == "refuse"
         if case.method != "seeds":
-            make_scene(case.base)
+            make_scene(case.configured())
         for symmetry in case.symmetries:
             assert symmetry in SYMMETRIES
 

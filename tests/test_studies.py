@@ -73,8 +73,8 @@ def test_changes_go_into_tables() -> None:
 def test_a_configuration_is_that_of_a_run() -> None:
     run = {"scene": "williamson1", "set": {"scene": {"gaussian": True}}, "np": 6}
     case = Case(name="a", run=run)
-    assert (case.base.np, case.base.settings) == (6, (("scene", "gaussian", True),))
-    assert make_scene(case.base).parameters["gaussian"] is True
+    assert (case.configured().np, case.configured().settings) == (6, (("scene", "gaussian", True),))
+    assert make_scene(case.configured()).parameters["gaussian"] is True
     damped = make_scene(case.configured({"set": {"hyperviscosity": {"nu": "default"}}}))
     assert damped.effect("hyperviscosity") is not None
     with pytest.raises(ConfigError, match="there is no option 'nodes'"):
@@ -83,7 +83,7 @@ def test_a_configuration_is_that_of_a_run() -> None:
 
 def test_scenes_of_a_study() -> None:
     case = Case(name="a", run={"scene": "cases:decay", "set": {"scene": {"nu": 2e6}}})
-    assert make_scene(case.base).parameters["nu"] == 2e6
+    assert make_scene(case.configured()).parameters["nu"] == 2e6
     with pytest.raises(ConfigError, match="did you mean 'decay'"):
         make_scene(case.configured({"scene": "cases:decya"}))
     with pytest.raises(ConfigError, match="no parameter 'mu'"):

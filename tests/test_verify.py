@@ -196,8 +196,8 @@ def test_cases_in_a_file(easy, tmp_path) -> None:
     (_, none) = family.cases
     assert (family.title, none.name) == ("Two", "none")
     assert none.bounds == {"mass_drift": math.inf} and none.levels == ()
-    assert none.base.stepper == "leapfrog"
-    assert none.base.scene == "williamson2"
+    assert none.configured().stepper == "leapfrog"
+    assert none.configured().scene == "williamson2"
     first, second, third = ([b.limits for b in easy.checks(level)] for level in easy.levels)
     high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
     assert first == [*high, "mass_drift ≤ 1e-13"]

@@ -96,81 +96,52 @@ class Level(BaseModel):
     __pydantic_extra__: dict[str, Any] = Field(init=False)
 
     h: Norms | None = None
-    """Upper bounds of l1, l2, linf of the height."""
     v: Norms | None = None
-    """Upper bounds of l1, l2, linf of the wind."""
     order: tuple[float] | tuple[float, float] | None = None
-    """Lower bounds of the orders of height and wind since the level before."""
     bounds: Limits = {}
-    """Bounds of other quantities.  An upper bound alone limits the size; one of an order does not
-    apply to the first level of a run."""
     values: dict[str, float] = {}
-    """Numbers to be met to within `Case.tolerance`."""
     published: Mapping[str, Mapping[str, float]] = {}
-    """Published numbers for comparison, by source and quantity."""
     quick: bool = False
-    """Whether the level is part of the quick form."""
 
 
 class Case(BaseModel):
-    """A scene that is run once or at several levels, and what its numbers must keep."""
+    """A scene that is run once or at several levels, and what its numbers must keep.
+
+    The fields are the keys of files of cases, which verification/start.toml documents.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
-    """Name of the case, different from those of all others."""
     family: str = ""
-    """Name of the family that the case belongs to."""
+    """Name of the file."""
     title: str = ""
     run: dict[str, Any]
-    """The run with the keys of a `--config` file; see `scenes.make_scene` for its scene."""
     method: Literal["errors", "start", "series", "file", "precisions", "seeds"] = "errors"
-    """How a run is measured, see `measure.METHODS`."""
     levels: tuple[Level, ...] = (Level(quick=True),)
     along: Literal["ne", "np", "dt"] = "ne"
-    """What differs from level to level; the observed order is in terms of it."""
     against: str | dict[str, Any] | None = None
-    """Where errors are measured from: a shipped reference "scene_dayD", a run with these changes
-    on a finer mesh, or `CONVERGED`; None: the exact solution."""
     tolerance: float = 1e-3
-    """Relative, of the `values` of the levels."""
     bounds: Limits = {}
-    """Bounds of all levels."""
     always: Limits = {}
-    """Bounds that also apply to a run that was stopped early."""
     expect: Literal["pass", "either", "refuse", "break"] = "pass"
-    """pass: the run must end within its bounds.  refuse: it must stop itself with a reason.
-    either: one of these two.  break: it may exceed its bounds, because the same case follows with
-    a remedy and must pass."""
     part: float | None = None
-    """The step as a fraction of the stepper's own stability limit."""
     courant: float | None = None
-    """The step in units of the gravity-wave limit 1/ρ, ρ the spectral radius at the start."""
     advective: float | None = None
     """Largest advective Courant number of a step that follows `courant`."""
     steps: int | None = None
-    """Length of the run in steps; with days in `run`, whichever is shorter."""
     symmetries: tuple[str, ...] = ()
-    """Symmetries that are measured as well: keys of `series.SYMMETRIES`."""
     seeds: tuple[int, ...] = ()
     """Seeds of a batch of random states."""
     seconds: float | None = None
-    """Wall time that the steps may take [s]; a run that uses it up has failed."""
     report: tuple[str, ...] = ()
-    """Quantities without a bound that the page shows."""
     note: str = ""
     quickly: dict[str, Any] = {}
-    """Changes of the case in the quick form."""
 
-    def configured(self, changes: Mapping[str, Any]) -> RunConfig:
+    def configured(self, changes: Mapping[str, Any] | None = None) -> RunConfig:
         """Return the configuration of the run with changes; ConfigError for what does not fit."""
         limit = {} if self.seconds is None else {"time-limit": self.seconds}
-        return make_config(by_field(merged(limit | self.run, changes)))
-
-    @property
-    def base(self) -> RunConfig:
-        """The run of the case before its levels change it."""
-        return self.configured({})
+        return make_config(by_field(merged(limit | self.run, changes or {})))
 
     def at(self, level: Level) -> RunConfig:
         """Return the run of a level."""
@@ -221,7 +192,7 @@ class Case(BaseModel):
     @property
     def scene(self) -> str:
         """Name of the scene."""
-        return make_scene(self.base).name
+        return make_scene(self.configured()).name
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -44,15 +44,10 @@ class Table(Case):
     """A table [[case]] of a file; with steppers it is a case for each, called NAME-STEPPER."""
 
     steppers: tuple[str, ...] = ()
-    """Names, families of steppers, or "all"."""
     random: int = 0
-    """Number of random states that are dealt out to the steppers."""
     remedy: Mapping[str, dict[str, Any]] = {}
-    """Settings with which cases are run again, as NAME-STEPPER+EFFECT."""
     remedied: tuple[str, ...] | None = None
-    """Steppers known to need the remedy; None: all of them."""
     quick: tuple[str, ...] = ()
-    """Steppers that the quick form runs too, with the changes `quickly`."""
 
     @model_validator(mode="after")
     def _keys_are_used(self) -> Self:
@@ -166,7 +161,7 @@ def choose_verification(
         chosen = [case for case in chosen if own[case.name] & set(names)]
     if launch is not None:
         chosen = [case.changed(run={"launch": launch}) for case in chosen]
-        _ = chosen[0].base  # an unknown shape ends here
+        chosen[0].configured()  # an unknown shape ends here
     return _quick(chosen) if quick else chosen
 
 
@@ -196,4 +191,4 @@ def _check_names(what: str, names: Sequence[str], known: Mapping[str, object]) -
 
 
 def _quick(cases: list[Case]) -> list[Case]:
-    return [short for short in (case.quick_form() for case in cases) if short.levels]
+    return [case.quick_form() for case in cases if any(level.quick for level in case.levels)]
