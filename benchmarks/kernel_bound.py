@@ -121,14 +121,9 @@ def _ours(model: Model, stepper: object) -> dict[str, Callable[[], object]]:
         for kernel, threads, arguments in launches:
             model.launch(kernel, threads, *arguments)
 
-    def repeat(name: str, launches: list[tuple[Any, int, tuple[Any, ...]]]) -> None:
-        if not replay(name):
-            with replay.record(name):
-                launch(*launches)
-
     return {
-        "local": partial(repeat, "local", [local]),
-        "DSS": partial(repeat, "DSS", dss),
+        "local": partial(replay, "local", launch, local),
+        "DSS": partial(replay, "DSS", launch, *dss),
         "whole": lambda: model.tendency(state, 0.0, out),
         "stage": stepper.step,
     }

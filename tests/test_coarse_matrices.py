@@ -7,7 +7,7 @@ import warp as wp
 
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 
 ROWS, COLUMNS = 61, 45

@@ -23,8 +23,8 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, whole
+from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.halo import LEAST
-from swe_sphere.operators.layout import Layout
 from swe_sphere.ranks.communicator import OF_RANKS, SIZES, Communicator, started_ranks
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS
@@ -80,7 +80,7 @@ class OneOfFive(Communicator):
 def test_fields_of_all_ranks_are_joined_one_after_the_other(mesh, parts):
     fields = np.random.default_rng(2).standard_normal((4, mesh.size))
     comm = OneOfFive(fields, parts)
-    layout = Layout(mesh, parts[0], comm, "cpu", wp.float64, "node")
+    layout = DeviceMesh(mesh, "cpu", wp.float64, "node", comm, parts[0])
     state = layout.scatter(fields.ravel())
     np.testing.assert_array_equal(layout.collect(state), fields.ravel())
     assert comm.rooms == [mesh.size] * 4

@@ -71,13 +71,6 @@ def test_recorded_steps_are_the_same_bit_by_bit(plain, name, monkeypatch):
     assert evaluations == others
 
 
-def run(replay, block):
-    """Launch the recording of a block, or run it."""
-    if not replay("key"):
-        with replay.record("key"):
-            block()
-
-
 def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
     """Each time it is launched, and not while it is recorded."""
     x, seen = wp.zeros(1, dtype=wp.float64, device="cpu"), []
@@ -89,7 +82,7 @@ def test_what_is_no_launch_is_done_between_pieces_of_a_recording(plain):
         plain.launch(axpby_kernel(wp.float64), 1, *one)
 
     for _ in range(4):
-        run(replay, twice_with_a_look)
+        replay("key", twice_with_a_look)
     assert seen == [1.0, 3.0, 5.0, 7.0] and x.numpy()[0] == 8.0
 
 
@@ -165,10 +158,10 @@ def test_a_replay_inside_a_recording_is_part_of_it(plain, monkeypatch):
 
     def block():
         counters["blocks"] += 1
-        run(inner, add_one)
+        inner("key", add_one)
 
     for calls in range(1, 6):
-        run(outer, block)
+        outer("key", block)
         assert x.numpy()[0] == counters["blocks"] == calls
     assert len(launched) == 4
 
@@ -237,10 +230,10 @@ def test_why_a_recording_fails_is_told(plain, monkeypatch):
         raise RuntimeError("no room for a graph")
 
     replay = Replay(plain.launch)
-    run(replay, lambda: between("cpu", lambda: None))
+    replay("key", lambda: between("cpu", lambda: None))
     monkeypatch.setattr(wp, "capture_begin", twice)
     with pytest.raises(RuntimeError, match="no room for a graph"):
-        run(replay, lambda: between("cpu", lambda: None))
+        replay("key", lambda: between("cpu", lambda: None))
     monkeypatch.undo()
     seen = []
     between("cpu", lambda: seen.append("at once"))

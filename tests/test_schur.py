@@ -13,8 +13,7 @@ from support import make_scene, relative, tangent
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, sparse
-from swe_sphere.operators.device_mesh import REALS
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import REALS, Field
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.solvers.preconditioners import make_preconditioner
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, largest_eigenvalue

@@ -13,7 +13,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators.diagnose import divergence
-from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep, symbol
+from swe_sphere.operators.tracer_step_operator import Crossings, TracerStep, symbol
 from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
 from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
@@ -83,7 +83,7 @@ def test_a_stage_is_minus_the_divergence_of_what_the_flux_carries(mesh, shape, c
     depth, masses = 1000.0 + random.random(n), random.random((count, n))
     crossings = Crossings(model.device_mesh, model.launch)
     step = TracerStep(model.device_mesh, model.launch, crossings, count, first=0)
-    flux, air, tau = upload(np.concatenate([u, v])), Air(upload(depth), upload(np.zeros(n))), 7.0
+    flux, air, tau = upload(np.concatenate([u, v])), (upload(depth), upload(np.zeros(n))), 7.0
     state = upload(masses.ravel())
     step(flux, air, state, tau, 1, (1.0,))
     for before, after in zip(masses, state.numpy().reshape(count, n), strict=True):

@@ -69,6 +69,18 @@ def test_constant_mixing_ratio_has_the_tendency_of_the_depth(mesh, effects, shap
     assert np.abs(rate["hq_wave"] - rate["h"]).max() > 1e-3 * np.abs(rate["h"]).max()
 
 
+def test_four_tracers_diffuse_alike_in_both_launch_shapes(mesh) -> None:
+    """Fluxes of a thread a node have room apart from what elements leave of four fields."""
+    formulas = {f"q{k}": lambda lon, lat, k=k: k + wave(lon, lat) for k in range(4)}
+    scene = with_tracers(make_scene(*FLOW, "viscosity"), **formulas)
+    models = [Model(mesh, scene, shape=shape) for shape in ("element", "node")]
+    by_group, by_node = (tendency(model, rough(model)) for model in models)
+    scale = np.abs(by_group).max(axis=1, keepdims=True)
+    assert (np.abs(by_node - by_group) / scale).max() < ROUND
+    nodal = models[1].device_mesh
+    assert nodal.fluxes.ptr != nodal.scratch(4, nodal.real).values.ptr
+
+
 @pytest.mark.parametrize("shape", ["element", "node"])
 def test_transport_is_minus_the_divergence_of_the_mass_flux(mesh, shape):
     model = Model(mesh, with_tracers(make_scene(*FLOW)), shape=shape)

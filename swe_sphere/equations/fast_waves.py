@@ -26,8 +26,6 @@ class FastWaves:
         self._geometry = mesh.geometry(self._fields.geometry)
         self._divergence = mesh.scratch(1, self._fields.value)
         self._gradient = mesh.scratch(2, self._fields.value)
-        self._sweep_divergence = mesh.sweep_of(model.launch, self._divergence.flat)
-        self._sweep_gradient = mesh.sweep_of(model.launch, self._gradient.flat)
         self._kernels = fast_wave_kernels(mesh.real, model.carried is not None)
         self._add = combine_kernel(mesh.real, 2)
         model.launch.load(
@@ -62,9 +60,9 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        self._sweep_divergence(
-            self._fields.transport, mesh.dim_of(1), self._geometry, s, rest, self._winds, 1,
-            self._divergence.values,
+        mesh.sweep(
+            launch, self._divergence, self._fields.transport, mesh.threads(1), self._geometry, s,
+            rest, self._winds, 1, self._divergence.values,
         )  # fmt: skip
         launch(
             self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
@@ -73,9 +71,9 @@ class FastWaves:
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        self._sweep_gradient(
-            self._fields.gradient, mesh.dim_of(1), self._geometry, s, self._depth, 0, 1,
-            self._gradient.values,
+        mesh.sweep(
+            launch, self._gradient, self._fields.gradient, mesh.threads(1), self._geometry, s,
+            self._depth, 0, 1, self._gradient.values,
         )  # fmt: skip
         launch(
             self._kernels.kick, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,

@@ -22,8 +22,8 @@ from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations, mix
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators.limiter_operator import Limiter
 from swe_sphere.operators.replay import Replay
+from swe_sphere.operators.tracers import Limiter
 from swe_sphere.ranks.communicator import Communicator
 
 JACOBIANS = ("exact", "difference")

@@ -67,8 +67,6 @@ class Passes:
         of_fields = field_kernels(np_, self._real, mesh.shape)
         self._local_depth = mesh.scratch(self._masses, of_fields.value)
         self._local_wind = mesh.scratch(2, of_fields.value)
-        self._sweep_depth = mesh.sweep_of(model.launch, self._local_depth.flat)
-        self._sweep_wind = mesh.sweep_of(model.launch, self._local_wind.flat)
         self._transport, self._geometry = None, mesh.geometry(of_fields.geometry)
         if direct:
             carrying = carrying_kernel(np_, terms.unknowns, self._real, point, damped)
@@ -117,9 +115,10 @@ class Passes:
             model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
-            self._sweep_depth(
-                self._transport, mesh.dim_of(self._masses), self._geometry, wind, self.carried,
-                self._first * size, self._masses, self._local_depth.values,
+            local = self._local_depth
+            mesh.sweep(
+                model.launch, local, self._transport, mesh.threads(self._masses), self._geometry,
+                wind, self.carried, self._first * size, self._masses, local.values,
                 *([step] if self._direct else []),
             )  # fmt: skip
         self._sum("depth", self._local_depth.flat, step, self._masses)
@@ -134,9 +133,10 @@ class Passes:
         mesh, step = self._mesh, self._step_of(tau, levels, out, turns, turns)
         if self._force is not None:
             done = step if self._direct else out
-            self._sweep_wind(
-                self._force, mesh.dim, self._force_geometry, self.pushed, self._local_wind.values,
-                done,
+            local = self._local_wind
+            mesh.sweep(
+                self._model.launch, local, self._force, mesh.threads(), self._force_geometry,
+                self.pushed, local.values, done,
             )  # fmt: skip
         self._sum("wind", self._local_wind.flat, step)
 

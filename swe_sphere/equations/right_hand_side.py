@@ -13,8 +13,9 @@ from swe_sphere.equations.effect_terms import compiling_formulas, element_terms,
 from swe_sphere.equations.scene import Scene
 from swe_sphere.kernels import Terms, combine_kernel
 from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
-from swe_sphere.operators import PointwiseOperator, TendencyOperator
+from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import Replay
+from swe_sphere.operators.tendency import pointwise_operator
 
 Operator = Callable[[wp.array, wp.array], None]
 """operator(x, out) writes to `out`, another array, what it makes of the state x."""
@@ -76,10 +77,11 @@ class RightHandSide:
             self.counters[self.counter] += 1
         for fields in self.prescribed:
             fields.set_time(t)
-        if not self.replay(key := (x.ptr, out.ptr)):
-            with self.replay.record(key):
-                for operator, source, target in self.operations:
-                    operator(x if source is None else source, out if target is None else target)
+        self.replay((x.ptr, out.ptr), self._operate, x, out)
+
+    def _operate(self, x: wp.array, out: wp.array) -> None:
+        for operator, source, target in self.operations:
+            operator(x if source is None else source, out if target is None else target)
 
     def at_start(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the time 0: some components are the same at all times."""
@@ -140,7 +142,7 @@ def term_operations(
         if terms.dynamics or terms.diffuses:
             operator = TendencyOperator(mesh, terms, launch, parameters, point, stage)
         else:
-            operator = PointwiseOperator(mesh, terms.unknowns, launch, parameters, point, stage)
+            operator = pointwise_operator(mesh, terms.unknowns, launch, parameters, point, stage)
     return [*operations, Operation(operator, source)]
 
 

@@ -104,7 +104,7 @@ def _scaled_product(
         difference: Array = plus.numpy().astype(np.float64)
         difference -= minus.numpy()
         difference /= np.multiply(scale, 2.0 * step, out=room)
-        return mesh.join(difference)
+        return mesh.collect(difference)
 
     return product
 

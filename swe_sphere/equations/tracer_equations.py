@@ -17,8 +17,7 @@ from swe_sphere.kernels import Terms
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.kernels.tracers import pointwise_kernels
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators.limiter_operator import Limiter
-from swe_sphere.operators.transport_operator import MixingRatio, TracerTransport
+from swe_sphere.operators.tracers import Limiter, MixingRatio, TracerTransport
 
 TRANSPORT = ("all", "conservative", "tangent")
 """Components of a right-hand side with transport; the others have dissipation alone."""

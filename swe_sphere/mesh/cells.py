@@ -8,7 +8,6 @@ The cells cover the sphere; edges are great circles.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.mesh.gll import lagrange
@@ -25,13 +24,6 @@ def cell_corners(mesh: Mesh) -> tuple[Array, Array]:
     at = lagrange(mesh.gll_points, cuts)
     inside = np.einsum("ai,bj,eijx->eabx", at, at, mesh.xyz[mesh.nodes]).reshape(-1, 3)
     inside /= np.linalg.norm(inside, axis=1)[:, None]
-    order = _around(mesh, inside)
-    lon, lat = longitude_latitude(inside)
-    return lon[order], lat[order]
-
-
-def _around(mesh: Mesh, inside: Array) -> NDArray[np.int64]:
-    """The corners (N, 4) of each node, by their number among all, anticlockwise."""
     quads = mesh.quads()
     turn = np.empty(quads.shape)
     for k, node in enumerate(quads.T):  # one after the other: large meshes
@@ -41,7 +33,6 @@ def _around(mesh: Mesh, inside: Array) -> NDArray[np.int64]:
     order = np.lexsort((turn.ravel(), quads.ravel())) // CORNERS
     number = np.bincount(quads.ravel(), minlength=mesh.size)
     starts = np.cumsum(number) - number
-    found: NDArray[np.int64] = order[
-        starts[:, None] + np.minimum(np.arange(CORNERS), number[:, None] - 1)
-    ]
-    return found
+    around = order[starts[:, None] + np.minimum(np.arange(CORNERS), number[:, None] - 1)]
+    lon, lat = longitude_latitude(inside)
+    return lon[around], lat[around]

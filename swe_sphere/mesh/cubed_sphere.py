@@ -110,11 +110,6 @@ class Placement:
     stretch: float = 1.0
 
     @property
-    def turned(self) -> bool:
-        """False where the rotation is the identity: it is then left out, to keep every bit."""
-        return self.centre != (0.0, 0.0) or self.spin != 0.0
-
-    @property
     def point(self) -> Array:
         """Unit vector (3,) of the centre."""
         return position(*np.radians(self.centre))
@@ -129,13 +124,12 @@ class Placement:
 
     def place(self, n: Array) -> Array:
         """Unit vectors (..., 3) on the sphere of points n (..., 3) of the plain cubed sphere."""
-        n = n @ self.rotation.T if self.turned else n
+        n = n @ self.rotation.T
         return schmidt(n, self.point, self.stretch) if self.stretch != 1.0 else n
 
     def place_tangent(self, n: Array, dn: Array) -> Array:
         """Derivative (..., 3) of `place` at n (..., 3) along the tangent vectors dn (..., 3)."""
-        if self.turned:
-            n, dn = n @ self.rotation.T, dn @ self.rotation.T
+        n, dn = n @ self.rotation.T, dn @ self.rotation.T
         if self.stretch == 1.0:
             return dn
         moved = schmidt(n, self.point, self.stretch)
@@ -144,4 +138,4 @@ class Placement:
     def lift(self, n: Array) -> Array:
         """The inverse of `place`, (..., 3) to (..., 3)."""
         n = schmidt(n, self.point, 1.0 / self.stretch) if self.stretch != 1.0 else n
-        return n @ self.rotation if self.turned else n
+        return n @ self.rotation

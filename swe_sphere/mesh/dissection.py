@@ -13,31 +13,23 @@ def dissection_order(mesh: Mesh) -> Integers:
     A factorisation of a matrix that couples nodes of one element alone then fills in N log N
     entries instead of N^1.5 (George 1973, SIAM J. Numer. Anal. 10, 345-363).
     """
-    code = _halves(mesh)
+    centres: Array = mesh.xyz[mesh.nodes].mean(axis=(1, 2))
+    code = np.zeros(mesh.elements, dtype=np.int64)
+    """(E,) numbers whose binary digits are the halves of halves that hold an element."""
+    parts = [np.arange(mesh.elements)]
+    for digit in reversed(range(mesh.elements.bit_length())):
+        halves = []
+        for part in parts:  # cut across its longest extent
+            apart = centres[part] - centres[part].mean(axis=0)
+            _, _, axes = np.linalg.svd(apart, full_matrices=False)
+            order = part[np.argsort(apart @ axes[0], kind="stable")]
+            lower, upper = np.split(order, [part.size // 2])
+            code[upper] += 1 << digit
+            halves += [half for half in (lower, upper) if half.size > 1]
+        parts = halves
     owners = code[mesh.gather_entries // mesh.np**2]
     first = np.minimum.reduceat(owners, mesh.gather_offsets[:-1])
     last = np.maximum.reduceat(owners, mesh.gather_offsets[:-1])
     _, height = np.frexp((first ^ last).astype(np.float64))  # of the smallest common part
     end = ((first >> height) + 1) << height
     return np.lexsort((height, end))
-
-
-def _halves(mesh: Mesh) -> Integers:
-    """Return (E,) numbers whose binary digits are the halves of halves that hold an element."""
-    centres: Array = mesh.xyz[mesh.nodes].mean(axis=(1, 2))
-    code = np.zeros(mesh.elements, dtype=np.int64)
-    parts, digits = [np.arange(mesh.elements)], mesh.elements.bit_length()
-    for digit in reversed(range(digits)):
-        pairs = [_bisected(centres, part) for part in parts]
-        for _, upper in pairs:
-            code[upper] += 1 << digit
-        parts = [half for pair in pairs for half in pair if half.size > 1]
-    return code
-
-
-def _bisected(centres: Array, part: Integers) -> tuple[Integers, Integers]:
-    """Return two halves of some elements, cut across their longest extent."""
-    apart = centres[part] - centres[part].mean(axis=0)
-    _, _, axes = np.linalg.svd(apart, full_matrices=False)
-    order = part[np.argsort(apart @ axes[0], kind="stable")]
-    return order[: part.size // 2], order[part.size // 2 :]

@@ -39,7 +39,13 @@ class Interpolator:
         self.mesh = mesh
         self.shape = lon.shape
         self._frame = frame(lon, lat)
-        self.matrix = _matrix(mesh, position(lon.ravel(), lat.ravel()))
+        xyz = position(lon.ravel(), lat.ravel())
+        element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(xyz), mesh.ne)
+        first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
+        values = first[:, :, None] * second[:, None, :]
+        starts = np.arange(lon.size + 1) * mesh.np**2
+        entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
+        self.matrix = scipy.sparse.csr_array(entries, shape=(lon.size, mesh.size))
 
     def __call__(self, field: Array) -> Array:
         """Values of the nodal scalar field (N,) at the points, in the shape of lon and lat."""
@@ -89,13 +95,3 @@ class Sampler:
             built += [tile] if self._keeps else []
             yield tile
         self._kept = built
-
-
-def _matrix(mesh: Mesh, xyz: Array) -> scipy.sparse.csr_array:
-    """Interpolation matrix (T, N) for unit vectors (T, 3)."""
-    element, xi1, xi2 = cubed_sphere.locate(mesh.placement.lift(xyz), mesh.ne)
-    first, second = lagrange(mesh.gll_points, xi1), lagrange(mesh.gll_points, xi2)
-    values = first[:, :, None] * second[:, None, :]
-    starts = np.arange(len(xyz) + 1) * mesh.np**2
-    entries = (values.ravel(), mesh.nodes[element].ravel(), starts)
-    return scipy.sparse.csr_array(entries, shape=(len(xyz), mesh.size))

@@ -7,16 +7,14 @@ import operator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import cubed_sphere, gll, numbering
 from swe_sphere.mesh.cubed_sphere import Placement
+from swe_sphere.mesh.numbering import Int32
 from swe_sphere.mesh.sphere import frame, longitude_latitude, snap_poles
 from swe_sphere.planet import EARTH
-
-Int32 = NDArray[np.int32]
 
 LARGEST_STRETCH = 100.0
 """Beyond this the side away from the centre has next to no nodes left."""
@@ -94,8 +92,15 @@ class Mesh:
         (and coarsens it at the antipode) by that factor.  Raises ConfigError for a number out of
         range.
         """
-        ne, np = _check_counts(ne, np)
-        placement = _check_placement(radius, stretch, centre, spin)
+        try:
+            ne, np = operator.index(ne), operator.index(np)
+        except TypeError:
+            raise ConfigError(
+                f"ne and np must be whole numbers, not ne={ne!r}, np={np!r}"
+            ) from None
+        lon, lat = map(float, centre)
+        placement = Placement((lon, lat), float(spin), float(stretch))
+        _check(ne, np, radius, placement)
         return _assemble(ne, np, float(radius), placement)
 
     def __post_init__(self) -> None:
@@ -145,24 +150,15 @@ class Mesh:
         )
 
 
-def _check_counts(ne: int, np_: int) -> tuple[int, int]:
-    try:
-        ne, np_ = operator.index(ne), operator.index(np_)
-    except TypeError:
-        raise ConfigError(f"ne and np must be whole numbers, not ne={ne!r}, np={np_!r}") from None
+def _check(ne: int, np_: int, radius: float, placement: Placement) -> None:
+    """Raise ConfigError for a number out of range."""
+    (lon, lat), spin, stretch = placement.centre, placement.spin, placement.stretch
     if ne < 1:
         raise ConfigError(f"ne={ne}: the number of elements along a cube edge must be at least 1")
     if not 3 <= np_ <= 16:
         raise ConfigError(f"np={np_}: the number of nodes along an element edge must be 3 to 16")
     if 6 * (ne * np_) ** 2 >= 2**31:
         raise ConfigError(f"ne={ne} with np={np_} is too large a mesh: take a smaller ne")
-    return ne, np_
-
-
-def _check_placement(
-    radius: float, stretch: float, centre: tuple[float, float], spin: float
-) -> Placement:
-    lon, lat = map(float, centre)
     if not (math.isfinite(radius) and radius > 0.0):
         raise ConfigError(f"radius={radius}: the radius must be a positive length in metres")
     if not 1.0 <= stretch <= LARGEST_STRETCH:
@@ -173,7 +169,6 @@ def _check_placement(
         )
     if not math.isfinite(spin):
         raise ConfigError(f"spin={spin}: the turn of the cube must be a finite angle in degrees")
-    return Placement((lon, lat), float(spin), float(stretch))
 
 
 def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
@@ -182,7 +177,8 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     nodes, xyz, tangents = _geometry(ne, points, placement)
     lon, lat = longitude_latitude(xyz)
     east, north = frame(lon, lat)
-    basis = radius * _components(tangents, east[nodes], north[nodes])
+    along = [np.einsum("aeijk,eijk->eija", tangents, unit[nodes]) for unit in (east, north)]
+    basis = radius * np.stack(along, axis=-1)
     jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
     local = jacobian * weights[:, None] * weights
     area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
@@ -198,8 +194,7 @@ def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Arra
     """Node numbers (E, np, np), unit vectors (N, 3) and d(xyz)/d(xi) (2, E, np, np, 3)."""
     line = cubed_sphere.lattice_tangents(ne, points)
     face, first, second = numbering.element_lattice(ne, points.size)
-    triples = numbering.cube_lattice(face, first, second, line.size - 1)
-    nodes, triples = numbering.number_nodes(triples)
+    nodes, triples = numbering.number_nodes(face, first, second, line.size - 1)
     plain, distance = cubed_sphere.cube_points(triples, line)
     tangents = cubed_sphere.sphere_tangents(
         face, (first, second), line, plain[nodes], distance[nodes]
@@ -207,9 +202,3 @@ def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Arra
     tangents *= 0.25 * np.pi / ne  # d alpha / d xi
     tangents = placement.place_tangent(plain[nodes], tangents)
     return nodes, snap_poles(placement.place(plain)), tangents
-
-
-def _components(tangents: Array, east: Array, north: Array) -> Array:
-    """Tangents (2, E, np, np, 3) in the frames (E, np, np, 3): (E, np, np, 2, 2)."""
-    components = [np.einsum("aeijk,eijk->eija", tangents, unit) for unit in (east, north)]
-    return np.stack(components, axis=-1)

@@ -44,35 +44,31 @@ def element_lattice(ne: int, np_: int) -> tuple[Integers, Integers, Integers]:
     return face[:, None, None], line[first][:, :, None], line[second][:, None, :]
 
 
-def cube_lattice(face: Integers, first: Integers, second: Integers, last: int) -> Integers:
-    """Lattice triples (..., 3) in {0..last}^3 of face lattice coordinates, broadcast together."""
+def number_nodes(
+    face: Integers, first: Integers, second: Integers, last: int
+) -> tuple[Int32, Integers]:
+    """Number the nodes at face lattice coordinates: nodes inside elements, on edges, vertices.
+
+    Returns the node numbers (E, np, np) and the lattice triples (N, 3) in {0..last}^3 of the nodes.
+    The separate kinds let the processor foresee how many contributors DSS adds up at a node; within
+    a kind the order in which nodes first appear keeps those of an element together in memory.
+    """
     shape = np.broadcast_shapes(face.shape, first.shape, second.shape)
     # twice the coordinates, counted from the centre of the cube, are integers too
     doubled = [np.broadcast_to(c, shape) for c in (last, 2 * first - last, 2 * second - last)]
     axes = np.broadcast_to(FACES[face], (*shape, 3, 3))
-    triples: Integers = np.einsum("a...,...ak->...k", np.stack(doubled), axes)
-    return (triples + last) // 2
-
-
-def number_nodes(triples: Integers) -> tuple[Int32, Integers]:
-    """Number the distinct triples (..., 3): those met once, then those met twice, then the others.
-
-    Returns the node numbers (...) and the triples (N, 3) of the nodes.  Interior nodes, edges and
-    vertices apart let the processor foresee how many contributors DSS adds up at a node; within a
-    kind the order in which they first appear keeps the nodes of an element together in memory.
-    """
-    side = int(triples.max()) + 1
-    code = (triples[..., 0] * side + triples[..., 1]) * side + triples[..., 2]
-    _, first, inverse, met = np.unique(
+    triples = (np.einsum("a...,...ak->...k", np.stack(doubled), axes) + last) // 2
+    code = (triples[..., 0] * (last + 1) + triples[..., 1]) * (last + 1) + triples[..., 2]
+    _, earliest, inverse, met = np.unique(
         code.ravel(), return_index=True, return_inverse=True, return_counts=True
     )
-    element, point = np.divmod(first, triples.shape[-2] ** 2)
+    element, point = np.divmod(earliest, shape[-1] ** 2)
     block, lane = np.divmod(element, BLOCK)
     order = np.lexsort((lane, point, block, np.minimum(met, 3)))
     number = np.empty(order.size, dtype=np.int32)
     number[order] = np.arange(order.size, dtype=np.int32)
-    nodes = number[inverse].reshape(code.shape)
-    return nodes, triples.reshape(-1, 3)[first[order]]
+    nodes = number[inverse].reshape(shape)
+    return nodes, triples.reshape(-1, 3)[earliest[order]]
 
 
 def contributors(nodes: Int32, size: int) -> tuple[Int32, Int32]:

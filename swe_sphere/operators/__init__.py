@@ -2,6 +2,6 @@
 
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher, find_device
-from swe_sphere.operators.tendency import PointwiseOperator, TendencyOperator
+from swe_sphere.operators.tendency import TendencyOperator
 
-__all__ = ["DeviceMesh", "Launcher", "PointwiseOperator", "TendencyOperator", "find_device"]
+__all__ = ["DeviceMesh", "Launcher", "TendencyOperator", "find_device"]

@@ -5,8 +5,8 @@ pairs, pairs of pairs and so on.  A rank sends the sums of the largest branches 
 whole, of which there are few, and every rank adds them up to the same total.
 """
 
+import functools
 import math
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -34,49 +34,37 @@ class Chunks:
         chunks = np.arange(*ends[comm.rank : comm.rank + 2])
         self._leaves = np.stack([chunks, np.ones_like(chunks)], axis=-1)
         self._branches = [branches(*ends[rank : rank + 2]) for rank in range(comm.size)]
-        self._trees: dict[int, tuple[_Tree, _Tree]] = {}
+        self._trees = functools.cache(self._build_trees)
 
     def room(self, width: int) -> NDArray[np.float64]:
         """Return room (count, width) for the sums over each chunk of this rank."""
-        return self._trees_of(width)[0].sums
+        return self._trees(width)[0][0]
 
     def total(self, width: int) -> NDArray[np.float64]:
         """Return sums (width,) over the rooms of all ranks; they are valid until the next call."""
-        mine, everything = self._trees_of(width)
-        mine.add_up()
+        (mine, add_up_mine), (everything, add_up) = self._trees(width)
+        add_up_mine.launch()
         counts = [width * len(each) for each in self._branches]
-        sent = mine.sums.reshape(-1)[: counts[self._comm.rank]]
-        self._comm.gather(sent, counts, everything.sums.reshape(-1))
-        everything.add_up()
-        total: NDArray[np.float64] = everything.sums[0]
+        sent = mine.reshape(-1)[: counts[self._comm.rank]]
+        self._comm.gather(sent, counts, everything.reshape(-1))
+        add_up.launch()
+        total: NDArray[np.float64] = everything[0]
         return total
 
-    def _trees_of(self, width: int) -> "tuple[_Tree, _Tree]":
-        """Return the tree above the chunks of this rank, and the tree above all branches."""
-        if width not in self._trees:
-            self._trees[width] = (
-                _Tree(self._leaves, width, False, self._comm),
-                _Tree(np.concatenate(self._branches), width, True, self._comm),
-            )
-        return self._trees[width]
+    def _build_trees(self, width: int) -> "list[tuple[NDArray[np.float64], wp.Launch]]":
+        """Return the tree above the chunks of this rank, and the tree above all branches.
 
-
-class _Tree:
-    """Sums of nodes (n, 2) of the binary tree, each given by its first chunk and its size."""
-
-    def __init__(self, nodes: NDArray[Any], width: int, whole: bool, comm: Communicator) -> None:
-        """whole: whether the nodes make up the whole tree, whose root is the total."""
-        kernel = tree_kernel()
-        Launcher("cpu", comm).load(kernel)
-        sums = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
-        inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), int(whole), sums]
-        self._command = wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
-        self.sums: NDArray[np.float64] = sums.numpy()
-        """(n, width) sums of the nodes, or after `add_up` of the branches or of the root."""
-
-    def add_up(self) -> None:
-        """Add the sums up in place, as far as both halves of a branch are there."""
-        self._command.launch()
+        Each has its sums (n, width), and a command that adds them up in place: to those of the
+        largest branches, or to the total.
+        """
+        kernel, trees = tree_kernel(), []
+        Launcher("cpu", self._comm).load(kernel)
+        for is_whole, nodes in enumerate((self._leaves, np.concatenate(self._branches))):
+            sums = wp.zeros((len(nodes), width), dtype=wp.float64, device="cpu")
+            inputs = [wp.array(nodes, dtype=wp.int32, device="cpu"), is_whole, sums]
+            add_up = wp.launch(kernel, 1, inputs, device="cpu", record_cmd=True)
+            trees.append((sums.numpy(), add_up))
+        return trees
 
 
 def branches(first: int, behind: int) -> NDArray[np.int64]:

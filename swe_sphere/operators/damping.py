@@ -15,8 +15,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.damping import damping_kernels
 from swe_sphere.mesh import Mesh
-from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
 MOST = 5.0
@@ -92,7 +91,7 @@ class Damping:
 
     def _join(self, local: Field, block: int, out: wp.array) -> None:
         mesh = self._mesh
-        mesh.exchange(local.flat)
+        mesh.exchange(local)
         self._launch(
             self._kernels.joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
             block * mesh.size, out,

@@ -1,38 +1,54 @@
 """Mesh arrays in the order in which the kernels read them."""
 
 import functools
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels import lanes_of
 from swe_sphere.kernels.element import room
 from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
+from swe_sphere.kernels.simd.register import REGISTER_BYTES
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
-from swe_sphere.operators.field import Field
 from swe_sphere.operators.halo import Halo, Rim
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.layout import Layout
 from swe_sphere.ranks.communicator import Communicator
 
 ALONE = Communicator()
 REALS = {"float64": wp.float64, "float32": wp.float32}
 
 
-class DeviceMesh(Layout):
-    """Element data of a mesh, or of this rank's part of it, `lanes` elements side by side.
+@dataclass(frozen=True)
+class Field:
+    """Values at the nodes of each element, or what elements leave for DSS there.
 
-    Arrays on element nodes have shape (groups, np*np, ..., lanes); the last group is filled up with
-    copies of the last element, which DSS never reads.  Metric terms are computed in float64 and
-    only then rounded to `real`: a geometry in float32 would grow a spurious wave (Nakano et al.
-    2018, doi:10.1175/MWR-D-17-0257.1).
+    `values` (groups + 1, np*np, unknowns) of SIMD registers, and the same memory as numbers in
+    `flat`.
+    """
+
+    values: wp.array
+    flat: wp.array
+
+
+class DeviceMesh:
+    """Element data of a mesh, or of this rank's part of it, in the memory of a device.
+
+    Arrays at nodes hold one field after the other.  Arrays on element nodes have shape (groups,
+    np*np, ..., lanes), with `lanes` elements side by side in whole registers; the last group is
+    filled up with copies of the last element, which DSS never reads.  Metric terms are computed in
+    float64 and only then rounded to `real`: a geometry in float32 would grow a spurious wave
+    (Nakano et al. 2018, doi:10.1175/MWR-D-17-0257.1).
     """
 
     def __init__(
@@ -41,11 +57,22 @@ class DeviceMesh(Layout):
     ) -> None:  # fmt: skip
         if part is None:
             part = Partition(mesh, comm.size).part(comm.rank) if comm.shared else whole(mesh)
-        super().__init__(mesh, part, comm, device, real, shape)
-        self.points = mesh.np**2
-        self._halos: dict[int, Halo] = {}
-        self._places: dict[int, wp.array] = {}
-        self._scratch: dict[tuple[int, Any], Field] = {}
+        self.mesh, self.part, self.comm = mesh, part, comm
+        self.device, self.real, self.shape = device, real, shape
+        self.elements, self.size, self.points = part.elements.size, part.nodes.size, mesh.np**2
+        """Number of elements and of nodes of this rank, and of the nodes of an element."""
+        self.lanes = lanes_of(real) if shape == "element" else 1
+        self.groups = -(-self.elements // self.lanes)
+        self.numpy_real = np.dtype(wp.dtype_to_numpy(real))
+        received = -(-sum(part.receives.values()) // self.lanes)
+        self.rows = (self.groups + 1 + -(-received // self.points)) * self.points
+        """Rows of element nodes in local tendencies, with those behind the elements."""
+        self.halos: dict[int, Halo] = {}
+        """Exchanges between ranks by the address of the array."""
+        self.places = functools.cache(self._find_places)
+        self.scratch = functools.cache(self.local)
+        """`local` of room that all operators share: the results of an operator must have been read
+        before another one is launched."""
 
     def like(self, real: Any, shape: str) -> "DeviceMesh":
         """The same part in another number type or order."""
@@ -53,18 +80,13 @@ class DeviceMesh(Layout):
             return self
         return DeviceMesh(self.mesh, self.device, real, shape, self.comm, self.part)
 
-    @property
-    def dim(self) -> int | tuple[int, int]:
-        """Threads of a launch over the element nodes."""
-        return self.groups if self.shape == "element" else (self.groups, self.points)
-
-    def dim_of(self, fields: int) -> int | tuple[int, int, int]:
-        """Threads of a launch over the element nodes of so many fields."""
-        return self.groups if self.shape == "element" else (self.groups, fields, self.points)
+    def threads(self, *fields: int) -> int | tuple[int, ...]:
+        """Return the threads of a launch over the element nodes, of so many fields if any."""
+        return self.groups if self.shape == "element" else (self.groups, *fields, self.points)
 
     @functools.cached_property
     def chunks(self) -> Chunks:
-        """By which sums over the nodes are taken."""
+        """The chunks by which sums over the nodes are taken."""
         return Chunks(self.part, self.comm, self.device)
 
     @functools.cached_property
@@ -118,6 +140,11 @@ class DeviceMesh(Layout):
         return int(self._room.ptr)
 
     @functools.cached_property
+    def fluxes(self) -> wp.array:
+        """Room for the fluxes of fields that diffuse, in the launch shape of a thread a node."""
+        return self.unshared(4, self.real).values
+
+    @functools.cached_property
     def stage(self) -> Any:
         """None: rates are left as they are."""
         return stage_struct(self.real)()
@@ -127,41 +154,32 @@ class DeviceMesh(Layout):
         """One over the nodal area (N,) [m-2]."""
         return self.scatter(1.0 / self.mesh.area)
 
-    def places(self, unknowns: int) -> wp.array:
-        """(N,) where the contributors of each node stand in local tendencies of that many fields.
+    def _find_places(self, unknowns: int) -> wp.array:
+        """Return (N,) where each node's contributors stand in local tendencies of such fields.
 
         A node lacks those that are -1; the fourth of three stands in the empty last group.
         Raises ConfigError where 32 bits cannot tell the places.
         """
-        if unknowns not in self._places:
-            self._places[unknowns] = self._find_places(unknowns)
-        return self._places[unknowns]
-
-    def _find_places(self, unknowns: int) -> wp.array:
-        part, width = self.part, unknowns * self.lanes
+        width, count = unknowns * self.lanes, self.part.counts
         if self.rows * width >= 2**31:
             raise ConfigError(
                 f"{unknowns} fields of this part of the mesh have more than 2^31 numbers: take more"
                 " ranks, or a coarser mesh"
             )
-        position = self._positions(part.contributors, width)
-        empty = self.groups * self.points * width
         places = np.full((self.size, CONTRIBUTORS), -1, dtype=np.int32)
-        count = part.counts
-        places[count == 3, 3] = empty
+        places[count == 3, 3] = self.groups * self.points * width
         node = np.repeat(np.arange(self.size), count)
-        places[node, np.arange(node.size) - np.repeat(np.cumsum(count) - count, count)] = position
+        turn = np.arange(node.size) - np.repeat(np.cumsum(count) - count, count)
+        places[node, turn] = self._positions(self.part.contributors, width)
         return wp.array(places, dtype=Contributors, device=self.device)
 
     @functools.cached_property
     def of_own(self) -> wp.array:
         """(N,) where each node stands in a local field, in the first of this rank's elements."""
-        part = self.part
-        mine = np.flatnonzero(part.contributors >= 0)
-        node = np.repeat(np.arange(self.size), part.counts)[mine]
-        first = part.contributors[mine[np.unique(node, return_index=True)[1]]]
-        places = self._positions(first, self.lanes)
-        return wp.array(places, dtype=wp.int32, device=self.device)
+        around = self.places(1).numpy()
+        is_own = (around >= 0) & (around < self.groups * self.points * self.lanes)
+        first = np.take_along_axis(around, np.argmax(is_own, axis=1)[:, None], axis=1)
+        return wp.array(first[:, 0], dtype=wp.int32, device=self.device)
 
     @functools.cached_property
     def others(self) -> wp.array:
@@ -186,118 +204,60 @@ class DeviceMesh(Layout):
             setattr(filled, name, known[name] if name in known else getattr(self, name))
         return filled
 
-    def scratch(self, unknowns: int, value: Any) -> Field:
-        """Return the room for local tendencies that all operators share, see `local`.
+    def local(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
+        """Return room for local tendencies: blocks of (groups + 1 ..., np*np, unknowns) of `value`.
 
-        An operator must have read its results before another one is launched.
+        No element writes to the first group behind the others, which stays zero; the groups after
+        it are for what other ranks send, see `exchange`.
         """
-        key = unknowns, value
-        if key not in self._scratch:
-            self._scratch[key] = self.local(unknowns, value)
-        return self._scratch[key]
-
-    def local(self, unknowns: int, value: Any) -> Field:
-        """Return room for local tendencies, (groups + 1 ..., np*np, unknowns) of `value`.
-
-        No element writes to the first group behind the others, which stays zero; those after it
-        are for what other ranks send.
-        """
-        local = self.unshared(unknowns, value)
-        self.share(local.flat, self.lanes * np.arange(unknowns), unknowns * self.lanes)
-        return local
-
-    def unshared(self, unknowns: int, value: Any) -> Field:
-        """Return the same room without messages: other ranks get nothing of it."""
-        local = self.aligned((self.rows // self.points, self.points, unknowns), value)
-        return Field(local, self.flat(local))
-
-    @property
-    def rows(self) -> int:
-        """Places of element nodes in local tendencies, `lanes` in each, those behind included."""
-        behind = -(-self._received // self.lanes)
-        return (self.groups + 1 + -(-behind // self.points)) * self.points
-
-    def share(self, flat: wp.array, offsets: NDArray[Any], width: int) -> None:
-        """Have `exchange` serve an array (n,) whose element nodes begin in rows of that width.
-
-        offsets: where their numbers stand, from there.
-        """
-        if self.part.sends:
-            part = self.part
-            slots = np.split(-1 - np.arange(self._received), np.cumsum([*part.receives.values()]))
-            entries = dict(zip(part.receives, slots, strict=False))
+        field, part = self.unshared(unknowns, value, blocks), self.part
+        if part.sends:
+            width = field.flat.size // (blocks * self.rows)
+            starts = self.rows * width * np.arange(blocks)[:, None]
+            offsets = (starts + np.arange(0, width, self.lanes)).ravel()
+            ends = np.cumsum([*part.receives.values()])
+            slots = np.split(-1 - np.arange(ends[-1]), ends[:-1])
             sends, receives = (
                 {rank: self._positions(e, width)[:, None] + offsets for rank, e in each.items()}
-                for each in (part.sends, entries)
+                for each in (part.sends, dict(zip(part.receives, slots, strict=True)))
             )
-            self.share_places(flat, sends, receives)
+            self.share(field.flat, sends, receives)
+        return field
 
-    def share_places(
-        self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]
-    ) -> None:
-        """Have `exchange` serve an array (n,): places (...) of what each neighbour gets and has.
+    def unshared(self, unknowns: int, value: Any, blocks: int = 1) -> Field:
+        """Return the same room without messages: other ranks get nothing of it."""
+        rows = blocks * self.rows // self.points
+        return self.field(self.aligned((rows, self.points, unknowns), value))
 
-        All ranks do so together, those that have nothing to tell as well.
+    def share(self, flat: wp.array, sends: Mapping[int, Any], receives: Mapping[int, Any]) -> None:
+        """Have `exchange` serve an array (n,), with places (...) for each neighbour, on all ranks.
+
+        sends, receives: the places of what a neighbour gets, and of what comes from it.
         """
         if self.comm.size > 1:
-            self._halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
+            self.halos[flat.ptr] = Halo(self.comm, flat, sends, receives)
 
-    def share_blocks(self, local: wp.array, lanes: int) -> wp.array:
-        """The same of an array (blocks, rows) of so many numbers each; returns its flat view."""
-        blocks, rows = local.shape
-        flat = wp.array(
-            ptr=local.ptr, shape=(local.size * lanes,), dtype=self.real, device=self.device
-        )
-        starts = rows * lanes * np.arange(blocks)
-        self.share(flat, (starts[:, None] + np.arange(lanes)).ravel(), lanes)
-        return flat
+    def exchange(self, field: Field) -> None:
+        """Fetch from other ranks what their elements have left for nodes that this one has too."""
+        if self.halos:
+            self.halos[field.flat.ptr]()
 
-    @property
-    def _received(self) -> int:
-        return sum(self.part.receives.values())
+    def sweep(
+        self, launch: Launcher, field: Field, kernel: Any, dim: int | tuple[int, ...], *inputs: Any
+    ) -> None:
+        """Run a kernel over the elements, whose results in the field are exchanged between ranks.
 
-    def fields(self, count: int, value: Any) -> tuple[list[Field], wp.array]:
-        """Room for local fields of one unknown, and a flat view of all: they are exchanged at once.
-
-        See `local`.
+        While messages are on their way, elements away from the rim are computed.
         """
-        room = self.aligned((count, self.rows // self.points, self.points, 1), value)
-        flat = self.flat(room)
-        self.share(flat, self.rows * self.lanes * np.arange(count), self.lanes)
-        return [Field(room[i], self.flat(room[i])) for i in range(count)], flat
-
-    def exchange(self, flat: wp.array) -> None:
-        """Fetch from other ranks what their elements have left for nodes that this one has too.
-
-        Between the elements and the nodes of every step; flat: the view that came with `local`.
-        """
-        if self._halos:
-            self._halos[flat.ptr]()
-
-    def sweep_of(self, launch: Launcher, flat: wp.array) -> Callable[..., None]:
-        """Return `launch`, or what exchanges the results in `flat` too where there are other ranks.
-
-        The function takes a kernel over the elements, its threads and its arguments.  While
-        messages are on their way, elements away from the rim are computed.
-        """
-        if not self._halos:
-            return launch
-        halo = self._halos[flat.ptr]
-
-        def sweep(kernel: Any, dim: int | tuple[int, ...], *arguments: Any) -> None:
-            each = dim[1:] if isinstance(dim, tuple) else ()
-            self._rim.launch(launch, kernel, each, arguments, halo)
-
-        return sweep
+        if self.halos:
+            threads = dim[1:] if isinstance(dim, tuple) else ()
+            self._rim.launch(launch, kernel, threads, inputs, self.halos[field.flat.ptr])
+        else:
+            launch(kernel, dim, *inputs)
 
     @functools.cached_property
     def _rim(self) -> Rim:
         return Rim(self.groups, self.part.away // self.lanes)
-
-    @property
-    def bytes_sent(self) -> int:
-        """By this rank, to its neighbours."""
-        return sum(halo.bytes_sent for halo in self._halos.values())
 
     def _positions(self, entries: NDArray[Any], width: int) -> NDArray[np.int64]:
         """Where element nodes (element np^2 + point) begin, in rows of that many numbers.
@@ -311,3 +271,96 @@ class DeviceMesh(Layout):
             entries >= 0, group * self.points + point, (self.groups + 1) * self.points + behind
         )
         return row * width + np.where(entries >= 0, lane, lane_behind)
+
+    def field(self, values: wp.array) -> Field:
+        """Return an array of registers of the run's number type, and the same memory as numbers."""
+        size = wp.types.type_size_in_bytes
+        numbers = values.size * size(values.dtype) // size(self.real)
+        flat = wp.array(ptr=values.ptr, shape=(numbers,), dtype=self.real, device=self.device)
+        return Field(values, flat)
+
+    def upload(self, values: Array) -> wp.array:
+        """A numpy array on the device in the number type of the run."""
+        return wp.array(
+            np.ascontiguousarray(values, self.numpy_real), dtype=self.real, device=self.device
+        )
+
+    def write(self, values: NDArray[Any], to: wp.array) -> None:
+        """Numbers (k,) from the host to the front of an array; on a CPU without Warp's detours."""
+        if to.device.is_cpu:
+            to.numpy()[: values.size] = values
+        else:
+            wp.copy(to, self.upload(values), count=values.size)
+
+    def on_elements(
+        self, values: NDArray[Any], tail: tuple[int, ...] = (), scalar: Any = None
+    ) -> wp.array:
+        """(E, k, *tail) or (E, np, np, *tail) of this rank's elements: (groups, k, *tail) of lanes.
+
+        scalar: another number type than that of the run.
+        """
+        rows = values.reshape(self.elements, -1, math.prod(tail))
+        lanes = self.in_lanes(rows)
+        return self.registers(lanes.reshape(*lanes.shape[:2], *tail, self.lanes), scalar)
+
+    def in_lanes(self, values: NDArray[Any]) -> NDArray[Any]:
+        """(E, k, ...) as (groups, k, ..., lanes)."""
+        short = self.groups * self.lanes - self.elements
+        padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
+        grouped = padded.reshape(self.groups, self.lanes, values.shape[1], -1)
+        return np.ascontiguousarray(grouped.transpose(0, 2, 3, 1))
+
+    def registers(self, values: NDArray[Any], scalar: Any = None) -> wp.array:
+        """Numbers (..., lanes) on the device, lanes side by side; scalar: as for `on_elements`."""
+        scalar = scalar or self.real
+        dtype = wp.types.vector(self.lanes, scalar) if self.lanes > 1 else scalar
+        array = self.aligned(values.shape[:-1], dtype)
+        array.assign(values.astype(wp.dtype_to_numpy(scalar)).reshape(array.numpy().shape))
+        return array
+
+    def aligned(self, shape: tuple[int, ...], dtype: Any) -> wp.array:
+        """Zeros that begin where a cache line does."""
+        count = math.prod(shape) * wp.types.type_size_in_bytes(dtype)
+        whole = wp.zeros(count + REGISTER_BYTES, dtype=wp.uint8, device=self.device)
+        begin = whole.ptr + -whole.ptr % REGISTER_BYTES
+        array = wp.array(ptr=begin, shape=shape, dtype=dtype, device=self.device)
+        array.kept = whole
+        return array
+
+    def scatter(self, values: Array) -> wp.array:
+        """Fields (k N,) of the whole mesh on the nodes (k n,) of this rank."""
+        return self.upload(self.restrict(values))
+
+    def restrict(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k N) of the whole mesh at the nodes of this rank: (..., k n)."""
+        if not self.comm.shared:
+            return values
+        fields = values.reshape(-1, self.mesh.size)[:, self.part.nodes]
+        return fields.reshape(*values.shape[:-1], -1)
+
+    def collect(self, vector: wp.array | NDArray[Any]) -> NDArray[Any]:
+        """Fields (..., k n) of all ranks on the host as those of the whole mesh (..., k N).
+
+        Field by field, so that messages take no more room than one of them.
+        """
+        values: NDArray[Any] = vector.numpy() if isinstance(vector, wp.array) else vector
+        if not self.comm.shared:
+            return values
+        fields = values.reshape(-1, self.size)
+        joined = np.empty((len(fields), self.mesh.size), values.dtype)
+        room = np.empty(self.mesh.size, values.dtype)
+        counts, nodes = self._owners
+        for field, mine in zip(joined, fields, strict=True):
+            field[nodes] = self.comm.gather(mine[self.part.owned], counts, room)
+        return joined.reshape(*values.shape[:-1], -1)
+
+    def matches(self, values: NDArray[Any], vector: wp.array) -> bool:
+        """Whether fields (..., k N) of the whole mesh fit the vector (..., k n)."""
+        sizes = values.size * self.size, vector.size * self.mesh.size
+        return bool(values.shape[:-1] == vector.shape[:-1] and sizes[0] == sizes[1])
+
+    @functools.cached_property
+    def _owners(self) -> tuple[list[int], NDArray[Any]]:
+        """How many nodes each rank counts, and all of them, one rank after the other."""
+        numbers = self.comm.tell_all(self.part.nodes[self.part.owned])
+        return [each.size for each in numbers], np.concatenate(numbers)

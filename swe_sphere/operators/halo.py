@@ -85,11 +85,12 @@ class Halo:
         self._device, self._on_gpu = str(flat.device), flat.device.is_cuda
         in_place, scattered = {}, {}
         for rank, places in receives.items():
-            run = _run(places.ravel()) if comm.reaches(self._device) else None
-            if run is None:
-                scattered[rank] = places
-            else:
+            run = slice(int(places.min()), int(places.min()) + places.size)
+            follow = np.array_equal(places.ravel(), np.arange(run.start, run.stop))
+            if follow and comm.reaches(self._device):
                 in_place[rank] = message(into[run])
+            else:
+                scattered[rank] = places
         self._going, self._coming = Buffer(comm, flat, sends), Buffer(comm, into, scattered)
         self._messages = comm.messages(self._going.of_rank, in_place | self._coming.of_rank)
         self.exchanges = 0
@@ -97,9 +98,8 @@ class Halo:
 
     def __call__(self) -> None:
         """Exchange the numbers."""
-        self._going.pack()
-        between(self._device, self._exchange)
-        self._coming.unpack()
+        self.start()
+        self.wait()
 
     def start(self) -> None:
         """Send this rank's numbers."""
@@ -111,10 +111,6 @@ class Halo:
         between(self._device, self._messages.wait)
         self._coming.unpack()
 
-    def _exchange(self) -> None:
-        self._start()
-        self._messages.wait()
-
     def _start(self) -> None:
         if self._on_gpu:
             wp.synchronize_device(self._device)  # it may still be packing
@@ -125,13 +121,6 @@ class Halo:
     def bytes_sent(self) -> int:
         """Number of bytes that this rank has sent so far."""
         return self.exchanges * self._going.bytes
-
-
-def _run(places: NDArray[Any]) -> slice | None:
-    """Return the places as a slice where they follow one another."""
-    begin = int(places[0])
-    together = np.array_equal(places, begin + np.arange(places.size))
-    return slice(begin, begin + places.size) if together else None
 
 
 LEAST = 32
@@ -165,21 +154,20 @@ class Rim:
 
     def _behind(self, argument: Any) -> Any:
         """An argument of a kernel as it is for the groups behind the first ones."""
-        if not (self._is_on_elements(argument) or hasattr(argument, "cls")):
-            return argument
-        if id(argument) not in self._known:
-            if len(self._known) >= REMEMBERED:
-                self._known.clear()
-            self._known[id(argument)] = argument, self._cut(argument)
-        return self._known[id(argument)][1]
-
-    def _is_on_elements(self, argument: Any) -> bool:
         is_table = isinstance(argument, wp.array) and argument.ndim > 1
-        return is_table and argument.shape[0] >= self._groups
+        on_elements = is_table and argument.shape[0] >= self._groups
+        if not (on_elements or hasattr(argument, "cls")):
+            return argument
+        if id(argument) in self._known:
+            return self._known[id(argument)][1]
+        if len(self._known) >= REMEMBERED:
+            self._known.clear()
+        other = argument[self._away :] if is_table else self._cut(argument)
+        self._known[id(argument)] = argument, other
+        return other
 
     def _cut(self, argument: Any) -> Any:
-        if isinstance(argument, wp.array):
-            return argument[self._away :]
+        """Return a structure of arguments as it is for the groups behind the first ones."""
         other = type(argument)()
         for name in argument.cls.__annotations__:
             value = getattr(argument, name)

@@ -8,8 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.kernels.coarse import sweep_kernel, tall_kernels
-from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
 Int = NDArray[np.int64]
@@ -17,8 +16,8 @@ Int = NDArray[np.int64]
 
 def vector(mesh: DeviceMesh, size: int) -> Field:
     """Return zeros (size,) in whole registers, with a register before and one behind."""
-    values = mesh.registers(np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes)))[1:-1]
-    return Field(values, mesh.flat(values))
+    registers = np.zeros((-(-size // mesh.lanes) + 2, mesh.lanes))
+    return mesh.field(mesh.registers(registers)[1:-1])
 
 
 def _grouped(

@@ -55,8 +55,9 @@ class Launcher:
         with self.comm.root_first():  # which compiles for all
             new = [module for module in modules if not self._is_cached(module)]
             if new:
-                with compiling():
-                    self._compile(*new)
+                with compiling(), ThreadPoolExecutor(os.cpu_count()) as pool:
+                    self._load(new[0])  # alone, as it compiles Warp's headers
+                    list(pool.map(self._load, new[1:]))
             for module in modules:
                 self._load(module)
         self.compile_seconds += time.perf_counter() - start
@@ -70,12 +71,6 @@ class Launcher:
             place /= getattr(module, OBJECT)(device, block_dim=block_dim)
         return place.exists()
 
-    def _compile(self, first: Any, *others: Any) -> None:
-        """On all cores, but for the first, with which Warp's headers are."""
-        self._load(first)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(self._load, others))
-
     def _load(self, module: Any) -> None:
         module.load(self.device, block_dim=self._block_dim)
 
@@ -83,8 +78,15 @@ class Launcher:
         """Run the kernel over `dim` threads."""
         key = (id(kernel), dim, *map(_identity, arguments))
         known = self._commands.get(key)
-        command, _ = known or self._record(kernel, dim, arguments, key)
-        command.launch()
+        if known is None:
+            if len(self._commands) >= REMEMBERED:
+                self.forget()
+            command = wp.launch(
+                kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,
+                block_dim=self._block_dim,
+            )  # fmt: skip
+            known = self._commands[key] = command, (kernel, *arguments)
+        known[0].launch()
 
     @contextmanager
     def one_by_one(self) -> Iterator[None]:
@@ -98,18 +100,6 @@ class Launcher:
     def forget(self) -> None:
         """Let go of all recorded commands, and of the arrays that only they still hold."""
         self._commands.clear()
-
-    def _record(
-        self, kernel: Any, dim: int | tuple[int, ...], arguments: Any, key: tuple[object, ...]
-    ) -> tuple[Any, tuple[Any, ...]]:
-        if len(self._commands) >= REMEMBERED:
-            self.forget()
-        command = wp.launch(
-            kernel, dim, inputs=list(arguments), device=self.device, record_cmd=True,
-            block_dim=self._block_dim,
-        )  # fmt: skip
-        self._commands[key] = (command, (kernel, *arguments))
-        return self._commands[key]
 
 
 def warp_internals() -> Any | None:

@@ -1,74 +1,61 @@
 """Launches that repeat: recorded once, then launched as a whole."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from contextlib import suppress
 from functools import partial
+from typing import Any
 
 import warp as wp
 
 from swe_sphere.operators.launch import REMEMBERED, Launcher
 
-
-@dataclass(frozen=True)
-class _Recorded:
-    """Pieces that are launched one after the other, and what they add to counters."""
-
-    pieces: list[Callable[[], None]]
-    counters: dict[str, int]
+Pieces = list[Callable[[], None]]
+"""What is launched one after the other: graphs of launches, and host functions between them."""
 
 
 class Replay:
     """Records launches by a key: a CUDA graph on a GPU, a list in Warp's C++ on a CPU.
 
-    On small meshes single launches cost more than their kernels.  A caller writes
-
-        if not replay(key):
-            with replay.record(key):
-                ...
-
-    where the block makes the same launches every time that the key is the same.  The key must name
-    the addresses of all arrays of the caller; all others must live as long as the replay.  Replays
-    inside the block do nothing: their launches belong to its recording.
+    On small meshes single launches cost more than their kernels.  `replay(key, block, *arguments)`
+    runs the block the first time, which loads all kernels; it records and launches it the second
+    time, and from then on it only launches the recording.  The block must make the same launches
+    every time that the key is the same.  The key must name the addresses of all arrays of the
+    caller; all others must live as long as the replay.  Replays inside the block only run their
+    blocks: these launches belong to its recording.
     """
 
     def __init__(self, launch: Launcher, counters: dict[str, int] | None = None) -> None:
         """counters: what the blocks count beside their launches, if anything."""
         self._launch, self._counters = launch, {} if counters is None else counters
-        self._known: dict[Hashable, _Recorded | None] = {}
-        """The recordings by key; None after the first run, which loads all kernels."""
+        self._known: dict[Hashable, tuple[Pieces, dict[str, int]] | None] = {}
+        """The recordings by key, with what they add to counters; None after the first run."""
 
-    def __call__(self, key: Hashable) -> bool:
-        """Launch the recording of the key; return False where the caller has to run the block."""
+    def __call__(self, key: Hashable, block: Callable[..., None], *arguments: Any) -> None:
+        """Launch the recording of the key, or run the block."""
         known = self._known.get(key)
-        if known is None or not self._launch.records:
-            return False
-        for piece in known.pieces:
-            piece()
-        for name, calls in known.counters.items():
-            self._counters[name] += calls
-        return True
-
-    @contextmanager
-    def record(self, key: Hashable) -> Iterator[None]:
-        """Run the block the first time for a key, and record and launch it the second time."""
         if not self._launch.records:
-            yield
-            return
-        first = key not in self._known
+            block(*arguments)
+        elif known is None:
+            self._record(key, partial(block, *arguments))
+        else:
+            pieces, counters = known
+            for piece in pieces:
+                piece()
+            for name, calls in counters.items():
+                self._counters[name] += calls
+
+    def _record(self, key: Hashable, block: Callable[[], None]) -> None:
+        """Run the block the first time for a key, and record and launch it the second time."""
+        first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
         if first and len(self._known) >= REMEMBERED:
             self._known.clear()
-        counted, pieces = dict(self._counters), list[Callable[[], None]]()
         with self._launch.one_by_one():
             if first:
-                yield
+                block()
             else:
-                with _captured(self._launch.device, pieces):
-                    yield
+                pieces = _captured(self._launch.device, block)
         added = {name: n - counted.get(name, 0) for name, n in self._counters.items()}
-        self._known[key] = None if first else _Recorded(pieces, added)
+        self._known[key] = None if first else (pieces, added)
         for piece in pieces:
             piece()
 
@@ -78,18 +65,11 @@ def recorded(
 ) -> Callable[[wp.array, wp.array], None]:
     """Return a function (x, out) that only launches kernels, recorded for each pair of arrays."""
     replay = Replay(launch)
-
-    def launched(x: wp.array, out: wp.array) -> None:
-        key = x.ptr, out.ptr
-        if not replay(key):
-            with replay.record(key):
-                function(x, out)
-
-    return launched
+    return lambda x, out: replay((x.ptr, out.ptr), function, x, out)
 
 
-_OPEN: dict[str, list[Callable[[], None]]] = {}
-"""Pieces of the recording in progress, by device: graphs, and host functions between them."""
+_OPEN: dict[str, Pieces] = {}
+"""Pieces of the recording in progress, by device."""
 
 
 def between(device: str, function: Callable[[], None]) -> None:
@@ -101,13 +81,12 @@ def between(device: str, function: Callable[[], None]) -> None:
         function()
 
 
-@contextmanager
-def _captured(device: str, pieces: list[Callable[[], None]]) -> Iterator[None]:
-    """Put the launches of the block into `pieces` instead of making them."""
-    _OPEN[device] = pieces
+def _captured(device: str, block: Callable[[], None]) -> Pieces:
+    """Return the pieces of a block, whose launches are recorded and not made."""
+    pieces = _OPEN[device] = Pieces()
     wp.capture_begin(device, force_module_load=False)
     try:
-        yield
+        block()
         pieces.append(_end(device))
     except BaseException:
         with suppress(RuntimeError):  # what went wrong may have ended the recording
@@ -115,8 +94,8 @@ def _captured(device: str, pieces: list[Callable[[], None]]) -> Iterator[None]:
         raise
     finally:
         del _OPEN[device]
+    return pieces
 
 
 def _end(device: str) -> Callable[[], None]:
-    graph = wp.capture_end(device)
-    return partial(wp.capture_launch, graph)
+    return partial(wp.capture_launch, wp.capture_end(device))

@@ -13,22 +13,24 @@ the host, for diagonals, coarse levels and patches.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 import scipy
 import warp as wp
-from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.operators.damping import Damping, Rate
-from swe_sphere.operators.device_mesh import DeviceMesh
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.sparse import column_squares
+
+Step = tuple[float, float, float]
+"""Coefficients of a Chebyshev step."""
 
 
 class SchurOperator:
@@ -44,6 +46,8 @@ class SchurOperator:
         self.mesh, self.launch, self.gravity, self.coriolis = mesh, launch, gravity, coriolis
         self.size, self.tau, order = mesh.size, 0.0, mesh.mesh.np
         self._kernels = elimination_kernels(order, mesh.real, given, mesh.shape)
+        self._nodes = mesh.mesh.nodes[mesh.part.elements]
+        """(e, np, np) number in the whole mesh of each element node."""
         self.dim = mesh.groups, mesh.points // self._kernels.share
         """Threads of a launch over the elements."""
         shape = mesh.groups, mesh.points
@@ -54,13 +58,12 @@ class SchurOperator:
         }
         per_area = mesh.on_elements(1.0 / mesh.mesh.area[self._nodes])
         given_arrays = self._configured | {"per_area": per_area, "others": mesh.others}
-        self._known_passages: dict[Any, Any] = {}
+        self._passages = functools.cache(self._load_passages)
         self._geometry = mesh.geometry(self._kernels.geometry, given_arrays)
         self._f1, self._f2 = self.field(), self.field()
         self._local = mesh.local(1, self._kernels.value)
-        (self._east, self._north), slopes = mesh.fields(2, self._kernels.value)
-        self._sweep_slopes = mesh.sweep_of(launch, slopes)
-        self._sweep_local = mesh.sweep_of(launch, self._local.flat)
+        self._slopes, rows = mesh.local(1, self._kernels.value, 2), mesh.rows // mesh.points
+        self._east, self._north = (mesh.field(self._slopes.values[i : i + rows]) for i in (0, rows))
         self._same, self._cross, self._nodal = (
             wp.zeros(self.size, dtype=mesh.real, device=mesh.device) for _ in range(3)
         )
@@ -76,12 +79,12 @@ class SchurOperator:
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
-        kernel = self._passages(x).spread
+        kernel = self._passages(x.dtype).spread
         self.launch(kernel, self.dim, self.mesh.nodes, x, out.values)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
-        kernel = self._passages(out).collect
+        kernel = self._passages(out.dtype).collect
         self.launch(kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
@@ -116,7 +119,8 @@ class SchurOperator:
         if self.damping is not None:
             r = self.damping.damp_wind(r)
         self._diverge(self._kernels.wind_fluxes, r)
-        self._assemble(self._kernels.eliminated, r, self.tau, b.values)
+        local = self._local.values, self._local.flat
+        self._launch(self._kernels.eliminated, *local, r, self.tau, b.values)
 
     def substitute(self, r: wp.array, h: Field, out: wp.array) -> None:
         """out (3N,) = (T (r_V - tau g G h), h), with r as it was eliminated last."""
@@ -134,82 +138,60 @@ class SchurOperator:
     def apply(self, d: Field, out: Field) -> None:
         """out = S d."""
         out.values.zero_()
-        self._step(1.0, (1.0, 0.0, 0.0), out, d, self._f1)
+        self.chebyshev_step((1.0, 0.0, 0.0), out, d, self._f1, sign=1.0)
 
     def residual(self, b: Field, x: Field, out: Field) -> None:
         """out = b - S x."""
         wp.copy(out.values, b.values)
-        self._step(-1.0, (1.0, 0.0, 0.0), out, x, self._f1)
+        self.chebyshev_step((1.0, 0.0, 0.0), out, x, self._f1)
 
     def chebyshev_step(
-        self, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
+        self, coefficients: Step, r: Field, d: Field, x: Field, sign: float = -1.0
     ) -> None:
-        """r -= S d; d = keep d + take r/diag S; x += beta d, with (keep, take, beta) given."""
-        self._step(-1.0, coefficients, r, d, x)
-
-    def chebyshev_start(
-        self, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
-    ) -> None:
-        """That step from d = x = 0, whatever they hold, without a product."""
-        for zero in (self._local, d, x):
-            zero.values.zero_()
-        self._smooth(-1.0, coefficients, r, d, x)
-
-    def _step(
-        self, sign: float, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
-    ) -> None:
-        """As `chebyshev_step`, with r += sign S d."""
+        """r += sign S d; d = keep d + take r/diag S; x += beta d, with (keep, take, beta) given."""
         self._differentiate(d)
         east, north = self._east, self._north
         slopes = east.values, east.flat, north.values, north.flat
         self._diverge(self._kernels.slope_fluxes, *slopes)
         self._smooth(sign, coefficients, r, d, x)
 
-    def _smooth(
-        self, sign: float, coefficients: tuple[float, float, float], r: Field, d: Field, x: Field
-    ) -> None:
-        self._assemble(
-            self._kernels.chebyshev, sign, self.tau**2 * self.gravity, *coefficients,
-            r.values, d.values, x.values,
+    def chebyshev_start(self, coefficients: Step, r: Field, d: Field, x: Field) -> None:
+        """That step from d = x = 0, whatever they hold, without a product."""
+        for zero in (self._local, d, x):
+            zero.values.zero_()
+        self._smooth(-1.0, coefficients, r, d, x)
+
+    def _smooth(self, sign: float, coefficients: Step, r: Field, d: Field, x: Field) -> None:
+        self._launch(
+            self._kernels.chebyshev, self._local.values, self._local.flat, sign,
+            self.tau**2 * self.gravity, *coefficients, r.values, d.values, x.values,
         )  # fmt: skip
 
     def _differentiate(self, x: Field) -> None:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        self._sweep_slopes(
-            self._kernels.gradient, self.dim, self._geometry, x.values, self._east.values,
-            self._north.values,
+        self.mesh.sweep(
+            self.launch, self._slopes, self._kernels.gradient, self.dim, self._geometry, x.values,
+            self._east.values, self._north.values,
         )  # fmt: skip
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
         results = self._f1.values, self._f2.values, self._local.values
-        if self._kernels.together:
-            self._sweep_local(of_fluxes, self.dim, self._geometry, *arguments, *results)
-        else:
-            self._launch(of_fluxes, *arguments, *results)
-            self._sweep_local(self._kernels.divergence, self.dim, self._geometry, *results)
-
-    def _assemble(self, kernel: Any, *arguments: Any) -> None:
-        """A step that takes what `_diverge` left."""
-        self._launch(kernel, self._local.values, self._local.flat, *arguments)
-
-    @property
-    def _nodes(self) -> NDArray[np.int32]:
-        """(e, np, np) number in the whole mesh of each element node."""
-        numbers: NDArray[np.int32] = self.mesh.mesh.nodes[self.mesh.part.elements]
-        return numbers
+        arguments, last = (*arguments, *results), of_fluxes
+        if not self._kernels.together:
+            self._launch(of_fluxes, *arguments)
+            arguments, last = results, self._kernels.divergence
+        self.mesh.sweep(self.launch, self._local, last, self.dim, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)
 
-    def _passages(self, x: wp.array) -> Any:
-        if x.dtype not in self._known_passages:
-            mesh = self.mesh
-            made = passage_kernels(mesh.mesh.np, mesh.real, x.dtype, mesh.shape)
-            self.launch.load(made.spread, made.collect)
-            self._known_passages[x.dtype] = made
-        return self._known_passages[x.dtype]
+    def _load_passages(self, given: Any) -> Any:
+        """Return the kernels between fields and vectors of the number type `given`."""
+        made = passage_kernels(self.mesh.mesh.np, self.mesh.real, given, self.mesh.shape)
+        self.launch.load(made.spread, made.collect)
+        return made
 
 
 class SchurMatrix:

@@ -1,6 +1,6 @@
 """Compiled terms as operators on state vectors."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -44,14 +44,11 @@ class TendencyOperator:
         self._fluxes = [] if self.compiled.flux_kernel is None else [self.compiled.flux_kernel]
         value = self.compiled.value
         parameters = {"base": None, **parameters, "stage": self._stage}
-        if self._fluxes:
-            parameters["fluxes"] = mesh.scratch(4, value).values
         made = partial(pointwise_kernel, terms.unknowns, mesh.real, point)
         self._own = fill(made(1).structure, parameters, point)
         self.geometry = mesh.geometry(self.compiled.geometry, parameters | {"point": self._own})
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(terms.unknowns, value), mesh.places(terms.unknowns)
-        self._sweep = mesh.sweep_of(launch, self.local.flat)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
         self._sums = in_runs(lambda n: made(n).assembly, lanes, begin, mesh.size)
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
@@ -63,8 +60,9 @@ class TendencyOperator:
         """Evaluate at the state x; `out` must be another array."""
         mesh, launch, local = self.mesh, self._launch, self.local
         for flux in self._fluxes:
-            launch(flux, mesh.dim, self.geometry, x)
-        self._sweep(self.compiled.kernel, mesh.dim, self.geometry, x, local.values, out)
+            launch(flux, mesh.threads(), self.geometry, x)
+        kernel, arguments = self.compiled.kernel, (self.geometry, x, local.values, out)
+        mesh.sweep(launch, local, kernel, mesh.threads(), *arguments)
         wind = x if self._turned is None else self._turned
         for kernel, threads, begin in self._sums:
             launch(
@@ -73,31 +71,26 @@ class TendencyOperator:
             )  # fmt: skip
 
 
-class PointwiseOperator:
-    """out = the pointwise terms at x, where there is nothing to differentiate or to assemble.
+def pointwise_operator(
+    mesh: DeviceMesh,
+    unknowns: int,
+    launch: Launcher,
+    parameters: Mapping[str, Any],
+    point: Pointwise,
+    stage: Any = None,
+) -> Callable[[wp.array, wp.array], None]:
+    """Return the function (x, out) of the pointwise terms where no term has derivatives.
 
-    Arguments as for `TendencyOperator`; state vectors have shape (unknowns*N,).
+    Arguments as for `TendencyOperator`.
     """
+    made, stage = pointwise_kernel(unknowns, mesh.real, point), stage or mesh.stage
+    own = fill(made.structure, {"base": None, **parameters}, point)
+    launch.load(made.alone)
 
-    def __init__(
-        self,
-        mesh: DeviceMesh,
-        unknowns: int,
-        launch: Launcher,
-        parameters: Mapping[str, Any],
-        point: Pointwise,
-        stage: Any = None,
-    ) -> None:
-        made = pointwise_kernel(unknowns, mesh.real, point)
-        self._launch, self._size, self.kernels = launch, mesh.size, [made.alone]
-        self._own = fill(made.structure, {"base": None, **parameters}, point)
-        self._stage = mesh.stage if stage is None else stage
-        launch.load(*self.kernels)
+    def evaluate(x: wp.array, out: wp.array) -> None:
+        launch(made.alone, mesh.size, mesh.size, own, x, stage, out)
 
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        """Evaluate at the state x; `out` must be another array."""
-        (kernel,), size = self.kernels, self._size
-        self._launch(kernel, size, size, self._own, x, self._stage, out)
+    return evaluate
 
 
 def fill(structure: Any, parameters: Mapping[str, Any], point: Pointwise) -> Any:

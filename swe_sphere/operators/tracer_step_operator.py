@@ -1,7 +1,6 @@
 """Long steps of tracers, which a mass flux that is fixed in time carries, on the device."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -15,22 +14,18 @@ from swe_sphere.kernels.tracer_step import (
 )
 from swe_sphere.operators.device_mesh import DeviceMesh
 from swe_sphere.operators.launch import Launcher
-from swe_sphere.operators.transport_operator import TracerTransport
+from swe_sphere.operators.tracers import TracerTransport
 
-
-@dataclass(frozen=True)
-class Air:
-    """The depth at a time t during a step, start + t rate: both (N,), [m] and [m s-1]."""
-
-    start: wp.array
-    rate: wp.array
+Air = tuple[wp.array, wp.array]
+"""(start, rate), both (N,), [m] and [m s-1], of the depth start + t rate at a time t of a step."""
 
 
 class Crossings:
     """How fast a mass flux carries things across elements."""
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher) -> None:
-        self.mesh = scalar_mesh(mesh)
+        self.mesh = mesh.like(mesh.real, "node")
+        """The mesh with one element in each group."""
         self._launch, self._symbol = launch, symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
         self._kernels = crossing_kernels(mesh.mesh.np, mesh.real)
         self._geometry = self.mesh.geometry(self._kernels.geometry)
@@ -63,21 +58,17 @@ class TracerStep:
     ) -> None:
         self._launch, self._count, self._first = launch, count, first
         self._crossings = crossings
-        self._mesh, real, device = crossings.mesh, mesh.real, mesh.device
+        self._mesh, real = crossings.mesh, mesh.real
         lanes = (LANES[0] if count <= LANES[0] else LANES[1]) if mesh.lanes > 1 else 1
         self._blocks, size = -(-count // lanes), mesh.size
         self._divergence = divergence_kernel(mesh.mesh.np, real, lanes)
         self._kernels = stage_kernels(real, lanes)
-        self._mass, self._q = (
-            wp.zeros(self._blocks * size, dtype=self._kernels.value, device=device) for _ in "mq"
-        )
-        scalar, value = self._mesh, self._kernels.value
-        self._local = wp.zeros((self._blocks, scalar.rows), dtype=value, device=device)
-        self._flat = scalar.share_blocks(self._local, lanes)
-        self._air_transport, self._ones = (
-            TracerTransport(mesh, launch, 1),
-            mesh.upload(np.ones(size)),
-        )
+        value, count = self._kernels.value, self._blocks * size
+        self._mass, self._q = (wp.zeros(count, dtype=value, device=mesh.device) for _ in "mq")
+        self._field = self._mesh.local(1, value, self._blocks)
+        self._local = self._field.values.reshape((self._blocks, self._mesh.rows))
+        self._air_transport, ones = TracerTransport(mesh, launch, 1), np.ones(size)
+        self._ones = mesh.upload(ones)
         made = self._kernels
         launch.load(self._divergence, made.begin, made.stage, made.finish)
 
@@ -98,33 +89,23 @@ class TracerStep:
 
         In each m_i = m_0 + fractions_i (tau / parts) dm/dt(m_(i-1)); the last fraction is 1.
         """
-        launch, size, kernels = self._launch, self._mesh.size, self._kernels
+        launch, mesh, size, kernels = self._launch, self._mesh, self._mesh.size, self._kernels
         dim, tracers = (size, self._blocks), (self._first, self._count, size)
         self._crossings.take(flux)
-        depth = air.start, air.rate
-        launch(kernels.begin, dim, state, *tracers, *depth, 0.0, self._mass, self._q)
+        launch(kernels.begin, dim, state, *tracers, *air, 0.0, self._mass, self._q)
         for part in range(parts):
             for i, fraction in enumerate(fractions):
-                self._tendency()
+                launch(
+                    self._divergence, (mesh.elements, self._blocks), mesh.nodes, mesh.derivative,
+                    mesh.weight, self._crossings.across, size, self._q, self._local,
+                )  # fmt: skip
+                mesh.exchange(self._field)
                 step, keep = fraction * tau / parts, int(i + 1 == len(fractions))
                 launch(
-                    kernels.stage, dim, self._mesh.places(1), self._mesh.inverse_area, size,
-                    self._local, step, *depth, part * tau / parts + step, keep, self._mass, self._q,
+                    kernels.stage, dim, mesh.places(1), mesh.inverse_area, size, self._local, step,
+                    *air, part * tau / parts + step, keep, self._mass, self._q,
                 )  # fmt: skip
         launch(kernels.finish, dim, self._mass, *tracers, state)
-
-    def _tendency(self) -> None:
-        mesh = self._mesh
-        self._launch(
-            self._divergence, (mesh.elements, self._blocks), mesh.nodes, mesh.derivative,
-            mesh.weight, self._crossings.across, mesh.size, self._q, self._local,
-        )  # fmt: skip
-        mesh.exchange(self._flat)
-
-
-def scalar_mesh(mesh: DeviceMesh) -> DeviceMesh:
-    """The mesh with one element in each group."""
-    return mesh if mesh.lanes == 1 else mesh.like(mesh.real, "node")
 
 
 def symbol(derivative: NDArray[np.float64], weights: NDArray[np.float64]) -> float:

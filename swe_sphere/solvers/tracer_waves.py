@@ -7,7 +7,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
-from swe_sphere.operators.transport_operator import TracerTransport
+from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 
 

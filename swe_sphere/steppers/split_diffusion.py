@@ -79,9 +79,7 @@ class Diffusion:
     def act(self, state: wp.array) -> None:
         """Diffuse the state by itself."""
         last, _ = self._changes
-        if not self._replay(state.ptr):
-            with self._replay.record(state.ptr):
-                self._step(state, None, 1.0, last, state)
+        self._replay(state.ptr, self._step, state, None, 1.0, last, state)
 
     def join(self, past: wp.array, slope: wp.array) -> None:
         """Make of the slope of all else, held from `past` on, the mean slope of both together.

@@ -1,7 +1,7 @@
 """What every stepper does: it moves its state forward by one step at a time."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from contextlib import nullcontext
 from typing import Any, ClassVar, Literal, get_args
 
@@ -207,9 +207,8 @@ class Stepper(Trajectory, ABC):
                 apart.act(self.state)
             if self._replay is None or self.steps < (self.repeats_from or 0):
                 self.advance()
-            elif not self._replay(key := self.state.ptr):
-                with self._replay.record(key):
-                    self.advance()
+            else:
+                self._replay(self.state.ptr, self.advance)
             self.swap()
             if apart is not None and not self.steps % 2:
                 apart.act(self.state)
@@ -301,14 +300,14 @@ class CheckedReplay(Replay):
         self._stepper = stepper
         self._checked: set[Hashable] = set()
 
-    def __call__(self, key: Hashable) -> bool:
-        """Launch the recording of a step; return False where the step has to be run."""
-        if key in self._checked:
-            return super().__call__(key)
+    def __call__(self, key: Hashable, block: Callable[..., None], *arguments: Any) -> None:
+        """Launch the recording of a step, or run the step."""
+        if key in self._checked or self._known.get(key) is None:
+            super().__call__(key, block, *arguments)
+            return
         arrays, counted = self._stepper.arrays(), dict(self._counters)
         before = [wp.clone(array) for array in arrays.values()]
-        if not super().__call__(key):
-            return False
+        super().__call__(key, block, *arguments)
         self._checked.add(key)
         repeated = [array.numpy().copy() for array in arrays.values()]
         self._counters.update(counted)
@@ -322,4 +321,3 @@ class CheckedReplay(Replay):
                     " step itself, as `advance` does work on the host, depends on the time or"
                     " changes arrays that `memory` does not name; leave out `repeats_from`"
                 )
-        return True

@@ -13,8 +13,8 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
-from swe_sphere.operators.tracer_step_operator import Air, Crossings, TracerStep
-from swe_sphere.operators.transport_operator import TracerTransport
+from swe_sphere.operators.tracer_step_operator import Crossings, TracerStep
+from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import Stepper, Trajectory
@@ -105,7 +105,7 @@ class TracerSteps(Trajectory, ABC):
         size, depth = model.device_mesh.size, model.tracers.depth
         self._old, rate = (model.device_mesh.upload(np.zeros(size)) for _ in "or")
         self._block = self.state[depth : depth + size]
-        self._air = Air(self._old, rate)
+        self._air = self._old, rate
         self._flux = model.device_mesh.upload(np.zeros(2 * size))
         self._rate = TransportRate(model)
         tracers = model.tracers.count, model.tracers.first
@@ -142,10 +142,10 @@ class TracerSteps(Trajectory, ABC):
     def _carry(self) -> None:
         parts, fractions = stages_for(self._length * self._rate(self._flux, self._old))
         self.counters["tracer_stages"] += parts * len(fractions)
-        self._transport.rate_of_air(self._flux, self._air.rate)
+        self._transport.rate_of_air(self._flux, self._air[1])
         self._transport(self._flux, self._air, self.state, self._length, parts, fractions)
-        new, air = self._block, self._air
-        self.model.launch(self._add, new.size, air.start, air.rate, self._length, new)
+        new = self._block
+        self.model.launch(self._add, new.size, *self._air, self._length, new)
 
 
 class CarriedTracers(TracerSteps):

@@ -12,7 +12,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.vectors import nearness_kernel
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.schur import SchurMatrix
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
@@ -75,12 +75,10 @@ class BlockElimination(KeptSetup):
 
     def apply(self, r: wp.array, out: wp.array) -> None:
         """out near (I - tau J)^-1 r, both (3N,)."""
-        key = r.ptr, out.ptr
-        if not self.launches:
+        if self.launches:
+            self._replay((r.ptr, out.ptr), self._eliminate, r, out)
+        else:
             self._eliminate(r, out)
-        elif not self._replay(key):
-            with self._replay.record(key):
-                self._eliminate(r, out)
 
     def _eliminate(self, r: wp.array, out: wp.array) -> None:
         self.operator.eliminate(r, self._b)

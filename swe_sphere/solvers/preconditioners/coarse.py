@@ -14,7 +14,7 @@ from swe_sphere.kernels.simd.memory import Contributors
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.halo import Halo
 from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
@@ -76,7 +76,7 @@ class CoarseCorrection:
             """The residual of all smooth functions, each from the rank that owns it."""
             ring = self._part.ring()
             for each in (self._d, self._new, found) if symmetric else (self._d, self._new):
-                operator.mesh.share_places(each.flat, *ring)
+                operator.mesh.share(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
         """Coarse operators for the implicit step tau [s] and the depth (N,) [m]."""
@@ -112,10 +112,10 @@ class CoarseCorrection:
         for left, coefficients in zip(range(SWEEPS)[::-1], self._coefficients, strict=True):
             self._sweep(product, coefficients, d, new, before)
             if left:
-                exchange(new.flat)
+                exchange(new)
             before, d, new, product = found, new, d, self._matrix
         if self._symmetric:
-            exchange(found.flat)
+            exchange(found)
             wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)
@@ -158,7 +158,7 @@ class Transfer:
         self._numbers = mesh.on_elements(part.here(numbers[here]), scalar=wp.int32)
         self._integrals = vector(mesh, part.size + 1)
         self._local = self._integrals.values[: mesh.groups * count].reshape((mesh.groups, count))
-        mesh.share_places(self._integrals.flat, *part.traffic())
+        mesh.share(self._integrals.flat, *part.traffic())
         few, many = self._kernels.shares
         self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
         self._contributors = [
@@ -171,7 +171,7 @@ class Transfer:
         """Integrals of b times each function [m2]."""
         kernels, launch = self._kernels, self._launch
         launch(kernels.restrict, self._dims[0], self._values, self._mass, b.values, self._local)
-        self._mesh.exchange(self._integrals.flat)
+        self._mesh.exchange(self._integrals)
         size = self._contributors[0].size
         launch(kernels.assembled, size, *self._contributors, self._integrals.flat, out.flat)
 

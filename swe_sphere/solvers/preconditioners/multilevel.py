@@ -8,7 +8,7 @@ import warp as wp
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.operators.damping import Rate
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_steps
 from swe_sphere.solvers.preconditioners.coarse import CoarseCorrection

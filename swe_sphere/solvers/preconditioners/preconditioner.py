@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.operators.transport_operator import MixingRatio
+from swe_sphere.operators.tracers import MixingRatio
 from swe_sphere.settings.registry import Registry
 
 PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")

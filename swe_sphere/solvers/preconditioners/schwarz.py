@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels.coarse import patch_kernel
-from swe_sphere.operators.field import Field
+from swe_sphere.operators.device_mesh import Field
 from swe_sphere.solvers.preconditioners.block_elimination import BlockElimination
 from swe_sphere.solvers.preconditioners.preconditioner import refuse_if_large
 

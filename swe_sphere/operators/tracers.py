@@ -1,0 +1,161 @@
+"""Flux-form transport of tracers on the device, their mixing ratios, and their limiter."""
+
+from functools import partial
+from typing import Any
+
+import warp as wp
+
+from swe_sphere.arrays import Array
+from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
+from swe_sphere.kernels.local import field_kernels
+from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
+from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.operators.launch import Launcher, in_runs
+from swe_sphere.operators.replay import Replay
+
+
+class TracerTransport:
+    """-div(hq V) of `count` tracers, whose blocks (N,) follow each other in a vector."""
+
+    def __init__(self, mesh: DeviceMesh, launch: Launcher, count: int) -> None:
+        self.mesh, self.count, self._launch = mesh, count, launch
+        self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
+        assembly_of = partial(blocks_kernel, mesh.real, False)
+        self._assembly = in_runs(assembly_of, mesh.lanes, 0, mesh.size)
+        self._geometry = mesh.geometry(self._kernels.geometry)
+        self._local, self._places = mesh.scratch(count, self._kernels.value), mesh.places(count)
+        launch.load(self._kernels.transport, *(kernel for kernel, _, _ in self._assembly))
+        self._has_tangent = False
+
+    def __call__(
+        self, wind: wp.array, x: wp.array, first: int, out: wp.array, to: int, stage: Any = None,
+        kernel: Any = None,
+    ) -> None:  # fmt: skip
+        """out[to:] = -div(m V) for the masses m in x[first:] and the wind V in front of `wind`.
+
+        With a `stage` (a `stage_struct`), out[to:] is the result of the stage instead of the rate.
+        """
+        mesh, local, count = self.mesh, self._local, self.count
+        kernel, stage = kernel or self._kernels.transport, mesh.stage if stage is None else stage
+        arguments = self._geometry, wind, x, first, count, local.values
+        mesh.sweep(self._launch, local, kernel, mesh.threads(count), *arguments)
+        for assemble, threads, begin in self._assembly:
+            self._launch(
+                assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, mesh.size,
+                count, to, local.flat, stage, out,
+            )  # fmt: skip
+
+    def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
+        """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
+        if not self._has_tangent:  # explicit steppers never compile it
+            self._launch.load(self._kernels.tangent)
+            self._has_tangent = True
+        self(base, x, first, out, first, kernel=self._kernels.tangent)
+
+
+class MixingRatio:
+    """q = hq/h of `count` tracers at a state, and vectors that follow the depth with it.
+
+    `depth` and `first`: offsets of the depth and of the first tracer in a state vector.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, count: int, depth: int, first: int
+    ) -> None:
+        self._launch, self._offsets = launch, (depth, first, mesh.size)
+        self._dim = (count, mesh.size)
+        self._kernels = pointwise_kernels(mesh.real)
+        self.values = wp.zeros(count * mesh.size, dtype=mesh.real, device=mesh.device)
+        """(count*N,)"""
+        kernels = self._kernels
+        launch.load(kernels.mixing_ratio, kernels.follow, kernels.correct)
+
+    def set(self, state: wp.array) -> None:
+        """Take the mixing ratios of a state."""
+        self._launch(self._kernels.mixing_ratio, self._dim, state, *self._offsets, self.values)
+
+    def follow(self, r: wp.array, x: wp.array) -> None:
+        """x_hq = r_hq + q (x_h - r_h): what changed the depth changes the tracers with it."""
+        self._launch(self._kernels.follow, self._dim, r, x, self.values, *self._offsets)
+
+    def correct(
+        self, flux: wp.array, air: wp.array, factor: float, r: wp.array, x: wp.array
+    ) -> None:
+        """x_hq = r_hq + factor flux + q (x_h - r_h - factor air)."""
+        self._launch(
+            self._kernels.correct, self._dim, self.values, flux, air, factor, *self._offsets, r, x
+        )
+
+
+class Limiter:
+    """Brings mixing ratios back into their bounds in place, each tracer keeping its mass.
+
+    The depth has to be positive.  Where the bounds cannot hold the mass (which takes sources of
+    fluid) they are kept and the mass is not.
+    """
+
+    def __init__(
+        self, mesh: DeviceMesh, launch: Launcher, depth: int, first: int, lower: Array, upper: Array
+    ) -> None:
+        """depth, first: offsets of the depth and of the first tracer; bounds: one a tracer."""
+        self._mesh, self._launch, self._count = mesh, launch, lower.size
+        self._offsets = (depth, first)
+        self._bounds = (mesh.upload(lower), mesh.upload(upper))
+        self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
+        self._across = sphere_limiter(mesh.real, mesh.lanes)
+        self._limits = in_runs(self._across.limit_of, mesh.lanes, 0, mesh.size)
+        self._geometry = mesh.geometry(self._inside.geometry)
+        self._local = mesh.scratch(self._count, self._inside.value)
+        self._places = mesh.places(self._count)
+        self._add = in_runs(partial(blocks_kernel, mesh.real, True), mesh.lanes, 0, mesh.size)
+        area = mesh.restrict(mesh.mesh.area)
+        self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
+        chunks, count = mesh.chunks, self._count
+        self._partial = wp.zeros((chunks.count, count), dtype=wp.vec3d, device=mesh.device)
+        self._everything = self._partial
+        """The partial sums, or of several ranks their sum."""
+        if mesh.comm.shared:
+            self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
+        self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
+        kernels = [kernel for kernel, _, _ in (*self._add, *self._limits)]
+        launch.load(self._inside.limit, self._across.sums, self._across.parts, *kernels)
+        self._replay = Replay(launch)
+
+    def __call__(self, state: wp.array) -> None:
+        """Limit the tracers of a state."""
+        if self._mesh.comm.shared:  # it adds up on the host
+            self._limit(state)
+        else:
+            self._replay(state.ptr, self._limit, state)
+
+    def _limit(self, state: wp.array) -> None:
+        mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
+        mesh.sweep(
+            self._launch, self._local, self._inside.limit, mesh.groups, self._geometry, state,
+            *self._offsets, self._count, *self._bounds, self._local.values,
+        )  # fmt: skip
+        for add, threads, begin in self._add:
+            self._launch(
+                add, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
+                self._count, first, self._local.flat, mesh.stage, state,
+            )  # fmt: skip
+        self._limit_sphere(state)
+
+    def _limit_sphere(self, state: wp.array) -> None:
+        """Fill the room over the sphere with what elements could not keep."""
+        size, across, chunks = self._mesh.size, self._across, self._mesh.chunks
+        self._launch(
+            across.sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
+            chunks.spans, *self._bounds, self._partial,
+        )  # fmt: skip
+        if self._everything is not self._partial:
+            room = chunks.room(3 * self._count)
+            room[:] = self._partial.numpy().reshape(room.shape)
+            self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
+        blocks = self._everything.shape[0]
+        self._launch(across.parts, self._count, self._everything, blocks, self._part)
+        for limit, threads, begin in self._limits:
+            self._launch(
+                limit, threads, begin, *self._offsets, size, self._count, *self._bounds,
+                self._part, state,
+            )  # fmt: skip
