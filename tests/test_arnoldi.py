@@ -73,7 +73,7 @@ class Thread(Communicator):
 
 
 def on_threads(count: int, size: int, tolerance: float) -> list:
-    barrier, room, found = threading.Barrier(count, timeout=20.0), {}, {}
+    barrier, room, found = threading.Barrier(count, timeout=300.0), {}, {}
 
     def work(rank: int) -> None:
         comm = Thread(rank, count, barrier, room)

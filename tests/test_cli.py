@@ -344,7 +344,7 @@ def test_ctrl_c_keeps_the_file_and_leaves_with_130(tmp_path):
     run = process("run", "williamson5", *long, "--out", file, "--json")
     _wait_for_frames(file)
     run.send_signal(signal.SIGINT)
-    out, err = run.communicate(timeout=30)
+    out, err = run.communicate(timeout=300)
     numbers = json.loads(out)
     assert run.returncode == 130 and numbers["completed"] is False
     assert err.endswith(f"swe-sphere: {numbers['reason']}; {file} keeps what was written\n")
@@ -359,19 +359,19 @@ def test_a_first_run_says_that_it_compiles(tmp_path):
     line = "swe-sphere: compiling kernels, the first time only ...\n"
     for flags, said in (("--json", line), ("--json", "")):
         run = process(*options, flags, env=cache)
-        out, err = run.communicate(timeout=120)
+        out, err = run.communicate(timeout=300)
         assert (run.returncode, err) == (0, said)
         assert json.loads(out)["completed"] is True
     (headers,) = tmp_path.glob("cache/*/headers_*/*.pch")
     made = headers.stat().st_mtime_ns
     run = process(*options, "--np", 5, "--quiet", env=cache)
-    assert run.communicate(timeout=120) == ("", "")
+    assert run.communicate(timeout=300) == ("", "")
     assert headers.stat().st_mtime_ns == made  # other kernels, the same headers
 
 
 def _wait_for_frames(file):
     """Until the file has grown beyond its first frame."""
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 300.0
     sizes = set()
     while len(sizes) < 3 and time.monotonic() < end:
         if file.exists():
@@ -388,7 +388,7 @@ def test_a_disk_that_fills_up_ends_the_run_and_keeps_the_frames(tmp_path):
     file = tmp_path / "a.nc"
     options = ("--ne", 8, "--days", 40, "--dt", 1200, "--out", file)
     run = process("run", "williamson2", *options, "--json", preexec_fn=small_disk)
-    out, err = run.communicate(timeout=60)
+    out, err = run.communicate(timeout=300)
     assert run.returncode == 1 and f"cannot write {file}" in err.splitlines()[-1]
     assert json.loads(out)["completed"] is False
     assert 1 < RunFile(file).times.size < 40

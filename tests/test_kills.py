@@ -100,9 +100,9 @@ def test_a_killed_run_goes_on_bit_for_bit(tmp_path, delay):
 
 def _wait_for_frames(file, count):
     """Until a run has written so many; its file can be read all the while."""
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 300.0
     while time.monotonic() < end:
         if file.exists() and RunFile(file).times.size >= count:
             return
         time.sleep(0.01)
-    raise AssertionError(f"no {count} frames in a minute")
+    raise AssertionError(f"no {count} frames in five minutes")

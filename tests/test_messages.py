@@ -73,7 +73,7 @@ def told():
     pytest.importorskip("mpi4py")
     script = SCRIPT.replace("ROUNDS", str(ROUNDS))
     command = [MPIEXEC, "-n", "2", sys.executable, "-c", script]
-    return json.loads(subprocess.check_output(command, text=True, timeout=120).splitlines()[-1])
+    return json.loads(subprocess.check_output(command, text=True, timeout=300).splitlines()[-1])
 
 
 def test_each_rank_gets_what_the_other_sent_in_that_round(told):

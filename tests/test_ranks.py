@@ -19,6 +19,7 @@ from ranks import fingerprint
 
 from swe_sphere.cli.main import main
 from swe_sphere.cli.ranks import PROCESS, start_ranks
+from swe_sphere.compiling import COMPILING
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.numbering import BLOCK
@@ -173,6 +174,8 @@ MODES = {
     5: {"plain": SOME, "small-basis": LONG},
 }
 """By number of ranks: what they do, all of it once they have been started, which takes longer."""
+FEW = [EXPLICIT[0], *SUMMING[1:3]]
+"""What three ranks do for the tests that are not thorough."""
 
 
 @pytest.fixture(scope="module")
@@ -187,11 +190,24 @@ def found(mpi):
     return {ranks: fingerprints(ranks, modes) for ranks, modes in MODES.items()}
 
 
+@pytest.fixture(scope="module")
+def few(mpi):
+    """What `ranks.py` tells of `FEW` on three ranks."""
+    return fingerprints(3, {"plain": FEW})["plain"]
+
+
 def fingerprints(ranks, modes):
     script = str(Path(__file__).with_name("ranks.py"))
     command = [*MPIEXEC, str(ranks), sys.executable, script, json.dumps(modes)]
     told = subprocess.check_output(command, text=True, timeout=600)
     return json.loads(told.splitlines()[-1])
+
+
+def test_three_ranks_find_what_one_process_finds(few):
+    """Explicit steps have the same bits; a single process sums up in another order."""
+    alone = [fingerprint(*case) for case in FEW]
+    assert few[0][:2] == [*alone[0][:2]]
+    assert [told[1] for told in few] == pytest.approx([told[1] for told in alone], rel=1e-9)
 
 
 @pytest.mark.parametrize("case", range(len(EXPLICIT)))
@@ -216,20 +232,20 @@ def test_every_stepper_and_every_scene_has_the_same_bits_on_any_number_of_ranks(
     assert [case for case, is_same in zip(cases, same, strict=True) if not is_same] == []
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_nothing_is_sent_but_what_others_need(found, ranks):
+def test_nothing_is_sent_but_what_others_need(few):
     """Each element node at a node that others hold goes to each of them: three float64 fields."""
-    mesh = Mesh.build(*EXPLICIT[0][4:6])
-    owner = {e: rank for rank, part in enumerate(parts_of(mesh, ranks)) for e in part.elements}
+    mesh = Mesh.build(*FEW[0][4:6])
+    owner = {e: rank for rank, part in enumerate(parts_of(mesh, 3)) for e in part.elements}
     holders = [set() for _ in range(mesh.size)]
     for e, nodes in enumerate(mesh.nodes.reshape(mesh.elements, -1)):
         for node in nodes:
             holders[node].add(owner[e])
     needed = sum(len(holders[node]) - 1 for node in mesh.nodes.ravel())
-    assert found[ranks]["plain"][0][2] == 24 * needed > 0
+    assert few[0][2] == 24 * needed > 0
 
 
 @pytest.mark.parametrize("case", range(len(SUMMING)))
+@pytest.mark.thorough
 def test_steps_that_sum_up_have_the_same_bits_on_any_number_of_ranks(found, case):
     """A single process sums up in another order."""
     both = (found[ranks]["plain"][len(EXPLICIT) + case] for ranks in (2, 3))
@@ -238,17 +254,20 @@ def test_steps_that_sum_up_have_the_same_bits_on_any_number_of_ranks(found, case
     assert depth == pytest.approx(fingerprint(*SUMMING[case])[1], rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_more_ranks_than_cores_have_the_same_bits(found):
     expected = [found[2]["plain"][(EXPLICIT + SUMMING).index(case)] for case in SOME]
     assert [each[:2] for each in found[5]["plain"]] == [each[:2] for each in expected]
 
 
+@pytest.mark.thorough
 def test_ranks_whose_parts_differ_begin_gmres_again_together(found):
     """Else they would wait for each other for ever."""
     (two,), (five,) = (found[ranks]["small-basis"] for ranks in (2, 5))
     assert two[:2] == five[:2]
 
 
+@pytest.mark.thorough
 def test_ranks_of_gpus_have_the_same_bits_on_any_number(found):
     """Copies by way of the host, pieces of graphs and sums by kernels, tried on a CPU."""
     modes = ["as-gpu reached", "as-gpu", "as-gpu reached"]
@@ -273,7 +292,7 @@ def program(*arguments, ranks=None):
     command = [sys.executable, "-m", "swe_sphere", *map(str, arguments)]
     if ranks is not None:
         command = [*MPIEXEC, str(ranks), *command]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
 
 
 def status_here(*arguments):
@@ -296,7 +315,7 @@ def test_the_page_on_processes_says_how_to_start_them(mpi, tmp_path):
         program, *words = shortened.split()
         command = [str(Path(sys.executable).with_name(program)), *words]
         (tmp_path / program).mkdir()
-        subprocess.run(command, cwd=tmp_path / program, check=True, timeout=60, env=env)
+        subprocess.run(command, cwd=tmp_path / program, check=True, timeout=300, env=env)
 
 
 @pytest.mark.thorough
@@ -322,7 +341,8 @@ def test_a_run_begun_on_two_ranks_goes_on_on_one_and_on_three(mpi, tmp_path):
 )
 def test_ranks_that_fail_say_so_in_one_line(mpi, arguments, said):
     ended = program("run", "williamson5", *arguments, "--every", 24)
-    lines = [line for line in ended.stderr.splitlines() if "warning" not in line]
+    told = ended.stderr.replace(f"swe-sphere: {COMPILING}\n", "").splitlines()
+    lines = [line for line in told if "warning" not in line]
     assert ended.returncode in (1, 2) and len(lines) == 1 and said in lines[0]
 
 
@@ -352,9 +372,7 @@ def fails_on_day(sim):
     return 0.0
 """)
     run = ["run", "williamson5", "--ne", 2, "--dt", 1800, "--every", 3, "--days", 1, "--quiet"]
-    start = time.monotonic()
     ended = program(*run, "--out", out, "--diagnostics", own, "--ranks", 3)
-    assert time.monotonic() - start < 60.0
     assert ended.returncode != 0 and ended.stdout == "" and ended.stderr.count("\n") == 1
     assert said in ended.stderr
     with xr.open_dataset(out) as frames:
@@ -393,7 +411,7 @@ def test_what_fails_on_all_ranks_may_be_caught_on_all(mpi, tmp_path):
     """Rank 0 compiles for all; where it cannot, the others find so too, and none waits."""
     (tmp_path / "wrong.py").write_text(WRONG)  # Warp reads the source of a formula
     command = [*MPIEXEC, "2", sys.executable, str(tmp_path / "wrong.py")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -477,7 +495,7 @@ def test_a_single_rank_needs_no_mpi4py(mpi, ranks, status, lines):
     program = "import sys; sys.modules['mpi4py'] = None; from swe_sphere.cli import main; main()"
     run = ["run", "williamson2", "--ne", "2", "--days", "0.1", "--quiet"]
     command = [*MPIEXEC, str(ranks), sys.executable, "-c", program, *run]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     told = ended.stderr.splitlines()
     assert ended.returncode == status and len(told) == lines
     assert all("no mpi4py" in line for line in told)
@@ -497,7 +515,7 @@ SCRIPTS = {
 @pytest.mark.thorough
 def test_a_script_that_fails_ends_on_all_ranks(mpi, script):
     command = [*MPIEXEC, "2", sys.executable, "-c", "import swe_sphere as s\n" + script]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert ended.returncode != 0 and SCRIPTS[script] in ended.stderr
 
 
@@ -513,7 +531,7 @@ def test_linear_algebra_of_a_rank_has_one_thread_unless_told_otherwise(mpi, aske
     given = {"OPENBLAS_NUM_THREADS": asked} if asked else {}
     environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"} | given
     command = [*MPIEXEC, "2", sys.executable, "-m", "mpi4py", "-c", code]
-    ended = subprocess.run(command, check=False, env=environment, timeout=60)
+    ended = subprocess.run(command, check=False, env=environment, timeout=300)
     assert ended.returncode % 10 == min(found, os.cpu_count() or 1) and ended.returncode > 10
 
 
@@ -527,7 +545,7 @@ def test_a_program_that_mpi4py_runs_may_exit_on_one_rank(mpi, tmp_path, code, st
     page = (Path(__file__).parents[1] / "docs" / "parallel.md").read_text()
     (line,) = re.findall(r"`mpiexec -n 2 python (.* my\.py)`", page)
     command = [*MPIEXEC, "2", sys.executable, *line.split()]
-    ended = subprocess.run(command, check=False, cwd=tmp_path, stderr=subprocess.PIPE, timeout=60)
+    ended = subprocess.run(command, check=False, cwd=tmp_path, stderr=subprocess.PIPE, timeout=300)
     assert ended.returncode == status
 
 
@@ -550,7 +568,7 @@ def test_ranks_hear_of_what_is_sent_to_what_started_them(mpi, tmp_path, sent):
     while job.poll() is None and frames_in(out) < 2:  # before, it may not listen yet
         time.sleep(0.1)
     job.send_signal(sent)
-    _, told = job.communicate(timeout=30)
+    _, told = job.communicate(timeout=300)
     assert job.returncode == 130 and "interrupted" in told
 
 
@@ -580,17 +598,17 @@ def children(pid):
 @pytest.mark.parametrize("victim", ["swe_sphere", "mpiexec", "hydra_pmi_proxy"])
 def test_no_rank_outlives_what_started_it(mpi, tmp_path, victim):
     out = tmp_path / "run.nc"
-    run = ["run", "williamson5", "--ne=2", "--dt=60", "--days=300", "--every=1", "--quiet"]
+    run = ["run", "williamson5", "--ne=2", "--dt=60", "--days=20000", "--every=1", "--quiet"]
     command = [sys.executable, "-m", "swe_sphere", *run, f"--out={out}", "--ranks=2"]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as job:
-        within(60.0, out.exists)
+        within(300.0, out.exists)
         all_of_it = {pid: name_of(pid) for pid in children(job.pid)}
         ranks = [pid for pid, name in all_of_it.items() if name == all_of_it[job.pid]]
         assert len(ranks) == 3
         names = all_of_it | {job.pid: "swe_sphere"}
         os.kill(next(pid for pid, name in names.items() if name == victim), signal.SIGKILL)
         try:
-            within(10.0, lambda: not any(name_of(pid) for pid in all_of_it))
+            within(60.0, lambda: not any(name_of(pid) for pid in all_of_it))
         finally:
             for pid in filter(name_of, all_of_it):
                 os.kill(pid, signal.SIGKILL)

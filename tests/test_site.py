@@ -39,12 +39,14 @@ def test_every_scene_has_a_page_with_its_source_and_its_formula(site):
     assert "so that all that grows is the imprint of the grid." in page
 
 
+@pytest.mark.thorough
 def test_the_front_door_is_described(site):
     page = (site / "api.html").read_text()
     for name in set(swe_sphere.__all__) - {"__version__"}:
         assert re.search(rf'id="swe_sphere\.(\w+\.)*{name}"', page), name
 
 
+@pytest.mark.thorough
 def test_pages_need_no_network(site):
     assert "mathjax" in (site / "equations.html").read_text()
     for page in site.rglob("*.html"):
