@@ -407,6 +407,7 @@ print(*np.abs(ours - theirs).max(axis=1) / np.abs(theirs).max(axis=1))
 """
 
 
+@pytest.mark.thorough
 def test_an_effect_with_derivatives_is_three_files(copy):
     """With its derivative: a push by the slope of the depth is more gravity."""
     kind = "| an effect with derivatives"

@@ -78,7 +78,7 @@ def test_solid_inflow_raises_the_mean_depth_by_what_flows_in() -> None:
         assert np.average(last, weights=MESH.area) == pytest.approx(1000.6, rel=1e-12)
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "names",
     [

@@ -96,7 +96,7 @@ def test_energy_is_kept_or_lost_as_the_scheme_promises(after_a_day) -> None:
     assert energy["implicit-euler"] < energy["bdf2"] < energy["tr-bdf2"]
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 def test_average_vector_field_keeps_energy(shape: str) -> None:
     """With mountain and rotation, at a step 5 times what waves allow an explicit scheme."""
     model = Model(Mesh.build(4, 4), get_scene("williamson5"), shape=shape)
@@ -160,6 +160,7 @@ def test_methods_of_one_mean_agree_where_the_equations_are_linear(small_mesh, na
     assert relative(ours, state.numpy(), 3) > 1e-3
 
 
+@pytest.mark.thorough
 def test_average_vector_field_dissipates_as_the_midpoint_rule_does() -> None:
     scene = get_scene("williamson2").with_effect(Viscosity(1e7))
     model = Model(Mesh.build(2, 4), scene)

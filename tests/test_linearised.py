@@ -36,7 +36,7 @@ def about_rest(*names: str, depth: float = 1500.0):
     return replace(scene, base=lambda lon, lat: (0.0 * lat, 0.0 * lat, depth - bottom(lon, lat)))
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("names", SETS, ids="+".join)
 def test_right_hand_side_and_tangent(small_mesh, names, shape) -> None:
     """At any state: the derivative of the nonlinear equations at the base, by a complex step."""

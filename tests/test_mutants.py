@@ -46,6 +46,7 @@ def test_text_to_replace_is_there(edit: Edit) -> None:
     assert edit.old != edit.new
 
 
+@pytest.mark.thorough
 def test_edited_copy_is_the_one_that_runs(tmp_path) -> None:
     """And is left as it was: its verdict is known already."""
     copy = copy_sources(tmp_path)

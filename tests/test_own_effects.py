@@ -142,7 +142,7 @@ def test_own_drag_is_the_drag_of_the_package(path: Path, shape: str, precision: 
     assert relative(*(tangent(model, state, direction) for model in models), 3) < bound
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("stepper", ["rk4", "ark2", "tr-bdf2"])
 def test_steppers_take_it_as_they_take_the_package_s_own(path: Path, stepper: str, shape) -> None:
     """To round-off, in as many iterations."""
@@ -197,6 +197,7 @@ def test_a_source_of_mass_brings_its_mass(path: Path, name: str, base: str) -> N
     assert abs(expected - mean) > 0.1
 
 
+@pytest.mark.thorough
 def test_the_average_vector_field_takes_it_by_the_midpoint_rule(path: Path) -> None:
     """What moves mass is no part of its energy, and the mass it brings is known to the solver."""
     model = Model(MESH, own(path, "rain"))
@@ -218,6 +219,7 @@ def test_what_conserves_mass_keeps_it_to_round_off(path: Path) -> None:
     assert np.abs(depth - start).max() > 1.0
 
 
+@pytest.mark.thorough
 def test_several_of_them_add_up(path: Path) -> None:
     both = own(path, "friction").with_effect(own(path, "rain").effect("rain"))
     both = both.with_effect(Relaxation(3e4)).with_effect(Drag(2e-5))

@@ -91,6 +91,7 @@ def test_helmholtz_needs_few_iterations(ne: int) -> None:
     assert all(mine <= most for mine, most in zip(counts, (3, 4, 6, 10), strict=True)), counts
 
 
+@pytest.mark.thorough
 def test_hyperviscosity_takes_at_most_two_iterations_more() -> None:
     """Three at steps of four hours; without F in the Schur complement it takes many times more."""
     plain = newton(8).counts("helmholtz")

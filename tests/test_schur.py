@@ -77,10 +77,20 @@ class System:
         return np.einsum("abn,bn->an", self.turn, wind.reshape(2, -1)).ravel()
 
 
-@pytest.fixture(params=[(n, p, s) for n in (3, 4, 8) for p in ROUNDOFF for s in SHAPES], ids=str)
-def case(request):
+NPS = [4, *(pytest.param(np_, marks=pytest.mark.thorough) for np_ in (3, 8))]
+"""Kernels are compiled for each np."""
+
+
+@pytest.fixture(params=NPS)
+def np_(request):
+    """The number of nodes along the edge of an element."""
+    return request.param
+
+
+@pytest.fixture(params=[(p, s) for p in ROUNDOFF for s in SHAPES], ids=str)
+def case(request, np_):
     """A system and how exact its number type is."""
-    return System(*request.param), ROUNDOFF[request.param[1]]
+    return System(np_, *request.param), ROUNDOFF[request.param[0]]
 
 
 @pytest.mark.thorough
@@ -170,7 +180,6 @@ def test_direct_is_the_inverse_of_the_model_at_rest(np_: int, rotation, shape: s
 
 
 @pytest.mark.parametrize("precision", ROUNDOFF)
-@pytest.mark.parametrize("np_", [3, 4, 8])
 def test_diagonal_and_bound_on_the_spectrum(np_: int, precision: str) -> None:
     """The spectrum of S over its diagonal stays below the bound, and not far below it."""
     system = System(np_, precision, "element")
@@ -255,7 +264,14 @@ def test_symmetric_multilevel_is_symmetric(tau: float) -> None:
     assert np.linalg.eigvalsh(weighted + weighted.T)[0] > 0.0
 
 
-@pytest.mark.parametrize(("np_", "precision"), [(4, "float64"), (6, "float32"), (8, "float32")])
+@pytest.mark.parametrize(
+    ("np_", "precision"),
+    [
+        (4, "float64"),
+        pytest.param(6, "float32", marks=pytest.mark.thorough),
+        pytest.param(8, "float32", marks=pytest.mark.thorough),
+    ],
+)
 def test_all_elements_of_a_node_hold_the_same_bits(np_: int, precision: str) -> None:
     """After coarse corrections and smoothing, so that ranks need not ask whose is the first."""
     system = System(np_, precision, "element")

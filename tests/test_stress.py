@@ -422,7 +422,9 @@ def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> No
     assert begun == [begun[0], begun[1], begun[1]]
 
 
-@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize(
+    "precision", ["float64", pytest.param("float32", marks=pytest.mark.thorough)]
+)
 @pytest.mark.parametrize("stepper", ["tr-bdf2", "crank-nicolson", "esdirk4", "gauss-legendre"])
 def test_implicit_steps_leave_a_lake_at_rest(stepper: str, precision: str) -> None:
     """Residuals that were let pass came back as slopes of the next step: 1e-9 m/s of wind.
@@ -434,6 +436,7 @@ def test_implicit_steps_leave_a_lake_at_rest(stepper: str, precision: str) -> No
 
 
 @pytest.mark.parametrize("seed", [91, 116])
+@pytest.mark.thorough
 def test_the_limit_of_ars343_holds_over_hills(seed: int) -> None:
     """With the gravity waves of deviating depths left out of it, it was half as long again."""
     scene = {"scene": "cases:random-state", "set": {"scene": {"seed": seed}}}
@@ -443,6 +446,7 @@ def test_the_limit_of_ars343_holds_over_hills(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["forward-backward", "fb-rk3"])
+@pytest.mark.thorough
 def test_a_planet_that_turns_fast_limits_steps_that_extrapolate_the_wind(name: str) -> None:
     """With waves and winds alone in the limit, this one ran dry in eleven steps."""
     scene = {"scene": "cases:random-state", "set": {"scene": {"seed": 192}}}

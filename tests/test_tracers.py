@@ -55,7 +55,7 @@ def tendency(model, blocks, t=0.0):
     return out.numpy().reshape(blocks.shape)
 
 
-@pytest.mark.parametrize("shape", ["element", "node"])
+@pytest.mark.parametrize("shape", ["element", pytest.param("node", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "effects",
     [FLOW, ("wind",), (*FLOW, "viscosity", "hyperviscosity"), ("wind", "viscosity")],

@@ -169,6 +169,7 @@ def error_of_vortices(ne, np_, dt, days):
     return norms(mesh.area, fields["h"], scene.exact(mesh.lon, mesh.lat, days * DAY)[2])
 
 
+@pytest.mark.thorough
 def test_moving_vortices_converge():
     errors = [error_of_vortices(ne, 6, 4800.0 / ne, 3.0)["l2"] for ne in (4, 8)]
     assert errors[1] < 1e-4
