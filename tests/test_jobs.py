@@ -73,7 +73,7 @@ def test_a_parent_that_is_killed_leaves_nobody():
     with subprocess.Popen([sys.executable, jobs.__file__], stdout=subprocess.PIPE) as parent:
         pids = [int(parent.stdout.readline()) for _ in range(2)]
         parent.kill()
-    for _ in range(100):
+    for _ in range(3000):
         left = [pid for pid in pids if _lives(pid)]
         if not left:
             break
