@@ -50,8 +50,8 @@ _listener: _Listener | None = None
 _by_itself = _Listener(tell_of_compiling)
 
 
-def _is_watched() -> bool:
-    """Somebody sees this very process: in a terminal, or in a notebook."""
+def is_watched() -> bool:
+    """Return whether stderr of this very process is a terminal, or it is that of a notebook."""
     if multiprocessing.parent_process() is not None or sys.stderr is None:
         return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules
@@ -71,6 +71,6 @@ def on_compile(call: Callable[[], None]) -> Iterator[None]:
 @contextmanager
 def compiling() -> Iterator[None]:
     """Something is compiled within the block."""
-    listener = _by_itself if _listener is None and _is_watched() else _listener
+    listener = _by_itself if _listener is None and is_watched() else _listener
     with nullcontext() if listener is None else listener.waiting():
         yield

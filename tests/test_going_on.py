@@ -144,30 +144,6 @@ def test_a_mesh_of_another_planet_is_refused():
         Simulation("williamson2", mesh=Mesh.build(2, 4, radius=1e3))
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"effects": {"viscosity.nu": 1e5}},
-        {"scene": "williamson5"},
-        {"mesh": Mesh.build(3, 4)},
-        {"dt": 60.0},
-        {"adaptive": 1e-3},
-        {"tolerance": 1e-3},
-        {"precision": "float32"},
-        {"tracer_steps": 2},
-        {"device": "cpu"},
-        {"launch": "node"},
-        {"alpha": 0.1},
-    ],
-)
-def test_a_stepper_on_a_model_of_its_own_brings_all(more):
-    sim = small("williamson2")
-    sim.step()
-    stepper = sim.stepper
-    with pytest.raises(ConfigError, match="the stepper has a model of its own, of williamson2"):
-        Simulation(**{"scene": "williamson2", "stepper": stepper} | more)
-
-
 def test_a_checkpoint_is_no_place_for_what_runs_are_asked_for(tmp_path):
     path = small().checkpoint(tmp_path / "a.npz")
     with pytest.raises(ConfigError, match=r"out is no setting of a simulation: see run\(\)"):

@@ -15,7 +15,7 @@ import pytest
 from sweeps import assert_same_rows
 
 from swe_sphere.errors import ConfigError, RunFailed
-from swe_sphere.simulation.diagnostics import diagnostic, forget
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.studies import cases
@@ -159,7 +159,7 @@ def test_what_other_processes_do_not_have_is_refused():
         with pytest.raises(ConfigError, match="nothing of of_here"):
             sweep("lauter", "rk4", jobs=2, **TINY)
     finally:
-        forget("of_here")
+        DIAGNOSTICS.pop("of_here", None)
 
 
 def test_verification_is_the_same_beside_others(at_once):

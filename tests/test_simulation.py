@@ -20,7 +20,7 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.build import Inputs
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
-from swe_sphere.simulation.planning import automatic_step, continued_plan, time_plan
+from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
 from swe_sphere.simulation.simulation import Simulation, run
 
 SMALL = {"ne": 2, "np": 4, "days": 1.0}
@@ -116,12 +116,13 @@ def test_plans_that_cannot_be(arguments, word):
 
 
 def test_continued_plan_keeps_the_step():
-    plan = continued_plan(2.0, 6.0, 600.0, done=100)
+    before = RunPlan(600.0, 100, 50, 700.0)
+    plan = continued_plan(before, 2.0, 6.0, done=100)
     assert (plan.dt, plan.steps, plan.frame_steps) == (600.0, 288, 36)
     with pytest.raises(ConfigError, match="already"):
-        continued_plan(2.0, None, 600.0, done=288)
+        continued_plan(before, 2.0, None, done=288)
     with pytest.raises(ConfigError, match="is no whole number of the steps of 600 s"):
-        continued_plan(24.01 / 24, None, 600.0, done=1)
+        continued_plan(before, 24.01 / 24, None, done=1)
 
 
 # --- configuration

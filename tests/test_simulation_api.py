@@ -62,10 +62,6 @@ def test_objects_are_as_good_as_their_names():
     made = Simulation(scene, mesh=mesh, stepper=STEPPERS["rk4"], dt=1800.0)
     assert made.run(days=0.25)["l2_h"] == named["l2_h"]
     assert made.config.ne == 2 and made.mesh is mesh
-    stepper = STEPPERS["rk4"](made.model, 1800.0)
-    again = Simulation(scene, stepper=stepper)
-    assert again.run(days=0.25)["l2_h"] == named["l2_h"]
-    assert again.stepper is stepper
 
 
 def test_effects_by_name_and_as_objects():
@@ -119,8 +115,8 @@ def test_it_goes_on_where_it_stands():
     ("values", "word"),
     [
         ({"scene": 3}, "scene: give a name, a file or a Scene, not 3"),
-        ({"stepper": dict}, "stepper: give a name, a file, .* not <class 'dict'>"),
-        ({"stepper": 3}, "stepper: give a name, a file, a class or a Stepper, not 3"),
+        ({"stepper": dict}, "stepper: give a name, a file or a class, not <class 'dict'>"),
+        ({"stepper": 3}, "stepper: give a name, a file or a class, not 3"),
         ({"preconditioner": 3}, "preconditioner: give a name, a file or a class, not 3"),
         ({"preconditioner": dict}, "a class, not <class 'dict'>"),
         ({"mesh": 3}, "give a Mesh, not 3"),

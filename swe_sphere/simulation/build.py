@@ -20,11 +20,12 @@ from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
+from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.memory import available_memory
 from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.diagnostics import Fields, ReferenceErrors, Snapshot, load_diagnostics
+from swe_sphere.simulation.diagnostics import Snapshot, load_diagnostics
 from swe_sphere.simulation.restart import (
     adopt,
     check_identity,
@@ -38,6 +39,8 @@ from swe_sphere.testcases import get_scene
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
     from swe_sphere.io.checkpoint import Checkpoint
+    from swe_sphere.io.reference_solution import Reference
+    from swe_sphere.solvers.preconditioners import Preconditioner
     from swe_sphere.steppers import Stepper, Trajectory
 
 Name = str | Path | None
@@ -50,10 +53,8 @@ class Inputs:
     config: RunConfig
     scene: Scene | None = None
     mesh: Mesh | None = None
-    stepper: Any = None
-    """A class of steppers, or a stepper on a model of its own."""
-    preconditioner: Any = None
-    """A class of preconditioners."""
+    stepper: type[Stepper] | None = None
+    preconditioner: type[Preconditioner] | None = None
     effects: tuple[Effect, ...] = ()
     """Effects to add to the scene."""
     checkpoint: Checkpoint | None = None
@@ -77,84 +78,54 @@ def read_inputs(
     Raises:
         ConfigError: an object is not of the requested kind, or two arguments contradict each other.
     """
-    _expect(isinstance(scene, Scene | str | Path), "scene", "a name, a file or a Scene", scene)
-    _expect(isinstance(mesh, Mesh | None), "mesh", "a Mesh", mesh)
-    changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, _listed(effects))
-    choice = "parameters {'viscosity.nu': 1e5}, or a list of Effects"
-    _expect(all(isinstance(effect, Effect) for effect in added), "effects", choice, effects)
-    _expect(isinstance(parameters, Mapping | None), "parameters", "{'alpha': 0.8}", parameters)
-    _expect(isinstance(options, Mapping | None), "options", "{'tolerance': 1e-6}", options)
-    _check_methods(stepper, preconditioner)
-    if not isinstance(stepper, Name | type):
-        more = mesh or preconditioner or changes or added or parameters or options or settings
-        decided = any(fields.get(name) is not None for name in DECIDED)
-        _check_model(stepper, str(getattr(scene, "name", scene)), decided or bool(more))
-        mesh = stepper.model.mesh
-    of_mesh = {} if mesh is None else _settings_of_mesh(mesh)
-    for name in of_mesh.keys() & fields.keys():
+    _check_kinds(scene, stepper, mesh, preconditioner, parameters, options)
+    changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
+    added = tuple(added) if isinstance(added, Iterable) else (added,)
+    if not all(isinstance(effect, Effect) for effect in added):
+        raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
+    values: dict[str, object] = {}
+    if mesh is not None:
+        values = {name: getattr(mesh, name) for name in ("ne", "np", "stretch", "spin")}
+        values["centre_lon"], values["centre_lat"] = mesh.centre
+    for name in values.keys() & fields.keys():
         raise ConfigError(f"{name} is given twice: as {name}, and by the mesh")
-    named = {"scene": scene, "stepper": stepper, "preconditioner": preconditioner}
-    names = {
-        what: str(thing if isinstance(thing, Name) else thing.name)
-        for what, thing in named.items()
-        if thing is not None
-    }
+    given = {"scene": scene, "stepper": stepper, "preconditioner": preconditioner}
+    objects = {what: thing for what, thing in given.items() if not isinstance(thing, Name)}
+    for what, thing in given.items():
+        if thing is not None:
+            values[what] = thing.name if what in objects else str(thing)
     tables = {SCENE: parameters or {}, STEPPER: options or {}}
-    said = (*read_settings(changes), *read_settings(tables), *read_settings(settings))
-    config = make_config({**names, **({"settings": said} if said else {}), **of_mesh, **fields})
-    objects = {what: thing for what, thing in named.items() if not isinstance(thing, Name)}
+    if said := [one for each in (changes, tables, settings) for one in read_settings(each)]:
+        values["settings"] = said
+    config = make_config(values | fields)
     if "scene" in objects and (config.alpha is not None or config.settings_of(SCENE)):
         raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
     return Inputs(config, mesh=mesh, effects=added, **objects)
 
 
-def _expect(fits: bool, what: str, choice: str, thing: object) -> None:
-    if not fits:
-        raise ConfigError(f"{what}: give {choice}, not {shown(thing)}")
+def _check_kinds(
+    scene: object, stepper: object, mesh: object, preconditioner: object, *tables: object
+) -> None:
+    from swe_sphere.solvers.preconditioners import Preconditioner
+    from swe_sphere.steppers import Stepper
+
+    if not isinstance(scene, Scene | str | Path):
+        raise _unfit("scene", "a name, a file or a Scene", scene)
+    if not isinstance(mesh, Mesh | None):
+        raise _unfit("mesh", "a Mesh", mesh)
+    methods = ("stepper", stepper, Stepper), ("preconditioner", preconditioner, Preconditioner)
+    for what, method, kind in methods:
+        is_kind = isinstance(method, type) and issubclass(method, kind)
+        if not (is_kind or isinstance(method, Name)):
+            raise _unfit(what, "a name, a file or a class", method)
+    examples = ("parameters", "{'alpha': 0.8}"), ("options", "{'tolerance': 1e-6}")
+    for (what, example), table in zip(examples, tables, strict=True):
+        if not isinstance(table, Mapping | None):
+            raise _unfit(what, example, table)
 
 
-def _listed(effects: Any) -> tuple[Any, ...]:
-    return tuple(effects) if isinstance(effects, Iterable) else (effects,)
-
-
-def _check_methods(stepper: Any, preconditioner: Any) -> None:
-    """Raise ConfigError for what is neither a name nor a class, or a stepper."""
-    if not isinstance(stepper, Name):
-        from swe_sphere.steppers import Stepper
-
-        fits = isinstance(stepper, Stepper) or _is_kind(stepper, Stepper)
-        _expect(fits, "stepper", "a name, a file, a class or a Stepper", stepper)
-    if not isinstance(preconditioner, Name):
-        from swe_sphere.solvers.preconditioners import Preconditioner
-
-        fits = _is_kind(preconditioner, Preconditioner)
-        _expect(fits, "preconditioner", "a name, a file or a class", preconditioner)
-
-
-def _is_kind(thing: object, kind: type) -> bool:
-    return isinstance(thing, type) and issubclass(thing, kind)
-
-
-DECIDED = (
-    "adaptive", "adaptive_by", "alpha", "device", "dt", "launch", "precision", "tolerance",
-    "tracer_steps",
-)  # fmt: skip
-"""Fields of a configuration that are decided where a stepper and its model are made."""
-
-
-def _check_model(stepper: Stepper, scene: str, more: bool) -> None:
-    own = stepper.model.scene.name
-    if more or (own != scene and not scene.endswith((".py", ".toml"))):
-        raise ConfigError(
-            f"the stepper has a model of its own, of {own}: give this scene, and leave out mesh,"
-            f" preconditioner, effects, parameters, options, settings, {', '.join(DECIDED)}"
-        )
-
-
-def _settings_of_mesh(mesh: Mesh) -> dict[str, float]:
-    lon, lat = mesh.centre
-    return {"ne": mesh.ne, "np": mesh.np, "stretch": mesh.stretch, "spin": mesh.spin,
-            "centre_lon": lon, "centre_lat": lat}  # fmt: skip
+def _unfit(what: str, choice: str, thing: object) -> ConfigError:
+    return ConfigError(f"{what}: give {choice}, not {shown(thing)}")
 
 
 class Setup:
@@ -165,7 +136,7 @@ class Setup:
     """
 
     def __init__(self, inputs: Inputs) -> None:
-        from swe_sphere.steppers import Stepper, get_stepper
+        from swe_sphere.steppers import get_stepper
 
         config, checkpoint = inputs.config, inputs.checkpoint
         if checkpoint is None and config.restart is not None:
@@ -173,15 +144,9 @@ class Setup:
         self.config = config = config if checkpoint is None else adopt(config, checkpoint)
         self.checkpoint = checkpoint
         """The state that the run resumes from."""
-        method = inputs.stepper
-        self.instance: Stepper | None = method if isinstance(method, Stepper) else None
-        """A stepper on a model of its own, in the place of a new one."""
-        self.kind = type(self.instance) if self.instance else get_stepper(method or config.stepper)
+        self.kind = get_stepper(inputs.stepper or config.stepper)
         """The class of the stepper."""
-        if self.instance is None:
-            self.scene = make_scene(config, inputs.scene, inputs.effects)
-        else:
-            self.scene = self.instance.model.scene
+        self.scene = make_scene(config, inputs.scene, inputs.effects)
         self.mesh = make_mesh(config, self.scene, inputs.mesh)
         self.identity = identity(config, self.scene, self.mesh)
         """All that a run must share with this one to resume it."""
@@ -190,20 +155,20 @@ class Setup:
         self.comm.on_root(lambda: check_paths(config))
         if checkpoint is not None:
             check_identity(config, checkpoint, self.identity)
-        self.reference = (
-            None if config.reference is None
-            else ReferenceErrors(config.reference, self.scene.error_field)
-        )  # fmt: skip
+        self.reference: Reference | None = None
+        """The solution at the end of the run."""
+        if config.reference is not None:
+            from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+
+            self.reference = Reference(config.reference)
         if config.days is not None:
             self.check_reference(config.days)
         for path in config.diagnostics:
             load_diagnostics(path)
         self._preconditioner = inputs.preconditioner
-        self.options = {} if self.instance else stepper_options(self.kind, config)
+        self.options = stepper_options(self.kind, config)
         """Options of the stepper by name."""
-        self.model = (
-            self.instance.model if self.instance else make_model(config, self.scene, self.mesh)
-        )
+        self.model = self._new_model()
         self.warnings = code_warnings(config, checkpoint)
         """What the user should know before the run."""
         self.limits: dict[str, float] = {}
@@ -211,8 +176,23 @@ class Setup:
 
     def check_reference(self, days: float) -> None:
         """Raise ConfigError if the reference is of another time than the end of the run [days]."""
-        if self.reference is not None:
-            self.reference.check(days)
+        time = None if self.reference is None else self.reference.time
+        if time is not None and abs(time - days * DAY) > 1.0:
+            raise ConfigError(
+                f"{self.config.reference} is of day {time / DAY:g}, the run ends at day {days:g}:"
+                f" take days={time / DAY:g} or another reference"
+            )
+
+    def _new_model(self) -> Model:
+        """Return the compiled right-hand side; start Warp, which takes a while, for it."""
+        start_warp()
+        from swe_sphere.equations.model import Model
+
+        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
+        config = self.config
+        return Model(
+            self.mesh, self.scene, config.device, config.precision, config.launch, comm=self.comm
+        )
 
     def new_stepper(self, dt: float, cycle: int = 1) -> Trajectory:
         """Return the stepper of the configuration with steps of dt [s].
@@ -238,11 +218,6 @@ class Setup:
     def initial(self) -> Snapshot:
         """The initial state of the scene, built anew each time."""
         return Snapshot(self.model, self.model.initial_state(), 0.0)
-
-    @property
-    def start(self) -> Fields:
-        """All fields of the initial state of the scene, each (N,)."""
-        return self.initial.with_constants
 
     def stable_dt(self) -> float:
         """Return the stability limit at the initial state [s], about; infinite if there is none.
@@ -277,23 +252,20 @@ def make_scene(
     Raises:
         ConfigError: there is no such scene, parameter or effect, or a value does not fit.
     """
-    scene = _named_scene(config) if own is None else own
+    scene = own
+    if scene is None:
+        parameters = config.settings_of(SCENE)
+        if config.alpha is not None:
+            if "alpha" in parameters:
+                raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
+            parameters["alpha"] = config.alpha
+        scene = get_scene(config.scene, **parameters)
+        angle = scene.parameters.get("alpha")
+        if isinstance(angle, float) and abs(angle) > 2.0 * math.pi:
+            raise ConfigError(f"alpha={angle:g}: the angle is in radians, at most a whole turn")
     scene = apply_settings(scene, config.settings)
     for effect in effects:
         scene = scene.with_effect(effect)
-    return scene
-
-
-def _named_scene(config: RunConfig) -> Scene:
-    parameters = config.settings_of(SCENE)
-    if config.alpha is not None:
-        if "alpha" in parameters:
-            raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
-        parameters["alpha"] = config.alpha
-    scene = get_scene(config.scene, **parameters)
-    angle = scene.parameters.get("alpha")
-    if isinstance(angle, float) and abs(angle) > 2.0 * math.pi:
-        raise ConfigError(f"alpha={angle:g}: the angle is in radians, at most a whole turn")
     return scene
 
 
@@ -320,18 +292,6 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
     )
 
 
-def make_model(config: RunConfig, scene: Scene, mesh: Mesh) -> Model:
-    """Return the compiled right-hand side.
-
-    Raises ConfigError for a device that is not there, or a function of the scene that fails.
-    """
-    start_warp()  # takes its time: after the cheap checks
-    from swe_sphere.equations.model import Model
-
-    scene.check_answers(mesh.lon, mesh.lat)
-    return Model(mesh, scene, config.device, config.precision, config.launch, comm=world())
-
-
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     """Return all options of a stepper: as configured, and else their defaults.
 
@@ -340,21 +300,19 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     """
     known = inspect.signature(kind, eval_str=True).parameters
     # a default that depends on the scheme is an attribute of its class
-    defaults = {
-        name: getattr(kind, f"default_{name}", parameter.default)
-        for name, parameter in known.items()
-    }
+    defaults = {name: getattr(kind, f"default_{name}", p.default) for name, p in known.items()}
     options: dict[str, Any] = {
         name: default
         for name, default in defaults.items()
         if isinstance(default, (bool, int, float, str))
     }
-    flags = {"preconditioner": config.preconditioner, "tolerance": config.tolerance}
-    given = {name: value for name, value in flags.items() if value is not None}
-    settings = config.settings_of(STEPPER)
-    for name in given.keys() & settings.keys():
-        raise ConfigError(f"{name} is given twice: by {name} and by set stepper.{name}")
-    for name, value in (given | settings).items():
+    given = config.settings_of(STEPPER)
+    for name in ("preconditioner", "tolerance"):
+        value = getattr(config, name)
+        if value is not None and name in given:
+            raise ConfigError(f"{name} is given twice: by {name} and by set stepper.{name}")
+        given |= {} if value is None else {name: value}
+    for name, value in given.items():
         if name not in options:
             has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
             raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
@@ -397,13 +355,11 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
 
 
 def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
-    """Those of the preconditioner [bytes], if it is one by name."""
-    named = config.settings_of(STEPPER).get("preconditioner", config.preconditioner)
-    if named is None or scene.wind is not None:
-        return 0.0
+    """Return the memory [bytes] of the factors of a preconditioner by name."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
-    kind = PRECONDITIONERS.get(str(named))
+    named = config.settings_of(STEPPER).get("preconditioner", config.preconditioner)
+    kind = None if scene.wind is not None else PRECONDITIONERS.get(str(named))
     return 0.0 if kind is None else kind.memory_of_factors(6 * (ne * (np - 1)) ** 2 + 2, np)
 
 
@@ -411,11 +367,11 @@ def check_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> None:
     """Raise ConfigError for a run that the system would end because it exhausts the memory."""
     needed, free = needed_memory(config, scene, ne, np), available_memory()
     if free is not None and needed > free:
-        factors = _memory_of_factors(config, scene, ne, np) > 0.0
+        smaller = _memory_of_factors(config, scene, ne, np) > 0.0
         raise ConfigError(
             f"ne={ne} with np={np} and {config.stepper} needs about {needed / 2**30:.3g} GiB of"
             f" memory, and {free / 2**30:.3g} GiB are free: take a smaller ne"
-            + (", or the preconditioner helmholtz" if factors else "")
+            + (", or the preconditioner helmholtz" if smaller else "")
         )
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     import warp as wp
 
     from swe_sphere.equations.model import Model
+    from swe_sphere.io.reference_solution import Reference
 
 Fields = dict[str, Array]
 Numbers = dict[str, float]
@@ -44,8 +45,7 @@ class Snapshot:
         state: flat array of the model, on its device.
         time: since the start [s].
         steps: since the start.
-        evaluate: computes the numbers of a snapshot.
-        own: the registered diagnostics.
+        evaluator: computes the numbers of the snapshot, which has none without it.
     """
 
     def __init__(
@@ -54,13 +54,12 @@ class Snapshot:
         state: wp.array,
         time: float,
         steps: int = 0,
-        evaluate: Evaluator | None = None,
-        own: OwnDiagnostics | None = None,
+        evaluator: Evaluator | None = None,
     ) -> None:
         self.model, self.state, self.time, self.steps = model, state, time, steps
-        self._evaluate, self._own = evaluate, own
-        self._own_found: tuple[Numbers, Fields] | None = None
-        self._own_registered: dict[str, Diagnostic] = {}
+        self._evaluator = evaluator
+        self._own: tuple[Numbers, Fields] = {}, {}
+        self._registered: dict[str, Diagnostic] | None = None  # when they were evaluated
 
     @cached_property
     def fields(self) -> Fields:
@@ -84,7 +83,7 @@ class Snapshot:
 
     @cached_property
     def _numbers(self) -> Numbers:
-        return {} if self._evaluate is None else self._evaluate(self)
+        return {} if self._evaluator is None else self._evaluator.numbers(self)
 
     @property
     def diagnostics(self) -> Numbers:
@@ -102,27 +101,26 @@ class Snapshot:
     @property
     def own_attributes(self) -> dict[str, dict[str, str]]:
         """Attributes in files of the variables of user-defined diagnostics, by name."""
-        numbers, fields = self._own_now()
-        return {name: DIAGNOSTICS[name].attributes for name in (*numbers, *fields)}
+        own = (DIAGNOSTICS[name] for found in self._own_now() for name in found)
+        return {one.name: {"long_name": one.long_name, "units": one.units} for one in own}
 
     def _own_now(self) -> tuple[Numbers, Fields]:
-        if self._own is None:
-            return {}, {}
-        if self._own_found is None or self._own_registered != DIAGNOSTICS:
+        """Return the user-defined diagnostics, again after others were registered."""
+        if self._evaluator is not None and self._registered != DIAGNOSTICS:
             # a diagnostic that reads the whole state finds no diagnostics in it
-            self._own_found, self._own_registered = ({}, {}), dict(DIAGNOSTICS)
+            self._own, self._registered = ({}, {}), dict(DIAGNOSTICS)
             try:
-                self._own_found = self._own()
+                self._own = self._evaluator.own()
             except BaseException:
-                self._own_found = None
+                self._registered = None
                 raise
-        return self._own_found
+        return self._own
 
     def release(self) -> None:
         """Free the fields, which occupy memory while steps are taken."""
         for name in ("fields", "all_fields", "with_constants"):
             vars(self).pop(name, None)
-        self._own_found = None
+        self._own, self._registered = ({}, {}), None
 
 
 def state_integrals(model: Model, fields: Fields) -> Numbers:
@@ -158,26 +156,11 @@ def slow_errors(model: Model, ours: Fields, theirs: Fields) -> Norms:
     """
     if model.scene.wind is not None:
         return {}
-    area, coriolis = model.mesh.area, model.coriolis
+    area, f = model.mesh.area, model.coriolis
     mean = area_mean(area, theirs["h"])
-    slow = (_stretched(state, coriolis, mean) for state in (ours, theirs))
+    # the vorticity of columns brought to the mean depth H: H q - f
+    slow = ((state["vorticity"] + f) * mean / state["h"] - f for state in (ours, theirs))
     return {"vorticity": norms(area, *slow)}
-
-
-def _stretched(state: Fields, coriolis: Array, mean: float) -> Array:
-    """Return H q - f (N,) [s-1]: the vorticity of columns brought to the mean depth H [m]."""
-    return (state["vorticity"] + coriolis) * mean / state["h"] - coriolis
-
-
-def exact_errors(model: Model, fields: Fields, time: float) -> Numbers:
-    """Return errors at time [s] against the exact solution; NaN where it is not known."""
-    scene, mesh = model.scene, model.mesh
-    found: Numbers = {}
-    if scene.exact is not None:
-        found = by_name(flow_errors(model, fields, exact_fields(model, time)))
-    if scene.exact_tracers is not None:
-        found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
-    return found
 
 
 OF_FREE_WINDS = (
@@ -186,62 +169,13 @@ OF_FREE_WINDS = (
 """Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
 
 
-class Evaluator:
-    """Computes all numbers of a state; drifts are relative to the initial state of the scene.
+def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
+    """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
+    from swe_sphere.io.reference_solution import OnGrid  # needs scipy's splines
 
-    start: all fields of the initial state, each (N,).  dt: returns the length of the present step
-    [s], None where no step has been chosen yet.
-    """
-
-    def __init__(self, model: Model, start: Fields, dt: Callable[[], float | None]) -> None:
-        self._model, self._dt = model, dt
-        self._start = state_integrals(model, start)
-        self._masses = tracer_masses(model.mesh, start, model.scene.tracers or ())
-
-    def __call__(self, snapshot: Snapshot) -> Numbers:
-        """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
-        mesh, fields, dt = self._model.mesh, snapshot.all_fields, self._dt()
-        now = state_integrals(self._model, fields)
-        numbers = {
-            **now,
-            **drifts(self._start, now),
-            **tracer_numbers(mesh, fields, self._masses),
-            **({} if dt is None else courant_numbers(mesh, dt, now)),
-            **exact_errors(self._model, fields, snapshot.time),
-        }
-        left_out = () if self._model.scene.wind is None else OF_FREE_WINDS
-        return {name: value for name, value in numbers.items() if name not in left_out}
-
-
-class ReferenceErrors:
-    """Errors of a state against a reference on a latitude-longitude grid.
-
-    path: of the reference.  field: "h" or "surface", the height that is compared.  Raises
-    ConfigError if the reference cannot be read.
-    """
-
-    def __init__(self, path: Path, field: str) -> None:
-        from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
-
-        self._reference, self._height = Reference(path), field
-
-    def check(self, days: float) -> None:
-        """Raise ConfigError if the reference is known to be of another time than the end [days]."""
-        time = self._reference.time
-        if time is not None and abs(time - days * DAY) > 1.0:
-            raise ConfigError(
-                f"{self._reference.path} is of day {time / DAY:g}, the run ends at day {days:g}:"
-                f" take days={time / DAY:g} or another reference"
-            )
-
-    def __call__(self, snapshot: Snapshot) -> Numbers:
-        """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
-        from swe_sphere.io.reference_solution import OnGrid
-
-        found = OnGrid(self._reference, snapshot.model.mesh).errors(
-            snapshot.with_constants, self._height
-        )
-        return by_name({name: of for name, of in found.items() if name != "vorticity"})
+    model = snapshot.model
+    found = OnGrid(reference, model.mesh).errors(snapshot.with_constants, model.scene.error_field)
+    return by_name({name: errors for name, errors in found.items() if name != "vorticity"})
 
 
 Function = Callable[[Any], Any]
@@ -288,16 +222,6 @@ class Diagnostic:
     units: str
     long_name: str
 
-    @property
-    def label(self) -> str:
-        """Its name and units in a table."""
-        return self.name if self.units == "1" else f"{self.name} [{self.units}]"
-
-    @property
-    def attributes(self) -> dict[str, str]:
-        """Attributes of its variable in a file."""
-        return {"long_name": self.long_name, "units": self.units}
-
 
 DIAGNOSTICS: dict[str, Diagnostic] = {}
 """All registered diagnostics by name."""
@@ -329,7 +253,7 @@ def diagnostic(
 
     Examples:
         >>> from swe_sphere import Simulation, diagnostic
-        >>> from swe_sphere.simulation.diagnostics import forget
+        >>> from swe_sphere.simulation.diagnostics import DIAGNOSTICS
         >>> @diagnostic(units="m s-1")
         ... def jet(sim):
         ...     "largest eastward wind"
@@ -337,7 +261,7 @@ def diagnostic(
         >>> sim = Simulation("williamson2", ne=2, np=4)
         >>> round(sim.run(days=0.1)["jet"])
         39
-        >>> forget("jet")
+        >>> del DIAGNOSTICS["jet"]
 
     Raises:
         ConfigError: the name is no identifier or belongs to another value of files, or the function
@@ -373,15 +297,23 @@ def load_diagnostics(path: Path) -> None:
         raise ConfigError(f"{path} defines no diagnostic: put @diagnostic above a function in it")
 
 
-def forget(name: str) -> None:
-    """Remove the diagnostic of that name, if there is one."""
-    DIAGNOSTICS.pop(name, None)
+def check_options(stepper: str, options: Iterable[str]) -> None:
+    """Raise ConfigError where an option of a stepper has the name of another value of files."""
+    for name in options:
+        if name in DIAGNOSTICS:
+            raise ConfigError(
+                f"the diagnostic {name!r} needs another name: stepper {stepper} has an option of it"
+            )
+        if _is_taken(name):
+            raise ConfigError(
+                f"stepper {stepper}: its option {name!r} needs another name: files have one of it"
+            )
 
 
-class OwnDiagnostics:
-    """The registered diagnostics of one simulation: which are numbers, which are fields.
+class Evaluator:
+    """Computes the numbers of a simulation's snapshots; drifts are relative to its initial state.
 
-    sim: the simulation, which the functions are given.
+    sim: the simulation, which user-defined diagnostics are given.
     """
 
     def __init__(self, sim: Any) -> None:
@@ -392,30 +324,38 @@ class OwnDiagnostics:
         self._shapes: dict[Diagnostic, tuple[int, ...]] = {}
         """Shape of the first value of each: files have variables for it."""
 
-    def check_options(self, stepper: str, options: Iterable[str]) -> None:
-        """Raise ConfigError where an option of a stepper has the name of another value of files."""
-        for name in options:
-            what, other = f"stepper {stepper}: its option", "files have one of it"
-            if name in DIAGNOSTICS:
-                what, other = "the diagnostic", f"stepper {stepper} has an option of it"
-            if name in DIAGNOSTICS or _is_taken(name):
-                raise ConfigError(f"{what} {name!r} needs another name: {other}")
+    @cached_property
+    def _start(self) -> tuple[Numbers, Numbers]:
+        """Integrals, and masses of tracers, of the initial state."""
+        model, start = self._sim.model, self._sim.start
+        masses = tracer_masses(model.mesh, start, model.scene.tracers or ())
+        return state_integrals(model, start), masses
 
-    def __call__(self) -> tuple[Numbers, Fields]:
-        """Return the numbers and the fields (N,) of the present state.
+    def numbers(self, snapshot: Snapshot) -> Numbers:
+        """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
+        model, fields, time = snapshot.model, snapshot.all_fields, snapshot.time
+        scene, mesh, dt = model.scene, model.mesh, self._sim.present_dt
+        start, masses = self._start
+        now = state_integrals(model, fields)
+        found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
+        if dt is not None:
+            found |= courant_numbers(mesh, dt, now)
+        if scene.exact is not None:
+            found |= by_name(flow_errors(model, fields, exact_fields(model, time)))
+        if scene.exact_tracers is not None:
+            found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
+        left_out = () if scene.wind is None else OF_FREE_WINDS
+        return {name: value for name, value in found.items() if name not in left_out}
+
+    def own(self) -> tuple[Numbers, Fields]:
+        """Return numbers and fields (N,) of the present state by user-defined diagnostics.
 
         Raises:
             RunFailed: a function fails, or returns neither, or not the kind it returned at first.
         """
-        numbers: Numbers = {}
-        fields: Fields = {}
-        for name, own in DIAGNOSTICS.items():
-            value = self._value(own)
-            if value.ndim == 0:
-                numbers[name] = float(value)
-            else:
-                fields[name] = value
-        return numbers, fields
+        values = {name: self._value(own) for name, own in DIAGNOSTICS.items()}
+        numbers = {name: float(value) for name, value in values.items() if value.ndim == 0}
+        return numbers, {name: value for name, value in values.items() if value.ndim}
 
     def _value(self, own: Diagnostic) -> Array:
         what = f"the diagnostic {own.name}"

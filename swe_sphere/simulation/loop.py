@@ -6,19 +6,16 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.diagnostics import Snapshot
 from swe_sphere.simulation.observers import Observer
-from swe_sphere.simulation.planning import RunPlan
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
     from swe_sphere.steppers import Trajectory
 
 
@@ -34,42 +31,34 @@ class Interruption:
     """
 
     def __init__(self) -> None:
-        self._received: str | None = None
+        self.received: str | None = None
+        """Name of the signal, None if none has come."""
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._note) for number in _heard()}
+            numbers = [signal.SIGINT, signal.SIGTERM]
+            if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+                numbers.append(signal.SIGHUP)
+            self._before = {number: signal.signal(number, self._note) for number in numbers}
         return self
 
     def __exit__(self, *_: object) -> None:
         self._restore()
 
-    @property
-    def received(self) -> str | None:
-        """Name of the signal, None if none has come."""
-        return self._received
-
     def check(self) -> None:
         """Raise Interrupted if a signal has come."""
-        if self._received is not None:
-            raise Interrupted(f"interrupted by {self._received}")
+        if self.received is not None:
+            raise Interrupted(f"interrupted by {self.received}")
 
     def _note(self, number: int, _: FrameType | None) -> None:
-        self._received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
+        self.received = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         self._restore()
 
     def _restore(self) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._before = {}
-
-
-def _heard() -> list[signal.Signals]:
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if hangup := getattr(signal, "SIGHUP", None):
-        numbers += [hangup] if signal.getsignal(hangup) != signal.SIG_IGN else []
-    return numbers
 
 
 @dataclass
@@ -86,27 +75,25 @@ TICK = 0.1
 """Seconds between two ticks of the observers."""
 
 
-@dataclass
 class Loop:
-    """Steps along a plan."""
+    """Steps a simulation along its plan.
 
-    model: Model
-    stepper: Trajectory
-    plan: RunPlan
-    guard: Observer
-    """Sees the state when it or an observer is due, before any observer does."""
-    observers: Sequence[Observer]
-    """See the state when they are due, and always the last one."""
-    snapshot: Callable[[], Snapshot]
-    """Returns the present state."""
-    clock: Clock
-    """Counts the time of the steps."""
-    time_limit: float = math.inf
-    """Wall time that the steps may take [s]."""
-    _last_tick: float = 0.0
+    Args:
+        sim: the simulation.
+        guard: sees the state when it or an observer is due, before any observer does.
+        observers: see the state when they are due, and always the last one.
+        time_limit: wall time that the steps may take [s].
+    """
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self, sim: Any, guard: Observer, observers: Sequence[Observer], time_limit: float | None
+    ) -> None:
+        self.sim, self.model, self.plan, self.clock = sim, sim.model, sim.plan, sim.clock
+        self.stepper: Trajectory = sim.stepper
+        self.guard, self.observers = guard, observers
+        self.time_limit = math.inf if time_limit is None else time_limit
         self._limit = self.clock.wall_seconds + self.time_limit
+        self._last_tick = 0.0
 
     def run(self, interruption: Interruption) -> None:
         """Step to the end.
@@ -117,14 +104,16 @@ class Loop:
         """
         while self.stepper.steps < self.plan.steps:
             late = self._advance(self._next_stop(), interruption)
-            self._observe()
+            self.guard.observe(self.sim.snapshot)
+            for observer in self.observers:
+                if self.stepper.steps == self.plan.steps or observer.due(self.stepper.steps):
+                    observer.observe(self.sim.snapshot)
             self._stop(interruption, late)
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due."""
-        cycle = self.plan.cycle
+        cycle, everyone = self.plan.cycle, (self.guard, *self.observers)
         following = range(self.stepper.steps + cycle, self.plan.steps, cycle)
-        everyone = (self.guard, *self.observers)
         due = (step for step in following if any(each.due(step) for each in everyone))
         return next(due, self.plan.steps)
 
@@ -133,7 +122,9 @@ class Loop:
 
         Observers that are due after the last step have yet to see the state.
         """
-        self.snapshot().release()
+        import warp as wp
+
+        self.sim.snapshot.release()
         compiled, start = self.model.compile_seconds, time.perf_counter()
         worked = time.process_time() - self.model.launch.compile_cpu_seconds
         deadline = start - compiled + self._limit - self.clock.wall_seconds
@@ -142,29 +133,17 @@ class Loop:
                 self.stepper.step()
                 now = time.perf_counter()
                 self._tick(now)
-                late = now > deadline + self.model.compile_seconds
+                late: bool = now > deadline + self.model.compile_seconds
                 if self.stepper.steps >= stop:
                     break
                 self._stop(interruption, late)
-            self._finish_device()
+            wp.synchronize_device(self.model.device)
             return late
         finally:
             elapsed = time.perf_counter() - start
             self.clock.wall_seconds += elapsed - (self.model.compile_seconds - compiled)
             cpu = time.process_time() - self.model.launch.compile_cpu_seconds
             self.clock.cpu_seconds += cpu - worked
-
-    def _finish_device(self) -> None:
-        import warp as wp
-
-        wp.synchronize_device(self.model.device)
-
-    def _observe(self) -> None:
-        step = self.stepper.steps
-        self.guard.observe(self.snapshot())
-        for observer in self.observers:
-            if step == self.plan.steps or observer.due(step):
-                observer.observe(self.snapshot())
 
     def _stop(self, interruption: Interruption, late: bool = False) -> None:
         """Raise Interrupted or TimedOut on all ranks where there is reason to on one."""

@@ -13,11 +13,9 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, TypeVar
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable
 from swe_sphere.files.user_file import guarded
@@ -25,13 +23,10 @@ from swe_sphere.planet import DAY, HOUR
 from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
 from swe_sphere.simulation.planning import RunPlan
-
-if TYPE_CHECKING:
-    from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.simulation.restart import appends
 
 Function = Callable[[Any], Any]
-P = ParamSpec("P")
-R = TypeVar("R")
+T = TypeVar("T")
 
 
 class Observer:
@@ -114,25 +109,42 @@ SAMPLES = 200
 """Approximate number of samples of the diagnostics in a run."""
 
 
-@dataclass
 class Recorder(Observer):
-    """Writes frames, series of diagnostics and checkpoints."""
+    """Writes frames, series of diagnostics and checkpoints to the file of a simulation, on rank 0.
 
-    plan: RunPlan
-    writer: FrameWriter
-    """Writer of rank 0; other ranks never use theirs."""
-    arrays: Callable[[], Mapping[str, NDArray[np.generic]]]
-    """Returns the arrays of a checkpoint."""
-    stepper: str
-    """Name of the stepper."""
-    _framed: int | None = None
+    The file is open until `close`.  Raises ConfigError where it cannot be made or is of another run
+    than the one to continue, and RunFailed, also from the methods, where the disk refuses.
+    """
 
-    @staticmethod
-    def most_samples(plan: RunPlan, done: int) -> int:
-        """Return an upper bound of the samples of a run of which some steps are done."""
-        ahead = plan.steps - done
-        frames, samples = ahead // plan.frame_steps, ahead // plan.interval(SAMPLES)
-        return min(ahead, frames + samples + 3) + 1
+    def __init__(self, sim: Any) -> None:
+        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
+
+        self.sim = sim
+        self.plan: RunPlan = sim.plan
+        self._framed: int | None = None  # steps before the last frame
+        self._writer: Any = None
+        snapshot, model, out = sim.snapshot, sim.model, sim.config.out
+        continued = sim.comm.on_root(lambda: appends(sim.config))
+        ahead = self.plan.steps - sim.steps
+        due = ahead // self.plan.frame_steps + ahead // self.plan.interval(SAMPLES)
+        given = (
+            out, sim.mesh, sim.attributes(), model.bottom, sim.scene.tracers or (),
+            min(ahead, due + 3) + 1, sim.time if continued else None, snapshot.own_attributes,
+            snapshot.own_fields, model.coriolis, sim.config.fields,
+        )  # fmt: skip
+
+        def open_file() -> str:
+            self._writer = FrameWriter(*given)
+            if continued and self._writer.run_id != sim.run_id:
+                self.close()
+                raise ConfigError(f"out: {out} is of another run now: choose another name")
+            return str(self._writer.run_id)
+
+        sim.run_id = sim.comm.on_root(open_file)
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        """Write the first frame."""
+        self.frame(snapshot)
 
     def due(self, step: int) -> bool:
         """At frames, and in between about `SAMPLES` times a run."""
@@ -144,7 +156,7 @@ class Recorder(Observer):
             self.frame(snapshot)
             return
         numbers = snapshot.diagnostics
-        snapshot.model.comm.on_root(lambda: self.writer.record(snapshot.time, numbers))
+        self.sim.comm.on_root(lambda: self._writer.record(snapshot.time, numbers))
 
     def frame(self, snapshot: Snapshot) -> None:
         """Write a frame and a checkpoint, unless this step has a frame already."""
@@ -152,13 +164,23 @@ class Recorder(Observer):
             return
         numbers, fields = snapshot.diagnostics, snapshot.all_fields | snapshot.own_fields
         self._framed = steps = snapshot.steps
-        arrays = self.arrays()
+        arrays, stepper = self.sim.restart_arrays(), self.sim.config.stepper
 
         def write() -> None:
-            self.writer.write(snapshot.time, fields, numbers)
-            self.writer.checkpoint(arrays, self.plan.dt * steps, steps, self.stepper)
+            self._writer.write(snapshot.time, fields, numbers)
+            self._writer.checkpoint(arrays, self.plan.dt * steps, steps, stepper)
 
-        snapshot.model.comm.on_root(write)
+        self.sim.comm.on_root(write)
+
+    def finish(self, summary: Mapping[str, object]) -> None:
+        """Note in the file, if it has a frame, how the run ended; None stands for no value."""
+        known = {name: value for name, value in summary.items() if value is not None}
+        self.sim.comm.on_root(lambda: self._writer.finish(known) if self._writer.frames else None)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._writer is not None:
+            self._writer.close()
 
 
 @dataclass
@@ -306,43 +328,20 @@ class Callback(Observer):
         _called(f"the callback {name}", self.function, self.sim)
 
 
-class Guarded(Observer):
-    """A user-defined observer, whose errors end the run in one line, as those of callbacks do."""
-
-    def __init__(self, observer: Observer) -> None:
-        self._observer, self._what = observer, f"the observer {type(observer).__name__}"
-
-    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Prepare the observer."""
-        _called(self._what, self._observer.begin, plan, snapshot)
-
-    def due(self, step: int) -> bool:
-        """Return whether the observer is due."""
-        return _called(self._what, self._observer.due, step)
-
-    def observe(self, snapshot: Snapshot) -> None:
-        """Show the observer a state."""
-        _called(self._what, self._observer.observe, snapshot)
-
-    def tick(self, step: int) -> None:
-        """Pass the number of steps on."""
-        _called(self._what, self._observer.tick, step)
-
-    def end(self) -> None:
-        """Finish the observer."""
-        _called(self._what, self._observer.end)
-
-
 def guard(observer: Observer) -> Observer:
-    """Return the observer, guarded unless its class is of this package."""
-    ours = type(observer).__module__.startswith("swe_sphere.")
-    return observer if ours else Guarded(observer)
+    """Return the observer; errors of a user-defined one end the run in one line."""
+    if type(observer).__module__.startswith("swe_sphere."):
+        return observer
+    what, watched = f"the observer {type(observer).__name__}", Observer()
+    for method in ("begin", "due", "observe", "tick", "end"):
+        setattr(watched, method, partial(_called, what, getattr(observer, method)))
+    return watched
 
 
-def _called(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+def _called(what: str, function: Callable[..., T], *arguments: Any) -> T:
     """Return the result of a user-defined function; RunFailed states what failed, and where."""
     try:
-        return guarded(what, function, *args, **kwargs)
+        return guarded(what, function, *arguments)
     except RunFailed:
         raise
     except SweError as error:
@@ -371,19 +370,17 @@ def every(
     """
     units = ((steps, 1.0), (hours, HOUR), (days, DAY))
     asked = [(value, unit) for value, unit in units if value is not None]
-    if len(asked) != 1 or not _can_be_met(*asked[0]) or (steps is not None and steps != int(steps)):
+    seconds = (
+        asked[0][0] * asked[0][1] if len(asked) == 1 and isinstance(asked[0][0], Real) else 0.0
+    )
+    if not 1e-3 <= seconds < math.inf or (steps is not None and steps != int(steps)):
         raise ConfigError(
             "every: give a positive whole number of steps, or of hours, or of days, no less than a"
             " millisecond"
         )
     if steps is not None:
         return lambda function: Callback(function, steps=steps)
-    value, unit = asked[0]
-    return lambda function: Callback(function, seconds=value * unit)
-
-
-def _can_be_met(value: object, unit: float) -> bool:
-    return isinstance(value, Real) and 1e-3 <= float(value) * unit < math.inf
+    return lambda function: Callback(function, seconds=seconds)
 
 
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:

@@ -94,9 +94,10 @@ def time_plan(
     cycle = min(cycle, _parts(whole, Fraction(dt))) if fewer else cycle
     step = whole / cycle
     if step < SHORTEST * Fraction(dt):
+        calls = "".join(f" and calls every {float(time / 3600):g} h" for time in also)
         raise ConfigError(
             f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
-            f" every {float(interval / 3600):g} h{_and_calls(also)}: change every, or take"
+            f" every {float(interval / 3600):g} h{calls}: change every, or take"
             f" dt={float(step):g} or less"
         )
     return RunPlan(float(step), int(length / step), int(interval / step), dt, cycle)
@@ -108,23 +109,18 @@ def _parts(length: Fraction, longest: Fraction) -> int:
 
 
 def continued_plan(
-    days: float,
-    every: float | None,
-    dt: float,
-    done: int,
-    also: Iterable[Fraction] = (),
-    cycle: int = 1,
+    plan: RunPlan, days: float, every: float | None, done: int, also: Iterable[Fraction] = ()
 ) -> RunPlan:
-    """Return the plan of a run that continues with steps of dt [s], of which it has done some.
+    """Return the plan of a run that continues with the steps of an earlier plan.
 
-    Arguments as of `time_plan`.
+    days, every, also: as of `time_plan`.  done: number of steps taken so far.
 
     Raises:
         ConfigError: the length, the frames or the further times are no whole number of steps, or
             the run has already reached that length.
     """
-    long = cycle * dt
-    steps = cycle * _whole("days", days * DAY, long)
+    dt, long = plan.dt, plan.cycle * plan.dt
+    steps = plan.cycle * _whole("days", days * DAY, long)
     if steps <= done:
         raise ConfigError(
             f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
@@ -134,12 +130,7 @@ def continued_plan(
         _whole("every of a callback", float(interval), long)
     interval = _interval(_milliseconds(days * DAY), every, dt)
     frames = _whole("every", float(interval), long) if every else max(1, round(interval / long))
-    return RunPlan(dt, steps, min(cycle * frames, steps), dt, cycle)
-
-
-def _and_calls(also: Iterable[Fraction]) -> str:
-    """Return the times between calls in words."""
-    return "".join(f" and calls every {float(interval / 3600):g} h" for interval in also)
+    return replace(plan, steps=steps, frame_steps=min(plan.cycle * frames, steps), wanted=dt)
 
 
 def _interval(length: Fraction, every: float | None, dt: float) -> Fraction:
@@ -211,19 +202,16 @@ def plan_run(
     Raises:
         ConfigError: step, length, frames and further times do not fit together.
     """
-    dt, rule = _chosen_step(setup, days or 1.0, every)
-    cycle, automatic = tracer_cycle(setup, dt), setup.config.tracer_steps == "auto"
-    return replace(time_plan(days, every, dt, also, cycle, automatic), rule=rule)
-
-
-def _chosen_step(setup: Setup, days: float, every: float | None) -> tuple[float, str]:
-    config = setup.config
+    config, length = setup.config, days or 1.0
     if config.dt != "auto":
-        return config.dt, "as given"
-    if config.adaptive is None:
-        return automatic_step(setup, days)
-    interval = DAY if every is None else every * HOUR
-    return min(interval, days * DAY), "time between frames, in which steps adapt"
+        dt, rule = config.dt, "as given"
+    elif config.adaptive is None:
+        dt, rule = automatic_step(setup, length)
+    else:
+        interval = DAY if every is None else every * HOUR
+        dt, rule = min(interval, length * DAY), "time between frames, in which steps adapt"
+    cycle, automatic = tracer_cycle(setup, dt), config.tracer_steps == "auto"
+    return replace(time_plan(days, every, dt, also, cycle, automatic), rule=rule)
 
 
 def tracer_cycle(setup: Setup, dt: float) -> int:
@@ -234,9 +222,10 @@ def tracer_cycle(setup: Setup, dt: float) -> int:
     from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
 
     config = setup.config
-    asked, adaptive = config.tracer_steps, config.adaptive is not None
-    if asked == 1 or setup.instance is not None:
+    asked = config.tracer_steps
+    if asked == 1:
         return 1
+    adaptive = config.adaptive is not None
     reason = "steps follow their error" if adaptive else why_not(setup.model, setup.kind)
     if reason and asked != "auto":
         raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")

@@ -27,14 +27,25 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".pdf", ".svg")
 
+OF_ONE_RUN = {
+    "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
+    "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
+}  # fmt: skip
+"""Fields of a configuration that belong to one run, and what in Python accepts them."""
+
+INHERITED = RunConfig.model_fields.keys() - {
+    *OF_ONE_RUN, "scene", "dt", "diagnostics", "reference", "time_limit",
+}  # fmt: skip
+"""Fields of the configuration that a resumed run inherits unless they are given."""
+
 
 def appends(config: RunConfig) -> bool:
     """Whether the run continues the file of frames that it resumes from."""
-    out = config.out
-    if out is None or config.restart is None or config.overwrite or not out.exists():
-        return False
     from swe_sphere.io.checkpoint import checkpoint_path
 
+    out = config.out
+    if out is None or config.overwrite or not out.exists():
+        return False
     return any(_is_restart(path, config) for path in (out, checkpoint_path(out)))
 
 
@@ -50,34 +61,26 @@ def check_paths(config: RunConfig) -> None:
         ConfigError: a path is a folder, has no folder or cannot be written to, a picture has an
             unknown ending, or an existing file would be replaced without `overwrite`.
     """
-    for name, path in (("out", config.out), ("plot", config.plot)):
-        if path is not None:
-            _check_path(name, path)
-    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
-        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
-    _check_contents(config)
-
-
-def _check_path(name: str, path: Path) -> None:
+    from swe_sphere.io.checkpoint import checkpoint_path
     from swe_sphere.io.zarr_store import SUFFIX, is_store
 
-    if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
-        raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
-    if not path.parent.is_dir():
-        raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
-    target = path if path.exists() else path.parent
-    if not os.access(target, os.W_OK):
-        raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
-
-
-def _check_contents(config: RunConfig) -> None:
+    for name, path in (("out", config.out), ("plot", config.plot)):
+        if path is None:
+            continue
+        if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
+            raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
+        if not path.parent.is_dir():
+            raise ConfigError(f"{name}: there is no folder {path.parent}: make it first")
+        target = path if path.exists() else path.parent
+        if not os.access(target, os.W_OK):
+            raise ConfigError(f"{name}: {target} cannot be written to: choose another place")
+    if config.plot is not None and config.plot.suffix.lower() not in PICTURES:
+        raise ConfigError(f"plot: {config.plot} must end in {', '.join(PICTURES)}")
     out = config.out
     if out is None or config.overwrite or appends(config):
         return
     if out.exists():
-        raise ConfigError(f"out: {out} {_contents(config)}, or replace it with --overwrite")
-    from swe_sphere.io.checkpoint import checkpoint_path
-
+        raise ConfigError(f"out: {out} {_contents(out)}, or replace it with --overwrite")
     checkpoint = checkpoint_path(out)
     if checkpoint.exists() and not _is_restart(checkpoint, config):
         raise ConfigError(
@@ -86,13 +89,12 @@ def _check_contents(config: RunConfig) -> None:
         )
 
 
-def _contents(config: RunConfig) -> str:
-    """Return what the existing file holds, and what to do about it."""
+def _contents(out: Path) -> str:
+    """Return what an existing file holds, and what to do about it."""
     from swe_sphere.io.runfile import RunFile
 
-    assert config.out is not None
     try:
-        run = RunFile(config.out)
+        run = RunFile(out)
         scene, day = run.attributes["scene"], run.nearest(None) / DAY
     except (ConfigError, KeyError):
         return "is there already and no whole file of a run: choose another name"
@@ -100,16 +102,9 @@ def _contents(config: RunConfig) -> str:
         return f"holds a finished run of {scene}: choose another name"
     return (
         f"holds a run of {scene} that stopped at day {day:.4g}: go on with it"
-        f" (--restart {config.out}), choose another name"
+        f" (--restart {out}), choose another name"
     )
 
-
-INHERITED = frozenset({
-    "stepper", "days", "every", "ne", "np", "stretch", "centre_lon", "centre_lat", "spin", "alpha",
-    "device", "precision", "launch", "settings", "preconditioner", "tolerance",
-    "adaptive", "adaptive_by", "fields", "tracer_steps",
-})  # fmt: skip
-"""Fields of the configuration that a resumed run inherits unless they are given."""
 
 COUNTER = "counter_"
 """Beginning of the names of counters among the arrays of a checkpoint."""
@@ -136,7 +131,7 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
         ConfigError: the checkpoint does not hold the configuration of its run.
     """
     before = configured(config.restart, checkpoint)
-    names = INHERITED if checkpoint.steps else INHERITED | {"dt"}
+    names = INHERITED if checkpoint.steps else {*INHERITED, "dt"}
     kept = {name: value for name, value in before.items() if name in names}
     return make_config(kept | config.given())
 
@@ -182,16 +177,11 @@ def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
     return dt
 
 
-def steps_at_once(checkpoint: Checkpoint) -> int:
-    """Number of steps that the run in a checkpoint takes for one step of its tracers."""
-    return int(checkpoint.attributes.get("steps_at_once", 1))
-
-
 def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
     """Return the counters of the run so far, which are among the arrays of the checkpoint."""
-    arrays = checkpoint.state_dict
-    names = [name for name in arrays if name.startswith(COUNTER)]
-    return {name.removeprefix(COUNTER): np.asarray(arrays[name]).item() for name in names}
+    arrays = checkpoint.state_dict.items()
+    found = {name: np.asarray(array).item() for name, array in arrays if name.startswith(COUNTER)}
+    return {name.removeprefix(COUNTER): count for name, count in found.items()}
 
 
 def _stored(path: str | Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:

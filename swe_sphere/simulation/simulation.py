@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
-import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.compiling import is_watched
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import clear_errors
@@ -29,7 +28,14 @@ from swe_sphere.settings.values import validated
 from swe_sphere.simulation import planning, restart
 from swe_sphere.simulation.build import Inputs, Setup, read_inputs
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.diagnostics import Evaluator, Fields, Numbers, OwnDiagnostics, Snapshot
+from swe_sphere.simulation.diagnostics import (
+    Evaluator,
+    Fields,
+    Numbers,
+    Snapshot,
+    check_options,
+    reference_errors,
+)
 from swe_sphere.simulation.loop import Clock, Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
@@ -50,17 +56,10 @@ if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
 
     from swe_sphere.equations.effects import Effect
-    from swe_sphere.io.netcdf import FrameWriter
     from swe_sphere.steppers import Trajectory
 
 T = TypeVar("T")
 Warn = Callable[[str], None]
-
-PER_RUN = {
-    "out": "run()", "overwrite": "run()", "plot": "plot()", "restart": "from_checkpoint()",
-    "live": "swe-sphere run", "as_json": "swe-sphere run", "quiet": "swe-sphere run",
-}  # fmt: skip
-"""Fields of a configuration that belong to one run, and what accepts them."""
 
 COSTS = (
     "newton_iterations", "krylov_iterations", "rejected_steps", "tangent_evaluations",
@@ -78,8 +77,7 @@ class Simulation:
     Args:
         scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`; or all
             arguments at once as `Inputs`.
-        stepper: the name of a stepper, the path of a .py file with one, a class, or an instance on
-            a model of its own (which then is the model of the simulation).
+        stepper: the name of a stepper, the path of a .py file with one, or a class.
         mesh: in the place of ne, np, stretch, centre_lon, centre_lat and spin.
         preconditioner: of an implicit stepper, by name, path or class.
         effects: parameters {"viscosity.nu": 1e5}, or effects to add.
@@ -138,18 +136,16 @@ class Simulation:
         self._out: Path | None = None  # that file
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
-        self._own = OwnDiagnostics(self)
+        self._evaluator = Evaluator(self)
         self._snapshot: Snapshot | None = None
         self._counted: dict[str, int] = {}  # counters of the model before the first step
         self._carried: Numbers = {}  # counts before a restart
-        if setup.instance is not None:
-            self._start_stepper(setup.instance)
         if setup.checkpoint is not None:
             self.run_id = str(setup.checkpoint.attributes.get("run_id", ""))
             if setup.checkpoint.steps:
                 dt, done = restart.check_step(self.config, setup.checkpoint), setup.checkpoint.steps
-                cycle, rule = restart.steps_at_once(setup.checkpoint), "that of the restart file"
-                self.begin(RunPlan(dt, done, done, dt, cycle, rule))
+                cycle = int(setup.checkpoint.attributes.get("steps_at_once", 1))
+                self.begin(RunPlan(dt, done, done, dt, cycle, "that of the restart file"))
 
     @classmethod
     def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:
@@ -179,7 +175,7 @@ class Simulation:
     @property
     def start(self) -> Fields:
         """All fields of the initial state of the scene, each (N,)."""
-        return self.setup.start
+        return self.setup.initial.with_constants
 
     def stable_dt(self) -> float:
         """Return the stability limit at the initial state [s], about; infinite if there is none."""
@@ -198,23 +194,18 @@ class Simulation:
             ConfigError: step, length, frames and further times do not fit together, or an option of
                 the stepper has the name of a diagnostic.
         """
-        self._own.check_options(self.setup.kind.name, self.setup.options)
+        setup, every = self.setup, self.config.every
+        check_options(setup.kind.name, setup.options)
         if plan is not None:
-            resumed = self.setup.checkpoint is not None
-            self._plan = plan if resumed else planning.with_cycle(self.setup, plan)
-        elif self._stepper is not None and (self._stepper.steps or self.setup.instance):
-            self._plan = self._continued(self._stepper, also)
+            resumed = setup.checkpoint is not None
+            self._plan = plan if resumed else planning.with_cycle(setup, plan)
+        elif self.steps:
+            self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
         else:
-            self._plan = planning.plan_run(self.setup, self.days, self.config.every, also)
-        if self._stepper is None or not (self._stepper.steps or self.setup.instance):
+            self._plan = planning.plan_run(setup, self.days, every, also)
+        if not self.steps:
             with users_code():
-                self._start_stepper(self.setup.new_stepper(self._plan.dt, self._plan.cycle))
-
-    def _continued(self, stepper: Trajectory, also: Sequence[Fraction]) -> RunPlan:
-        cycle, rule = (self._plan.cycle, self._plan.rule) if self._plan else (1, "as given")
-        days, every = self.days, self.config.every
-        plan = planning.continued_plan(days, every, stepper.dt, stepper.steps, also, cycle)
-        return replace(plan, rule=rule)
+                self._start_stepper(setup.new_stepper(self._plan.dt, self._plan.cycle))
 
     def _start_stepper(self, stepper: Trajectory) -> None:
         """Put a stepper at the initial state or where the checkpoint stands."""
@@ -279,48 +270,27 @@ class Simulation:
         Raises:
             Interrupted: the user asked to stop, and an interruption was given.
         """
-        outcome = Outcome()
-        try:
-            with ExitStack() as stack:
-                outcome = self._advance(observers, stack, time_limit, interruption)
-        except Interrupted:
-            raise
-        except (SweError, *BREAKDOWNS) as error:  # of the end of an observer
-            return self._ended_by(error) if outcome.completed else outcome
-        return outcome
-
-    def _advance(
-        self,
-        observers: Sequence[Observer],
-        stack: ExitStack,
-        time_limit: float | None,
-        interruption: Interruption | None,
-    ) -> Outcome:
-        """Advance with observers that end with the stack, each if it has begun."""
         observers = [guard(observer) for observer in observers]
+        failure: Exception | None = None
         try:
-            for observer in observers:
-                observer.begin(self.plan, self.snapshot)
-                stack.callback(observer.end)
-            _ = self.snapshot.own_fields  # a diagnostic that fails does so before the first step
-            health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
-            loop = Loop(
-                self.model, self.stepper, self.plan, health, observers, lambda: self.snapshot,
-                self.clock, math.inf if time_limit is None else time_limit,
-            )  # fmt: skip
-            if interruption is not None:
-                loop.run(interruption)
-            else:
-                with Interruption() as own:
-                    loop.run(own)
-            _ = self.diagnostics  # a diagnostic that fails ends the run like other errors
-        except Interrupted as error:
-            if interruption is not None:
-                raise
-            return self._ended_by(error)
-        except (SweError, *BREAKDOWNS) as error:
-            return self._ended_by(error)
-        return Outcome()
+            with ExitStack() as stack:  # each observer ends if it has begun
+                try:
+                    for observer in observers:
+                        observer.begin(self.plan, self.snapshot)
+                        stack.callback(observer.end)
+                    _ = self.snapshot.own_fields  # one that fails does so before the first step
+                    health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
+                    loop = Loop(self, health, observers, time_limit)
+                    with nullcontext(interruption) if interruption else Interruption() as noted:
+                        loop.run(noted)
+                    _ = self.diagnostics  # one that fails ends the run like other errors
+                except (Interrupted, SweError, *BREAKDOWNS) as error:
+                    if interruption is not None and isinstance(error, Interrupted):
+                        raise
+                    failure = error
+        except (SweError, *BREAKDOWNS) as error:  # of the end of an observer
+            failure = failure or error
+        return Outcome() if failure is None else self._ended_by(failure)
 
     def _ended_by(self, error: Exception) -> Outcome:
         outcome = outcome_of(error, self.time)
@@ -376,92 +346,45 @@ class Simulation:
         self.begin(also=intervals(calls))
         self._out = path or self._out
         observers = [c.on(self, self.plan) if isinstance(c, Callback) else c for c in calls]
-        warn = warn or self._warn
-        self._own.warn = warn
-        for text in (*self.setup.warnings, *self._warnings_of_step()):
+        if self.comm.rank == 0 and (is_watched() if progress is None else progress):
+            observers.append(ProgressBar())
+        self._evaluator.warn = warn = warn or self._warn
+        for text in self.setup.warnings:
             warn(text)
-        self._record([*observers, *self._progress(progress)])
+        dt, limit = self.plan.dt, self.stable_dt()
+        if dt > FAR * limit:
+            warn(
+                f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
+                f" {config.stepper}, {limit:.4g} s: expect the run to blow up"
+            )
+        if config.out is None:
+            self.outcome = self.advance(observers, config.time_limit)
+        else:
+            self._record(observers)
         return self.summary
 
     def _warn(self, text: str) -> None:
         if self.comm.rank == 0:
             warnings.warn(text, stacklevel=3)
 
-    def _warnings_of_step(self) -> list[str]:
-        dt, limit = self.plan.dt, self.stable_dt()
-        if dt <= FAR * limit:
-            return []
-        return [
-            f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
-            f" {self.config.stepper}, {limit:.4g} s: expect the run to blow up"
-        ]
-
-    def _progress(self, wanted: bool | None) -> list[Observer]:
-        if wanted is None:
-            terminal = sys.stderr is not None and sys.stderr.isatty()
-            wanted = terminal or "ipykernel" in sys.modules
-        return [ProgressBar()] if wanted and self.comm.rank == 0 else []
-
     def _record(self, observers: Sequence[Observer]) -> None:
-        """Advance with the file of frames, if one is requested, and note in it how that ended."""
-        if self.config.out is None:
-            self.outcome = self.advance(observers, self.config.time_limit)
-            return
-        with ExitStack() as stack:
-            try:
-                writer = self._open_writer(stack)
-            except RunFailed as error:
-                self.outcome = self._ended_by(error)
-                return
-            recorder = Recorder(self.plan, writer, self._restart_arrays, self.config.stepper)
-            self.outcome = self._written(recorder, observers)
-            known = {k: value for k, value in self.summary.as_dict().items() if value is not None}
-            try:
-                self.comm.on_root(lambda: writer.finish(known) if writer.frames else None)
-            except RunFailed as error:
-                if self.outcome.reason is None:
-                    self.outcome = self._ended_by(error)
-
-    def _written(self, recorder: Recorder, observers: Sequence[Observer]) -> Outcome:
-        """Advance with frames: the first one, those that are due, and that of a sound early end."""
+        """Advance with a file of frames, the last one of a sound early end too."""
+        reason: str | None = None
         try:
-            recorder.frame(self.snapshot)
-        except (RunFailed, ConfigError) as error:
-            return self._ended_by(error)
-        outcome = self.advance([recorder, *observers], self.config.time_limit)
-        if outcome.completed or not outcome.is_sound:
-            return outcome
-        try:
-            HealthCheck(self.snapshot, self.plan, self.stable_dt).observe(self.snapshot)
-            recorder.frame(self.snapshot)
+            with closing(Recorder(self)) as recorder:
+                self.outcome = self.advance([recorder, *observers], self.config.time_limit)
+                reason = self.outcome.reason
+                if self.outcome.is_sound and not self.outcome.completed:
+                    try:
+                        HealthCheck(self.snapshot, self.plan, self.stable_dt).observe(self.snapshot)
+                        recorder.frame(self.snapshot)
+                    except RunFailed as error:
+                        reason = f"{reason}; its last state was not kept: {error}"
+                        self.outcome = Outcome("failed", reason, self.outcome.exit_status)
+                recorder.finish(self.summary.as_dict())
         except RunFailed as error:
-            reason = f"{outcome.reason}; its last state was not kept: {error}"
-            return Outcome("failed", reason, outcome.exit_status)
-        return outcome
-
-    def _open_writer(self, stack: ExitStack) -> FrameWriter:
-        """Return the writer of rank 0, closed with the stack; other ranks never use theirs."""
-        from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
-
-        out = self.config.out
-        assert out is not None
-        from_time = self.time if self.comm.on_root(lambda: restart.appends(self.config)) else None
-        given = (
-            out, self.mesh, self.attributes(), self.model.bottom, self.scene.tracers or (),
-            Recorder.most_samples(self.plan, self.steps), from_time,
-            self.snapshot.own_attributes, self.snapshot.own_fields,
-            self.model.coriolis, self.config.fields,
-        )  # fmt: skip
-        made: list[FrameWriter] = []
-
-        def make() -> str:
-            made.append(stack.enter_context(FrameWriter(*given)))
-            if from_time is not None and made[0].run_id != self.run_id:
-                raise ConfigError(f"out: {out} is of another run now: choose another name")
-            return made[0].run_id
-
-        self.run_id = self.comm.on_root(make)
-        return made[0] if made else cast("FrameWriter", None)
+            if reason is None:
+                self.outcome = self._ended_by(error)
 
     # --- the state and its numbers
 
@@ -470,19 +393,14 @@ class Simulation:
         """The present state, with its fields as arrays (N,)."""
         if self._snapshot is None or self._snapshot.steps != self.steps:
             state = self.model.initial_state() if self._stepper is None else self._stepper.state
-            self._snapshot = Snapshot(
-                self.model, state, self.time, self.steps, self._evaluator, self._own
-            )
+            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self._evaluator)
         return self._snapshot
 
-    @cached_property
-    def _evaluator(self) -> Evaluator:
-        return Evaluator(self.model, self.start, self._step_length)
-
-    def _step_length(self) -> float | None:
-        """Return the present step [s], which follows its error in an adaptive run."""
-        dt = None if self._stepper is None else getattr(self._stepper, "next_dt", self._stepper.dt)
-        return None if dt is None else float(dt)
+    @property
+    def present_dt(self) -> float | None:
+        """Present step [s], which follows its error in an adaptive run; None before `begin`."""
+        stepper = self._stepper
+        return None if stepper is None else float(getattr(stepper, "next_dt", stepper.dt))
 
     @property
     def diagnostics(self) -> Numbers:
@@ -505,6 +423,7 @@ class Simulation:
         """The numbers of the state, and how the last run ended."""
         outcome, cuts = self.outcome, getattr(self._stepper, "cuts", None)
         reference = self.setup.reference if outcome.completed else None
+        against = {} if reference is None else reference_errors(reference, self.snapshot)
         numbers = {
             "scene": self.scene.name,
             **self._method(),
@@ -517,7 +436,7 @@ class Simulation:
             **dict.fromkeys(COSTS, 0),
             **self.counts(),
             **(self.diagnostics if outcome.is_sound else {}),
-            **({} if reference is None else reference(self.snapshot)),
+            **against,
             "stretch": self.mesh.stretch,
             "precision": self.config.precision,
             "days_planned": self.days,
@@ -601,7 +520,7 @@ class Simulation:
         self._begin_once()
         path = Path(path)
         attributes = {name: attribute(value) for name, value in self.attributes().items()}
-        arrays = dict(self._restart_arrays())
+        arrays = dict(self.restart_arrays())
         time, name = self.stepper.dt * self.steps, self.config.stepper
         checkpoint = Checkpoint(arrays, time, self.steps, name, attributes)
 
@@ -616,7 +535,7 @@ class Simulation:
         self.comm.on_root(write)
         return path
 
-    def _restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
+    def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
         """Return the arrays of an exact restart, with the counters, which are carried along."""
         counters = {f"{restart.COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
         return self.stepper.state_dict() | counters
@@ -629,15 +548,13 @@ class Simulation:
         )
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), self._rows())
-
-    def _rows(self) -> list[tuple[str, str]]:
-        if self._stepper is None:
-            return [("scene", self.scene.title), ("result", "not begun")]
-        try:
-            return list(self.summary.rows())
-        except RunFailed as error:
-            return [("scene", self.scene.title), ("why", str(error))]
+        rows = [("scene", self.scene.title), ("result", "not begun")]
+        if self._stepper is not None:
+            try:
+                rows = self.summary.rows()
+            except RunFailed as error:
+                rows[1] = ("why", str(error))
+        return html_table(repr(self), rows)
 
 
 def _begun(value: T | None) -> T:
@@ -648,8 +565,8 @@ def _begun(value: T | None) -> T:
 
 def _check_settings(settings: Iterable[str]) -> None:
     for name in settings:
-        if name in PER_RUN:
-            raise ConfigError(f"{name} is no setting of a simulation: see {PER_RUN[name]}")
+        if place := restart.OF_ONE_RUN.get(name):
+            raise ConfigError(f"{name} is no setting of a simulation: see {place}")
 
 
 def _plot_field(scene: Scene, fields: Sequence[str]) -> dict[str, str]:

@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
+from pathlib import Path
 from typing import Any, TypeVar
 
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
@@ -22,15 +23,8 @@ KEYS = (
 )  # fmt: skip
 """Keys that every JSON line has, in this order; more follow."""
 
-GROUPS = {
-    "error of depth": {"l1": "l1_h", "l2": "l2_h", "linf": "linf_h"},
-    "error of wind": {"l1": "l1_v", "l2": "l2_v", "linf": "linf_v"},
-    "drift": {"mass": "mass_drift", "energy": "energy_drift", "enstrophy": "enstrophy_drift"},
-    "mean": {"vorticity": "total_vorticity", "divergence": "total_divergence"},
-    "Courant number": {"gravity": "courant_gravity", "advective": "courant_advective"},
-    "largest wind [m/s]": {"": "max_wind"},
-}
-"""Rows of the table: labels and names in the JSON line."""
+ROWS = Path(__file__).with_name("summary.j2")
+"""Template of the table."""
 
 
 @dataclass(frozen=True)
@@ -105,30 +99,24 @@ class Summary(Outcome):
         scheme = "" if self["scheme"] == self["stepper"] else f" ({self['scheme']})"
         return f"{self['scene']} with {self['stepper']}{scheme}"
 
-    def rows(self) -> Iterator[tuple[str, str]]:
-        """Yield the lines of a table: labels and values."""
+    def rows(self) -> list[tuple[str, str]]:
+        """Return the lines of a table: labels and values."""
+        from jinja2 import Template  # takes its time to import
+
         n = self.as_dict()
-        yield "scene", str(n["title"])
-        ended = self.status if self.status in ("completed", "not begun") else "stopped early"
-        yield "result", f"{ended} at day {n['days']:.6g} after {n['steps']} steps"
-        yield "mesh", f"ne {n['ne']}, np {n['np']}" + _stretched(n["stretch"])
-        if n["dt"] is not None:
-            yield "time step", _step(n)
-            limit = self.numbers["stable_dt"]  # None where it has not been computed
-            if limit is not None:
-                yield "stability limit", f"{limit:.5g} s" if math.isfinite(limit) else "none"
-        yield "machine", f"{n['device']}, {n['precision']}"
-        yield "time", f"{n['wall_seconds']:.3g} s stepping, {n['compile_seconds']:.3g} s compiling"
-        yield from _costs(n)
-        for title, names in GROUPS.items():
-            there = {label: n[name] for label, name in names.items() if n.get(name) is not None}
-            if there:
-                yield title, ", ".join(f"{label} {x:.3g}".strip() for label, x in there.items())
-        for tracer in (key.removeprefix("min_q_") for key in n if key.startswith("min_q_")):
-            yield f"tracer {tracer}", _tracer(n, tracer)
-        for own in DIAGNOSTICS.values():
-            if own.name in self.numbers:
-                yield own.label, f"{self.numbers[own.name]:.5g}"
+
+        def listed(names: Mapping[str, str]) -> str:
+            """Return the known ones of some values by label."""
+            known = {label: n[name] for label, name in names.items() if n.get(name) is not None}
+            return ", ".join(f"{label} {value:.3g}".strip() for label, value in known.items())
+
+        text = Template(ROWS.read_text(), trim_blocks=True, lstrip_blocks=True).render(
+            n=n, numbers=self.numbers, status=self.status, limit=self.numbers.get("stable_dt"),
+            listed=listed, own=[one for one in DIAGNOSTICS.values() if one.name in self.numbers],
+            tracers=[name.removeprefix("min_q_") for name in n if name.startswith("min_q_")],
+        )  # fmt: skip
+        rows = (line.partition(" | ") for line in text.splitlines())
+        return [(label, value) for label, _, value in rows if value]
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""
@@ -150,43 +138,6 @@ def html_table(title: str, rows: list[tuple[str, str]]) -> str:
     """Return a table for notebooks."""
     cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
-
-
-def _tracer(n: dict[str, Any], name: str) -> str:
-    """Return the known errors, the range and the drift of the mass of a tracer."""
-    names = ("l1", "l2", "linf", "min", "max", "mass_drift")
-    values = {label.replace("_", " "): n.get(f"{label}_q_{name}") for label in names}
-    return ", ".join(f"{label} {x:.3g}" for label, x in values.items() if x is not None)
-
-
-def _costs(n: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "right-hand sides", str(n["rhs_evaluations"])
-    if n["krylov_iterations"]:
-        yield "iterations", f"{n['newton_iterations']} Newton, {n['krylov_iterations']} Krylov"
-    if "accepted_steps" in n:
-        yield "steps in these", f"{n['accepted_steps']}, {n['rejected_steps']} taken back"
-    elif n["rejected_steps"]:
-        yield "rejected steps", str(n["rejected_steps"])
-    if n["setups"]:
-        times = "once" if n["setups"] == 1 else f"{n['setups']} times"
-        yield (
-            "preconditioner",
-            (
-                f"{n.get('preconditioner', 'built in')}: {n['preconditioner_applications']}"
-                f" applications, set up {times} in {n['setup_seconds']:.3g} s"
-            ),
-        )
-
-
-def _stretched(factor: float) -> str:
-    return "" if factor == 1.0 else f", refined {factor:g} times"
-
-
-def _step(n: dict[str, Any]) -> str:
-    text = f"{n['dt']:.6g} s ({n['dt_rule']})"
-    if abs(n["dt"] - n["dt_wanted"]) > 1e-9 * n["dt"]:
-        text += f", shortened from {n['dt_wanted']:.6g} s to fit the frames"
-    return text
 
 
 def finite(value: T) -> T | None:
