@@ -1,25 +1,25 @@
-"""Telling somebody that kernels are being compiled, once it has taken a while."""
+"""Report that kernels are being compiled, once that has taken a while."""
 
 import multiprocessing
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 
 PATIENCE = 1.0
-"""Seconds of compiling after which one is told."""
+"""Seconds of compiling after which it is reported."""
 
 COMPILING = "compiling kernels, the first time only ..."
 
 
 def tell_of_compiling() -> None:
-    """In one line on stderr."""
+    """Print one line on stderr."""
     sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
 class _Listener:
-    """Is called once, when the blocks of `compiling` have taken so long together."""
+    """Calls a function once, when the blocks of `compiling` together have taken so long."""
 
     def __init__(self, call: Callable[[], None]) -> None:
         self._call, self._taken = call, 0.0
@@ -45,13 +45,12 @@ class _Listener:
 
 
 _listener: _Listener | None = None
-"""Of the program; a Python session is told by `_by_itself`."""
-
-_by_itself = _Listener(tell_of_compiling)
+"""Listener of the program; None in a Python session, for which `_of_session` stands in."""
+_of_session = _Listener(tell_of_compiling)
 
 
 def is_watched() -> bool:
-    """Return whether stderr of this very process is a terminal, or it is that of a notebook."""
+    """Return whether stderr of this very process is a terminal, or belongs to a notebook."""
     if multiprocessing.parent_process() is not None or sys.stderr is None:
         return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules
@@ -59,7 +58,7 @@ def is_watched() -> bool:
 
 @contextmanager
 def on_compile(call: Callable[[], None]) -> Iterator[None]:
-    """Within the block the call is made once, from another thread, where compiling takes long."""
+    """Within the block, call a function once, from another thread, if compiling takes long."""
     global _listener
     before, _listener = _listener, _Listener(call)
     try:
@@ -70,7 +69,10 @@ def on_compile(call: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Something is compiled within the block."""
-    listener = _by_itself if _listener is None and is_watched() else _listener
-    with nullcontext() if listener is None else listener.waiting():
+    """Mark a block in which something is compiled."""
+    listener = _of_session if _listener is None and is_watched() else _listener
+    if listener is None:
+        yield
+        return
+    with listener.waiting():
         yield

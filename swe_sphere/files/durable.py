@@ -1,7 +1,7 @@
-"""Files that a kill or a full disk at any moment leaves whole: the old one or the new one.
+"""Files that a kill or a full disk leaves whole, the old one or the new one.
 
-A new file is made beside the place where it is wanted, under a name of its own, and takes that
-place by being renamed, which happens at once or not at all.
+A new file is built beside its place, under another name, and takes its place by being renamed,
+which happens at once or not at all.
 """
 
 import errno
@@ -18,10 +18,9 @@ UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 def write_whole(path: Path, contents: str | bytes) -> None:
-    """Write a file, and its folder if need be, on disk before this returns; text in UTF-8.
+    """Write a file, text in UTF-8, and its folder if need be; both are on the disk afterwards.
 
-    The contents go to a file beside it, of a name that no other process takes, which then takes the
-    place of the old one.  Raises RunFailed if the disk refuses; then the old one is still there.
+    Raises RunFailed if the disk refuses; the old file is then still in its place.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
@@ -29,11 +28,33 @@ def write_whole(path: Path, contents: str | bytes) -> None:
         try:
             with part.open("wb", buffering=0) as file:
                 _put(file.fileno(), contents.encode() if isinstance(contents, str) else contents)
-            os.replace(part, path)  # noqa: PTH105
+            _rename(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-        _sync_folder(path.parent)
+
+
+def _put(file: int, contents: bytes) -> None:
+    """Write all, through to the disk."""
+    left = memoryview(contents)
+    while left:
+        left = left[os.write(file, left) :]
+    os.fsync(file)
+
+
+def _rename(part: Path, path: Path) -> None:
+    part.replace(path)
+    with suppress(OSError):  # some systems cannot sync a folder
+        sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Write a file or a folder through to the disk; raises OSError where that fails."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def take_lock(file: int) -> bool:
@@ -52,47 +73,24 @@ def take_lock(file: int) -> bool:
     return True
 
 
-def _put(file: int, contents: bytes) -> None:
-    """Write all, through to the disk."""
-    left = memoryview(contents)
-    while left:
-        left = left[os.write(file, left) :]
-    os.fsync(file)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a new name in a folder last, where the system can."""
-    with suppress(OSError):
-        sync(folder)
-
-
-def sync(path: Path) -> None:
-    """Write a file or a folder through to the disk; raises OSError where that fails."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
-
-
 def refuse_to_replace(path: Path, overwrite: bool) -> None:
-    """ConfigError if there is something at the path already and nobody said `overwrite`."""
+    """Raise ConfigError if something exists at the path, unless `overwrite` is set."""
     if path.exists() and not overwrite:
         raise ConfigError(f"{path} is there already: choose another name, or say --overwrite")
 
 
 def part_of(path: Path) -> Path:
-    """Where the file for a path is made."""
+    """Return the path at which the file or folder for a path is built."""
     return path.with_name(path.name + ".part")
 
 
 def _old(path: Path) -> Path:
-    """Where a folder is that another one takes the place of."""
+    """Return the path of a folder that is being replaced."""
     return path.with_name(path.name + ".old.part")
 
 
 def check_moved(path: Path) -> None:
-    """ConfigError where a program was killed amid `take_place`: both folders are whole."""
+    """Raise ConfigError where a program was killed amid `take_place`: both folders are whole."""
     if _old(path).exists() and not path.exists():
         raise ConfigError(
             f"{path} was being replaced when a program was killed: rename {part_of(path)} (the new"
@@ -101,15 +99,15 @@ def check_moved(path: Path) -> None:
 
 
 def claim(path: Path, folder: bool = False) -> int:
-    """The file at `part_of(path)`, new or left behind, locked for as long as it is open.
+    """Open the file at `part_of(path)`, new or left behind, and lock it for as long as it is open.
 
     The lock is that of the file and stays with it when it is renamed.  folder: the same for a
-    folder, which is emptied.  Returns its descriptor.
+    folder, which is emptied.  Returns the descriptor.
 
     Raises:
-        ConfigError: another program writes the file, or what is there is of another kind or was
-            left by a program that was killed as it replaced it.
-        OSError: it cannot be made.
+        ConfigError: another program writes the file, or what exists is of another kind or was left
+            by a program that was killed as it replaced it.
+        OSError: it cannot be opened.
     """
     check_moved(path)
     if path.exists():
@@ -121,50 +119,41 @@ def claim(path: Path, folder: bool = False) -> int:
     if folder:
         part.mkdir(exist_ok=True)
     file = _locked(part, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT, path)
-    if not os.path.samestat(part.stat(), os.fstat(file)):
-        os.close(file)
-        raise ConfigError(_taken(path))
     for left in part.iterdir() if folder else ():
         remove(left)
     return file
 
 
 def _locked(place: Path, flags: int, path: Path) -> int:
-    """What is at the place, open; ConfigError if another program holds the lock."""
+    """Open a file and lock it; ConfigError if another program has locked or renamed it."""
     file = os.open(place, flags, 0o666)
-    if not take_lock(file):
+    if not (take_lock(file) and os.path.samestat(place.stat(), os.fstat(file))):
         os.close(file)
-        raise ConfigError(_taken(path))
+        raise ConfigError(f"cannot write {path}: another program writes it")
     return file
 
 
-def _taken(path: Path) -> str:
-    return f"cannot write {path}: another program writes it"
-
-
 def put_in_place(file: int, path: Path) -> None:
-    """What was made at `part_of(path)`, open as `file`, is on the disk and then at the path."""
+    """Sync what was built at `part_of(path)`, open as `file`, and move it to the path."""
     os.fsync(file)
     take_place(path)
 
 
 def take_place(path: Path) -> None:
-    """What was made at `part_of(path)` is then at the path.
+    """Move what was built at `part_of(path)` to the path.
 
     A folder cannot take the place of another one at once: the old one has another name in between.
     """
-    old = _old(path)
     if path.is_dir():
-        remove(old)  # a killed program left it, and there is a newer one
-        path.replace(old)
-    part_of(path).replace(path)
-    _sync_folder(path.parent)
+        remove(_old(path))  # a killed program left it, and there is a newer one
+        path.replace(_old(path))
+    _rename(part_of(path), path)
     if path.is_dir():
-        remove(old)
+        remove(_old(path))
 
 
 def remove(path: Path) -> None:
-    """Remove a file or a folder with all that is in it, as far as it is there and can be."""
+    """Remove a file or a folder with its contents, as far as it exists and can be removed."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -174,19 +163,16 @@ def remove(path: Path) -> None:
 def allocate(file: int, path: Path, size: int) -> None:
     """Make sure that an open file can become so many bytes long (OSError if not).
 
-    Where the file system cannot allocate ahead, its free space is all there is to ask for.
+    Where the file system cannot allocate ahead, its free space must suffice.
     """
     try:
         os.posix_fallocate(file, 0, size)
+        return
     except AttributeError:  # not on this system (macOS)
-        _check_free(path, size)
+        pass
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-        _check_free(path, size)
-
-
-def _check_free(path: Path, size: int) -> None:
     if shutil.disk_usage(path.parent).free < size:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

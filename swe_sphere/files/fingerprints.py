@@ -5,7 +5,6 @@ import json
 import os
 import platform
 import re
-from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -39,40 +38,40 @@ LIBRARIES = ("warp-lang", "numpy", "scipy")
 
 
 def fingerprint(values: object) -> str:
-    """A short name for plain values: equal for equal ones, in any process."""
-    return _short(json.dumps(values, sort_keys=True, default=str).encode())
+    """Return a short name for plain values: equal for equal ones, in any process."""
+    text = json.dumps(values, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def file_fingerprint(path: Path) -> str:
-    """A short name for the contents of a file; OSError if it cannot be read."""
-    return _short(path.read_bytes())
+    """Return a short name for the contents of a file; OSError if it cannot be read."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 @cache
 def code_fingerprint(*more: str) -> str:
-    """A short name for the code that makes the numbers, as this process found it.
+    """Return a short name for the code that makes the numbers, as this process found it.
 
-    It is made of the code of all modules in `NUMBERS` and directly in swe_sphere, of `RUNNING`, and
-    of the versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
+    It covers the code of all modules in `NUMBERS` and directly in swe_sphere, that of `RUNNING`,
+    and the versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
     """
-    root = find_spec("swe_sphere")
-    assert root is not None
     digest = hashlib.sha256(repr([version(name) for name in LIBRARIES]).encode())
-    folders = [("", folder) for folder in root.submodule_search_locations or ()]
-    folders += [(name, folder) for name in (*NUMBERS, *more) for folder in _folders(name)]
-    for name, folder in folders:
-        for path in _modules(name, Path(folder)):
-            contents = code_of(path.read_text(encoding="utf-8")).encode()
-            place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
-            digest.update(place.encode() + contents)
+    for name in ("", *NUMBERS, *more):
+        for folder in _folders(name):
+            paths = sorted(folder.glob("**/*.py" if name else "*.py"))
+            if name == "studies":
+                paths = [folder / f"{module}.py" for module in RUNNING]
+            for path in paths:
+                contents = code_of(path.read_text(encoding="utf-8")).encode()
+                place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
+                digest.update(place.encode() + contents)
     return digest.hexdigest()[:16]
 
 
-def _modules(name: str, folder: Path) -> list[Path]:
-    """Return the modules that count of a package in a folder."""
-    if name == "studies":
-        return [folder / f"{module}.py" for module in RUNNING]
-    return sorted(folder.glob("**/*.py" if name else "*.py"))
+def _folders(name: str) -> list[Path]:
+    """Return where a package of swe_sphere lies, which need not be inside of it."""
+    spec = find_spec(f"swe_sphere.{name}".rstrip("."))
+    return [Path(folder) for folder in (spec and spec.submodule_search_locations) or ()]
 
 
 def code_of(source: str) -> str:
@@ -91,18 +90,8 @@ def _without_text(found: re.Match[str]) -> str:
     return "" if found["comment"] else found[0]
 
 
-def _folders(name: str) -> Iterator[str]:
-    """Where a package of swe_sphere lies, which need not be inside of it."""
-    spec = find_spec(f"swe_sphere.{name}")
-    yield from (spec and spec.submodule_search_locations) or ()
-
-
-def _short(contents: bytes) -> str:
-    return hashlib.sha256(contents).hexdigest()[:16]
-
-
 def processor(device: str = "cpu") -> str:
-    """The name of the processor, or that of a GPU."""
+    """Return the name of the processor, or that of a GPU."""
     if device != "cpu":
         import warp as wp
 
@@ -114,7 +103,7 @@ def processor(device: str = "cpu") -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of this package and of those that do its work."""
+    """Return the versions of Python, of this package and of those that do its work."""
     import warp as wp
 
     return {
@@ -126,6 +115,6 @@ def versions() -> dict[str, str]:
 
 
 def machine() -> str:
-    """Processor, cores, Python and Warp in a line."""
+    """Return processor, cores, Python and Warp in a line."""
     found = versions()
     return f"{processor()}, {os.cpu_count()} cores; Python {found['python']}, Warp {found['warp']}"

@@ -21,7 +21,12 @@ T = TypeVar("T", bound=Named)
 class Registry(Mapping[str, type[T]]):
     """The classes of one kind by name, in an order of their own.
 
-    A class defined anew (a notebook's cell) takes the place of the one before.
+    A class that is defined again (a cell of a notebook) replaces the earlier one.
+
+    Args:
+        kind: what the classes are, for messages.
+        order: sort key; classes of the same key keep the order of their definition.
+        aliases: names by other names, which `find` accepts too.
     """
 
     def __init__(
@@ -30,16 +35,14 @@ class Registry(Mapping[str, type[T]]):
         order: Callable[[type[T]], Any] = lambda cls: 0,
         aliases: Mapping[str, str] | None = None,
     ) -> None:
-        """kind: what they are, for messages; order: what to sort by before the order of definition;
-        aliases: more names, by which `find` knows some of them."""
         self.kind, self.aliases, self._order = kind, aliases or {}, order
         self._classes: dict[str, type[T]] = {}
         self._files: dict[Path, tuple[bytes, type[T]]] = {}
 
     def add(self, cls: type[T]) -> None:
         """Enter a class by its name; ConfigError where the name belongs to another."""
-        there = self._classes.get(cls.name)
-        if there is not None and _place(there) != _place(cls):
+        there = self._classes.get(cls.name, cls)
+        if (there.__module__, there.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ConfigError(
                 f"class {cls.__qualname__}: there is a {self.kind} {cls.name!r} already, in"
                 f" {there.__module__}: give it another name"
@@ -47,61 +50,54 @@ class Registry(Mapping[str, type[T]]):
         self._classes[cls.name] = cls
 
     def __getitem__(self, name: str) -> type[T]:
-        """The class of that name."""
+        """Return the class of that name."""
         return self._classes[name]
 
     def __iter__(self) -> Iterator[str]:
-        """The names, in order."""
+        """Iterate over the names, in order."""
         return iter(sorted(self._classes, key=lambda name: self._order(self._classes[name])))
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of classes."""
         return len(self._classes)
 
     def find(self, which: str | Path | type[T]) -> type[T]:
-        """The class of that name or alias, the one in that Python file, or the class itself.
+        """Return the class of that name or alias, the one in that Python file, or the class itself.
 
         Raises:
             ConfigError: there is none of that name (the nearest is named), the file fails or does
                 not define exactly one, or the class lacks methods.
         """
         if isinstance(which, type):
-            return self._whole(which)
-        if is_user_file(which):
-            return self._loaded(Path(which))
-        name = self.aliases.get(str(which), str(which))
-        if name not in self._classes:
-            raise unknown_name(self.kind, str(which), (*self, *self.aliases))
-        return self._whole(self._classes[name])
+            found = which
+        elif is_user_file(which):
+            found = self._loaded(Path(which))
+        else:
+            name = self.aliases.get(str(which), str(which))
+            if name not in self._classes:
+                raise unknown_name(self.kind, str(which), (*self, *self.aliases))
+            found = self._classes[name]
+        if isabstract(found):
+            lacking = ", ".join(sorted(found.__abstractmethods__))
+            raise ConfigError(f"{self.kind} {found.__qualname__} does not define {lacking}")
+        return found
 
     def _loaded(self, path: Path) -> type[T]:
-        """The class in a file, the same one as long as the file has not been edited."""
-        contents = file_contents(path, self.kind)
+        """Return the class in a file, the same one as long as the file has not been edited.
+
+        The class does not stay among those known by name.
+        """
+        contents, before = file_contents(path, self.kind), dict(self._classes)
         if path not in self._files or self._files[path][0] != contents:
-            self._files[path] = contents, self._load(path)
+            try:
+                load_file(path, self.kind)
+                found = [cls for name, cls in self._classes.items() if before.get(name) is not cls]
+            finally:
+                self._classes = before
+            if len(found) != 1:
+                names = ", ".join(cls.name for cls in found) or "none"
+                raise ConfigError(
+                    f"{path} must define one {self.kind}, a class with a name; it has {names}"
+                )
+            self._files[path] = contents, found[0]
         return self._files[path][1]
-
-    def _load(self, path: Path) -> type[T]:
-        """The class that the file defines, which does not stay among those known by name."""
-        before = dict(self._classes)
-        try:
-            load_file(path, self.kind)
-            found = [cls for name, cls in self._classes.items() if before.get(name) is not cls]
-        finally:
-            self._classes = before
-        if len(found) != 1:
-            names = ", ".join(cls.name for cls in found) or "none"
-            raise ConfigError(
-                f"{path} must define one {self.kind}, a class with a name; it has {names}"
-            )
-        return self._whole(found[0])
-
-    def _whole(self, cls: type[T]) -> type[T]:
-        if isabstract(cls):
-            lacking = ", ".join(sorted(cls.__abstractmethods__))
-            raise ConfigError(f"{self.kind} {cls.__qualname__} does not define {lacking}")
-        return cls
-
-
-def _place(cls: type) -> tuple[str, str]:
-    return cls.__module__, cls.__qualname__

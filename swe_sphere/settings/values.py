@@ -1,10 +1,10 @@
-"""What a user gives by name, as text, in TOML or from Python: made into what is asked for.
+"""Conversion of what users give, as text, in TOML or from Python, to values of the right type.
 
 Settings read "owner.parameter=value"; the owner is an effect, the scene or the stepper.
 """
 
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
@@ -26,7 +26,7 @@ _DEFAULT = "default"
 
 
 def names_in(text: str | None) -> list[str]:
-    """Those of a list A,B,..."""
+    """Return the names in a list A,B,..."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
@@ -54,29 +54,23 @@ def read_settings(given: object) -> tuple[Setting, ...]:
     Raises:
         ConfigError: a text or a mapping does not have that form.
     """
-    if isinstance(given, Mapping):
-        return tuple(_settings_in(given))
     try:
-        items: Iterable[Any] = [given] if isinstance(given, str) else iter(given)  # type: ignore[call-overload]
-        return tuple(_setting(item) for item in items)
+        if not isinstance(given, Mapping):
+            items: Any = [given] if isinstance(given, str) else given
+            return tuple(_setting(item) for item in items)
+        found = []
+        for key, value in given.items():
+            if isinstance(value, Mapping):
+                found += [Setting(str(key), name, _plain(of)) for name, of in value.items()]
+            else:
+                owner, parameter = str(key).split(".", 1)
+                found.append(Setting(owner, parameter, _plain(value)))
+        return tuple(found)
     except (TypeError, ValueError):
-        raise _unfit("a list of EFFECT.PARAMETER=VALUE", given) from None
-
-
-def _unfit(choice: str, given: object) -> ConfigError:
-    return ConfigError(f"{flag_of('settings')}: must be {choice}, not {shown(given)}")
-
-
-def _settings_in(table: Mapping[str, object]) -> Iterator[Setting]:
-    for key, value in table.items():
-        owner, dot, parameter = str(key).partition(".")
-        if isinstance(value, Mapping):
-            yield from (Setting(str(key), name, _plain(of)) for name, of in value.items())
-        elif dot:
-            yield Setting(owner, parameter, _plain(value))
-        else:
+        choice = "a list of EFFECT.PARAMETER=VALUE"
+        if isinstance(given, Mapping):
             choice = "tables [set.EFFECT] of parameters, or EFFECT.PARAMETER=VALUE"
-            raise _unfit(choice, table)
+        raise ConfigError(f"{flag_of('settings')}: must be {choice}, not {shown(given)}") from None
 
 
 def _setting(item: Any) -> Setting:
@@ -91,7 +85,7 @@ def _setting(item: Any) -> Setting:
     return Setting(owner, parameter, value.strip())
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> object:
     """Return a value that JSON can hold where the value is a scalar of an array, or a path."""
     if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
         return value.item()
@@ -107,47 +101,44 @@ def by_owner(settings: Iterable[Setting]) -> dict[str, dict[str, Any]]:
 
 
 def convert(label: str, kind: Any, value: object, finite: bool = True) -> Any:
-    """The value as the type that an annotation names.
+    """Return the value as the type that an annotation names.
 
     Args:
         label: what the value is for, which begins the message.
         kind: float, int, bool, str, Path, `Literal[...]` of words or numbers, or one of these
             `| None`, where "default" stands for None.
         value: a value, or text that can be read as such.
-        finite: whether numbers have to be.
+        finite: whether numbers have to be finite.
 
     Raises:
         ConfigError: the value cannot be read.
     """
     given = value.strip() if isinstance(value, str) else value
-    kinds = [each for each in get_args(kind) if each is not NoneType]
-    optional = len(kinds) < len(get_args(kind))
-    if optional and (given is None or str(given).lower() == _DEFAULT):
-        return None
-    if optional:
-        kind, kinds = kinds[0], [*get_args(kinds[0])]
+    other = ""
+    if NoneType in get_args(kind):
+        if given is None or str(given).lower() == _DEFAULT:
+            return None
+        kind, other = get_args(kind)[0], f" or {_DEFAULT!r}"
+    expected = f"must be {_NOUNS.get(kind)}"
     if get_origin(kind) is Literal:
-        words = {str(word): word for word in kinds}
-        expected = f"must be one of {', '.join(words)}"
+        words = {str(word): word for word in get_args(kind)}
         if (word := str(given).lower()) in words:
             return words[word]
-    else:
-        expected = f"must be {_NOUNS.get(kind)}"
-        if not (isinstance(given, bool) and kind in (float, int)):
-            config = ConfigDict(allow_inf_nan=not finite, coerce_numbers_to_str=True)
-            try:
-                return TypeAdapter(kind, config=config).validate_python(given)
-            except ValidationError as error:
-                if kind not in _NOUNS:
-                    expected = complaint(error)
-                elif kind is float and "finite" in complaint(error):
-                    expected = "must be finite"
-    other = f" or {_DEFAULT!r}" if optional else ""
+        expected = f"must be one of {', '.join(words)}"
+    elif not (isinstance(given, bool) and kind in (float, int)):
+        config = ConfigDict(allow_inf_nan=not finite, coerce_numbers_to_str=True)
+        try:
+            return TypeAdapter(kind, config=config).validate_python(given)
+        except ValidationError as error:
+            if kind not in _NOUNS:
+                expected = complaint(error)
+            elif kind is float and "finite" in complaint(error):
+                expected = "must be finite"
     raise ConfigError(f"{label} {expected}{other}, not {shown(value)}")
 
 
 def complaint(error: ValidationError) -> str:
-    """What a value must be, in words: the first thing that pydantic finds wrong."""
+    """Return what a value must be: the first thing that pydantic finds wrong."""
     first = error.errors(include_url=False)[0]
     if first["type"] == "too_short":
         return "must not be empty"
@@ -155,8 +146,14 @@ def complaint(error: ValidationError) -> str:
     return message.removeprefix("Value error, ").replace("Input should", "must")
 
 
+def place_and_complaint(error: ValidationError) -> str:
+    """Return the first thing that is wrong in the tables of a file, after its place."""
+    where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
+    return f"{where}: {complaint(error)}" if where else complaint(error)
+
+
 def validated(model: type[M], values: Mapping[str, object]) -> M:
-    """The model of what the user said.
+    """Return the model of some values.
 
     Raises:
         ConfigError: an unknown name or an unfit value, in one line that names the flag.
@@ -164,43 +161,33 @@ def validated(model: type[M], values: Mapping[str, object]) -> M:
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:
-        raise ConfigError(_first_complaint(error, model)) from None
-
-
-def _first_complaint(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first complaint about values of the model as "flag: what is wrong, not value"."""
-    first = error.errors(include_url=False)[0]
-    name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
-    if first["type"] == "extra_forbidden":
-        names = ", ".join(sorted(map(flag_of, model.model_fields)))
-        return f"there is no option {name!r}; there are {names}"
-    if first["type"] == "missing":
-        return f"{name}: say which one to run (swe-sphere list shows what there is)"
-    return f"{name}: {complaint(error)}, not {shown(first['input'])}"
+        first = error.errors(include_url=False)[0]
+        name = flag_of(str(first["loc"][0])) if first["loc"] else "configuration"
+        line = f"{name}: {complaint(error)}, not {shown(first['input'])}"
+        if first["type"] == "extra_forbidden":
+            names = ", ".join(sorted(map(flag_of, model.model_fields)))
+            line = f"there is no option {name!r}; there are {names}"
+        elif first["type"] == "missing":
+            line = f"{name}: say which one to run (swe-sphere list shows what there is)"
+        raise ConfigError(line) from None
 
 
 def flag_of(field: str) -> str:
-    """Name of a field on the command line."""
+    """Return the name of a field on the command line."""
     return _FLAGS.get(field, field.replace("_", "-"))
 
 
 def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by the names of fields, from those by the names of flags."""
+    """Return a table by the names of fields, from one by the names of flags."""
     fields = {flag: field for field, flag in _FLAGS.items()}
     return {fields.get(key, key.replace("-", "_")): value for key, value in table.items()}
 
 
-def place_and_complaint(error: ValidationError) -> str:
-    """Where in a file's tables the first thing is wrong, and what."""
-    where = ".".join(str(part) for part in error.errors(include_url=False)[0]["loc"])
-    return f"{where}: {complaint(error)}" if where else complaint(error)
-
-
 def read_toml(path: Path) -> dict[str, Any]:
-    """The table in the file.
+    """Return the table in a file.
 
     Raises:
-        ConfigError: the file is not there, cannot be read or is no TOML.
+        ConfigError: the file does not exist, cannot be read or is no TOML.
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
