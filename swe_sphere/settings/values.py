@@ -51,8 +51,7 @@ def read_settings(given: object) -> tuple[Setting, ...]:
         given: one text, a list of texts and settings, or a mapping: {"owner": {"parameter": value}}
             as TOML has it, or {"owner.parameter": value}.
 
-    Raises:
-        ConfigError: a text or a mapping does not have that form.
+    Raises ConfigError for a text or a mapping of another form.
     """
     try:
         if not isinstance(given, Mapping):
@@ -155,8 +154,7 @@ def place_and_complaint(error: ValidationError) -> str:
 def validated(model: type[M], values: Mapping[str, object]) -> M:
     """Return the model of some values.
 
-    Raises:
-        ConfigError: an unknown name or an unfit value, in one line that names the flag.
+    Raises ConfigError for an unknown name or an unfit value, in one line that names the flag.
     """
     try:
         return model.model_validate(dict(values))
@@ -184,11 +182,7 @@ def by_field(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table in a file.
-
-    Raises:
-        ConfigError: the file does not exist, cannot be read or is no TOML.
-    """
+    """Return the table in a file; ConfigError where it cannot be read or is no TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -27,6 +27,7 @@ from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import Snapshot, load_diagnostics
 from swe_sphere.simulation.restart import (
+    OF_ONE_RUN,
     adopt,
     check_identity,
     check_paths,
@@ -37,7 +38,6 @@ from swe_sphere.simulation.restart import (
 from swe_sphere.testcases import get_scene
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
     from swe_sphere.io.checkpoint import Checkpoint
     from swe_sphere.io.reference_solution import Reference
     from swe_sphere.solvers.preconditioners import Preconditioner
@@ -75,9 +75,11 @@ def read_inputs(
 ) -> Inputs:
     """Return the inputs in the arguments of `Simulation`.
 
-    Raises:
-        ConfigError: an object is not of the requested kind, or two arguments contradict each other.
+    Raises ConfigError where an object is not of the requested kind, an argument belongs elsewhere,
+    or two arguments contradict each other.
     """
+    for name in OF_ONE_RUN.keys() & fields.keys():
+        raise ConfigError(f"{name} is no setting of a simulation: see {OF_ONE_RUN[name]}")
     _check_kinds(scene, stepper, mesh, preconditioner, parameters, options)
     changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
     added = tuple(added) if isinstance(added, Iterable) else (added,)
@@ -131,8 +133,7 @@ def _unfit(what: str, choice: str, thing: object) -> ConfigError:
 class Setup:
     """Everything of a run that stays the same while it is stepped; cheap checks come first.
 
-    Raises:
-        ConfigError: the inputs cannot be run, in one line.
+    Raises ConfigError where the inputs cannot be run.
     """
 
     def __init__(self, inputs: Inputs) -> None:
@@ -168,7 +169,13 @@ class Setup:
         self._preconditioner = inputs.preconditioner
         self.options = stepper_options(self.kind, config)
         """Options of the stepper by name."""
-        self.model = self._new_model()
+        start_warp()  # takes its time
+        from swe_sphere.equations.model import Model
+
+        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
+        launch = config.device, config.precision, config.launch
+        self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
+        """The compiled right-hand side."""
         self.warnings = code_warnings(config, checkpoint)
         """What the user should know before the run."""
         self.limits: dict[str, float] = {}
@@ -182,17 +189,6 @@ class Setup:
                 f"{self.config.reference} is of day {time / DAY:g}, the run ends at day {days:g}:"
                 f" take days={time / DAY:g} or another reference"
             )
-
-    def _new_model(self) -> Model:
-        """Return the compiled right-hand side; start Warp, which takes a while, for it."""
-        start_warp()
-        from swe_sphere.equations.model import Model
-
-        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
-        config = self.config
-        return Model(
-            self.mesh, self.scene, config.device, config.precision, config.launch, comm=self.comm
-        )
 
     def new_stepper(self, dt: float, cycle: int = 1) -> Trajectory:
         """Return the stepper of the configuration with steps of dt [s].
@@ -222,8 +218,7 @@ class Setup:
     def stable_dt(self) -> float:
         """Return the stability limit at the initial state [s], about; infinite if there is none.
 
-        Raises:
-            ConfigError: the stepper does not return a number.
+        Raises ConfigError where the stepper does not return a number.
         """
         if "stable" not in self.limits:
             counted = dict(self.model.counters)
@@ -247,10 +242,8 @@ def make_scene(
 ) -> Scene:
     """Return the scene with the parameters and effects of the configuration.
 
-    own: a scene in the place of the named one.  effects: further effects.
-
-    Raises:
-        ConfigError: there is no such scene, parameter or effect, or a value does not fit.
+    own: a scene in the place of the named one.  effects: further effects.  Raises ConfigError where
+    there is no such scene, parameter or effect, or a value does not fit.
     """
     scene = own
     if scene is None:
@@ -295,8 +288,7 @@ def make_mesh(config: RunConfig, scene: Scene, made: Mesh | None = None) -> Mesh
 def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     """Return all options of a stepper: as configured, and else their defaults.
 
-    Raises:
-        ConfigError: the stepper has no such option, or the value does not fit.
+    Raises ConfigError where the stepper has no such option, or the value does not fit.
     """
     known = inspect.signature(kind, eval_str=True).parameters
     # a default that depends on the scheme is an attribute of its class

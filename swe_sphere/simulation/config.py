@@ -27,7 +27,7 @@ from swe_sphere.settings.values import (
 
 
 def or_auto(kind: Any, words: str) -> BeforeValidator:
-    """Reads the word "auto" or a value of that kind, also from text; words: what it must be."""
+    """Return what reads "auto" or a value of that kind, also from text; words: for messages."""
     adapter = TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False))
 
     def read(value: object) -> object:
@@ -42,21 +42,21 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
 
 
 def _no_switch(value: object) -> object:
-    """The value; ValueError for a switch, which pydantic would take for 1 or 0."""
+    """Return the value; ValueError for a switch, which pydantic would take for 1 or 0."""
     if isinstance(value, bool):
         raise ValueError("must be a valid number")
     return value
 
 
 def plain_number(value: object) -> object:
-    """The value; ValueError for a switch or a text, which pydantic would make a number of."""
+    """Return the value; ValueError for a switch or a text, which pydantic would convert."""
     if isinstance(value, str):
         raise ValueError("must be a valid number")
     return _no_switch(value)
 
 
 def _nameable(path: Path) -> Path:
-    """The path; ValueError for one that no file can have, or that cannot be looked at."""
+    """Return the path; ValueError for one that no file can have."""
     if "\0" in str(path):
         raise ValueError("must be the name of a file")
     try:
@@ -176,23 +176,15 @@ class RunConfig(SharedConfig):
         return by_owner(self.settings).get(owner, {})
 
     def given(self) -> dict[str, Any]:
-        """The values that were asked for, without the defaults."""
+        """Return the requested values, without the defaults."""
         return {name: getattr(self, name) for name in sorted(self.model_fields_set)}
 
 
 def make_config(values: Mapping[str, object]) -> RunConfig:
-    """The configuration of these values.
-
-    Raises:
-        ConfigError: an unknown name or an unfit value, in one line that names the field.
-    """
+    """Return the configuration of these values; raises ConfigError as `validated`."""
     return validated(RunConfig, values)
 
 
 def load_config(path: Path) -> dict[str, object]:
-    """The values in a TOML file, with the names of the flags.
-
-    Raises:
-        ConfigError: the file is not there or is no TOML.
-    """
+    """Return the values in a TOML file, with the names of the flags; as `read_toml`."""
     return by_field(read_toml(path))

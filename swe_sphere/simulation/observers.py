@@ -368,11 +368,11 @@ def every(
     Raises:
         ConfigError: none or more than one of the three is given, or one that is not positive.
     """
-    units = ((steps, 1.0), (hours, HOUR), (days, DAY))
+    units: tuple[tuple[Any, float], ...] = ((steps, 1.0), (hours, HOUR), (days, DAY))
     asked = [(value, unit) for value, unit in units if value is not None]
-    seconds = (
-        asked[0][0] * asked[0][1] if len(asked) == 1 and isinstance(asked[0][0], Real) else 0.0
-    )
+    seconds = 0.0
+    if len(asked) == 1 and isinstance(asked[0][0], Real):
+        seconds = float(asked[0][0]) * asked[0][1]
     if not 1e-3 <= seconds < math.inf or (steps is not None and steps != int(steps)):
         raise ConfigError(
             "every: give a positive whole number of steps, or of hours, or of days, no less than a"

@@ -70,16 +70,10 @@ def time_plan(
 ) -> RunPlan:
     """Return the plan of a new run.
 
-    Args:
-        days: length of the run [days]; 0 for a plan without a step.
-        every: time between frames [h]; None: about a day.
-        dt: time step [s], which may be shortened a little.
-        also: further times [s] whose multiples fall on steps.
-        cycle: steps that are taken together.
-        fewer: whether the cycle may be shortened.
-
-    Raises:
-        ConfigError: no step near dt fits the length and the frames.
+    days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
+    None: about a day.  dt: time step [s], which may be shortened a little.  also: further times [s]
+    whose multiples fall on steps.  cycle: steps that are taken together; fewer: or fewer of them.
+    Raises ConfigError where no step near dt fits the length and the frames.
     """
     if days == 0.0:
         return RunPlan(dt, 0, 1, dt)
@@ -113,11 +107,9 @@ def continued_plan(
 ) -> RunPlan:
     """Return the plan of a run that continues with the steps of an earlier plan.
 
-    days, every, also: as of `time_plan`.  done: number of steps taken so far.
-
-    Raises:
-        ConfigError: the length, the frames or the further times are no whole number of steps, or
-            the run has already reached that length.
+    days, every, also: as of `time_plan`.  done: number of steps taken so far.  Raises ConfigError
+    where the length, the frames or the further times are no whole number of steps, or where the run
+    has already reached that length.
     """
     dt, long = plan.dt, plan.cycle * plan.dt
     steps = plan.cycle * _whole("days", days * DAY, long)
@@ -171,10 +163,8 @@ def automatic_step(setup: Setup, days: float) -> tuple[float, str]:
 
     It is a safe part of the stability limit.  Where there is no limit, the fastest initial wind has
     the advective Courant number of the stepper on the finest spacing of the mesh, in a step that is
-    at most the longest one of the stepper.  days: length of the run, which no step exceeds.
-
-    Raises:
-        ConfigError: the stability limit is no positive number.
+    at most the longest one of the stepper.  days: length of the run, which no step exceeds.  Raises
+    ConfigError where the stability limit is no positive number.
     """
     kind, fields, limit = setup.kind, setup.initial.fields, setup.stable_dt()
     if not limit > 0.0:
@@ -197,10 +187,7 @@ def plan_run(
 ) -> RunPlan:
     """Return the plan of a new run, with the requested step or else an automatic one.
 
-    days, every, also: as of `time_plan`.
-
-    Raises:
-        ConfigError: step, length, frames and further times do not fit together.
+    days, every, also, ConfigError: as of `time_plan`.
     """
     config, length = setup.config, days or 1.0
     if config.dt != "auto":
@@ -221,12 +208,12 @@ def tracer_cycle(setup: Setup, dt: float) -> int:
     """
     from swe_sphere.steppers.tracer_steps import tracer_limit, why_not
 
-    config = setup.config
-    asked = config.tracer_steps
+    asked = setup.config.tracer_steps
     if asked == 1:
         return 1
-    adaptive = config.adaptive is not None
-    reason = "steps follow their error" if adaptive else why_not(setup.model, setup.kind)
+    reason: str | None = "steps follow their error"
+    if setup.config.adaptive is None:
+        reason = why_not(setup.model, setup.kind)
     if reason and asked != "auto":
         raise ConfigError(f"tracer-steps={asked}: {reason}; leave tracer-steps out")
     limit = 0.0 if reason else tracer_limit(setup.model)

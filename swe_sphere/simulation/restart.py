@@ -57,9 +57,8 @@ def _is_restart(path: Path, config: RunConfig) -> bool:
 def check_paths(config: RunConfig) -> None:
     """Check, before anything is computed, that the files of a run can be written.
 
-    Raises:
-        ConfigError: a path is a folder, has no folder or cannot be written to, a picture has an
-            unknown ending, or an existing file would be replaced without `overwrite`.
+    Raises ConfigError where a path is a folder, has no folder or cannot be written to, a picture
+    has an unknown ending, or an existing file would be replaced without `overwrite`.
     """
     from swe_sphere.io.checkpoint import checkpoint_path
     from swe_sphere.io.zarr_store import SUFFIX, is_store
@@ -125,11 +124,7 @@ def configured(path: str | Path | None, checkpoint: Checkpoint) -> dict[str, obj
 
 
 def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
-    """Return the configuration, with the values of the checkpoint for what it leaves open.
-
-    Raises:
-        ConfigError: the checkpoint does not hold the configuration of its run.
-    """
+    """Return the configuration, with the values of the checkpoint for what it leaves open."""
     before = configured(config.restart, checkpoint)
     names = INHERITED if checkpoint.steps else {*INHERITED, "dt"}
     kept = {name: value for name, value in before.items() if name in names}
@@ -218,10 +213,8 @@ def scene_sources(name: str, scene: Scene) -> dict[str, str]:
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
     data are those whose names are parameters of the scene; what a Python scene reads besides is not
-    known.  The result is empty for a scene of the package without data.
-
-    Raises:
-        ConfigError: a file has disappeared since the scene was made.
+    known.  The result is empty for a scene of the package without data.  Raises ConfigError where a
+    file has disappeared since the scene was made.
     """
     with _readable():
         files = scene_files(name)
@@ -237,8 +230,7 @@ def scene_sources(name: str, scene: Scene) -> dict[str, str]:
 def method_sources(config: RunConfig) -> dict[str, str]:
     """Return fingerprints of the user-defined files of stepper and preconditioner.
 
-    Raises:
-        ConfigError: a file has disappeared since it was loaded.
+    Raises ConfigError where a file has disappeared since it was loaded.
     """
     names = {"stepper": config.stepper, "preconditioner": config.preconditioner}
     files = {what: Path(file) for what, file in names.items() if file and is_user_file(file)}

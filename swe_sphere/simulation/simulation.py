@@ -117,7 +117,6 @@ class Simulation:
             "parameters": parameters, "options": options, **settings,
         }  # fmt: skip
         if not isinstance(scene, Inputs):
-            _check_settings(settings)
             scene = read_inputs(scene, **given)
         elif more := [name for name, value in given.items() if value not in (None, ())]:
             raise ConfigError(f"Inputs hold all arguments already: leave out {', '.join(more)}")
@@ -159,11 +158,11 @@ class Simulation:
         """
         from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
-        _check_settings(settings)
         checkpoint = read_checkpoint(path)
         scene = scene or str(restart.configured(path, checkpoint)["scene"])
-        inputs = read_inputs(scene, **settings, restart=Path(path))
-        return cls(replace(inputs, checkpoint=checkpoint))
+        inputs = read_inputs(scene, **settings)
+        config = inputs.config.model_copy(update={"restart": Path(path)})
+        return cls(replace(inputs, config=config, checkpoint=checkpoint))
 
     # --- what it is made of
 
@@ -203,22 +202,18 @@ class Simulation:
             self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
         else:
             self._plan = planning.plan_run(setup, self.days, every, also)
-        if not self.steps:
-            with users_code():
-                self._start_stepper(setup.new_stepper(self._plan.dt, self._plan.cycle))
-
-    def _start_stepper(self, stepper: Trajectory) -> None:
-        """Put a stepper at the initial state or where the checkpoint stands."""
-        checkpoint = self.setup.checkpoint
-        state = self.model.initial_state()
-        self._stepper, self._snapshot = stepper, None
-        self._counted = dict(self.model.counters)
+        if self.steps:
+            return
         with users_code():
-            if checkpoint is not None:
-                self._carried = restart.carried_counts(checkpoint)
-                stepper.load_state_dict(checkpoint.state_dict, checkpoint.steps)
-            elif stepper.steps == 0:
+            stepper = setup.new_stepper(self._plan.dt, self._plan.cycle)
+            state = self.model.initial_state()
+            self._stepper, self._snapshot = stepper, None
+            self._counted = dict(self.model.counters)
+            if setup.checkpoint is None:
                 stepper.start(state)
+            else:
+                self._carried = restart.carried_counts(setup.checkpoint)
+                stepper.load_state_dict(setup.checkpoint.state_dict, setup.checkpoint.steps)
 
     @property
     def stepper(self) -> Trajectory:
@@ -474,8 +469,19 @@ class Simulation:
             "stepper_options": self.setup.options,
             "days": self.days,
             "start_step": self.steps,
-            **_plot_field(self.scene, self.config.fields),
+            **self._plot_field(),
         }
+
+    def _plot_field(self) -> dict[str, str]:
+        """Return what a picture shows by default: the first tracer where the wind is prescribed.
+
+        A file that lacks that field, or else depth, shows the first of its fields.
+        """
+        carried = None if self.scene.wind is None else self.scene.tracers
+        usual = f"q_{next(iter(carried))}" if carried else "h"
+        if self.config.fields and usual not in self.config.fields:
+            return {"plot_field": self.config.fields[0]}
+        return {"plot_field": usual} if carried else {}
 
     @property
     def state(self) -> xr.Dataset:
@@ -561,24 +567,6 @@ def _begun(value: T | None) -> T:
     if value is None:
         raise ConfigError("the simulation has not begun: call begin(), step() or run() first")
     return value
-
-
-def _check_settings(settings: Iterable[str]) -> None:
-    for name in settings:
-        if place := restart.OF_ONE_RUN.get(name):
-            raise ConfigError(f"{name} is no setting of a simulation: see {place}")
-
-
-def _plot_field(scene: Scene, fields: Sequence[str]) -> dict[str, str]:
-    """Return what a picture shows by default: the first tracer where the wind is prescribed.
-
-    A file that lacks that field, or else depth, shows the first of its fields.
-    """
-    carried = scene.tracers if scene.wind is not None else None
-    usual = f"q_{next(iter(carried))}" if carried else "h"
-    if fields and usual not in fields:
-        return {"plot_field": fields[0]}
-    return {"plot_field": usual} if carried else {}
 
 
 def run(
