@@ -41,11 +41,11 @@ INHERITED = RunConfig.model_fields.keys() - {
 
 def appends(config: RunConfig) -> bool:
     """Whether the run continues the file of frames that it resumes from."""
-    from swe_sphere.io.checkpoint import checkpoint_path
-
     out = config.out
     if out is None or config.overwrite or not out.exists():
         return False
+    from swe_sphere.io.checkpoint import checkpoint_path  # netCDF4 takes its time to import
+
     return any(_is_restart(path, config) for path in (out, checkpoint_path(out)))
 
 
@@ -60,12 +60,11 @@ def check_paths(config: RunConfig) -> None:
     Raises ConfigError where a path is a folder, has no folder or cannot be written to, a picture
     has an unknown ending, or an existing file would be replaced without `overwrite`.
     """
-    from swe_sphere.io.checkpoint import checkpoint_path
-    from swe_sphere.io.zarr_store import SUFFIX, is_store
-
     for name, path in (("out", config.out), ("plot", config.plot)):
         if path is None:
             continue
+        from swe_sphere.io.zarr_store import SUFFIX, is_store
+
         if path.is_dir() and not (path.suffix == SUFFIX and is_store(path)):
             raise ConfigError(f"{name}: {path} is a folder: give the name of a file in it")
         if not path.parent.is_dir():
@@ -80,6 +79,8 @@ def check_paths(config: RunConfig) -> None:
         return
     if out.exists():
         raise ConfigError(f"out: {out} {_contents(out)}, or replace it with --overwrite")
+    from swe_sphere.io.checkpoint import checkpoint_path
+
     checkpoint = checkpoint_path(out)
     if checkpoint.exists() and not _is_restart(checkpoint, config):
         raise ConfigError(
