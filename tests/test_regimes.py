@@ -6,13 +6,13 @@ import re
 import shutil
 from itertools import pairwise
 
+import pandas as pd
 import pytest
 
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
-from swe_sphere.simulation.config import make_config
-from swe_sphere.studies.regimes import Point, read_points, write_map
-from swe_sphere.studies.regimes.points import Run, break_even, cheapest_step, ratio, series
+from swe_sphere.studies.regimes import RegimeMap, read_map, write_map
+from swe_sphere.studies.regimes.places import break_even, cheapest_step, ordered_places
 from swe_sphere.studies.sweep.record import runs_of
 from swe_sphere.studies.sweep.sweep_plan import load_recipe
 
@@ -37,68 +37,81 @@ scene = "williamson5"
 """
 
 
-def run(stepper: str, dt: float, cost: float, error: float) -> Run:
-    return Run(stepper, dt, 1.0, error, cost)
+def regimes(*places: tuple[float, list[tuple]], stretch: float = 1.0) -> RegimeMap:
+    """A map of winds with the runs there: stepper, step, cost, error."""
+    firsts = pd.DataFrame([
+        {"place": f"wind {speed:g}", "scene": "williamson5", "stretch": stretch,
+         "days_planned": 1.0, "settings": f"scene.speed={speed:g}", "gravity_limit": 300.0,
+         "advective_limit": 300.0 * (1.0 + 240.0 / speed)} for speed, _ in places
+    ])  # fmt: skip
+    lines = [(f"wind {speed:g}", *run) for speed, runs in places for run in runs]
+    runs = pd.DataFrame(lines, columns=["place", "stepper", "dt", "cost", "error"])
+    return RegimeMap(ordered_places(firsts.set_index("place")), runs)
 
 
-def place(speed: float, *runs: Run, stretch: float = 1.0, **more: object) -> Point:
-    config = make_config(
-        {"scene": "williamson5", "settings": (f"scene.speed={speed}",), "stretch": stretch,
-         "days": 1.0, **more}
-    )  # fmt: skip
-    return Point("here", config, 300.0, 300.0 * (1.0 + 240.0 / speed), runs)
+def best(found: RegimeMap, family: str, error: float) -> tuple | None:
+    """Stepper, step and cost of the first place."""
+    offers = found.best(error)
+    lines = offers.loc[offers["family"] == family, ["stepper", "dt", "cost"]]
+    return None if lines.empty else tuple(lines.iloc[0])
 
 
 def test_froude_number_is_wind_over_wave_speed() -> None:
-    assert place(20.0).froude == pytest.approx(20.0 / 240.0)
+    assert regimes((20.0, [])).places["froude"].item() == pytest.approx(20.0 / 240.0)
 
 
 def test_cost_between_two_steps_is_interpolated_and_beyond_them_is_not() -> None:
-    runs = [run("bdf2", 2.0, 100.0, 1e-2), run("bdf2", 1.0, 400.0, 1e-4)]
-    assert cheapest_step(runs, 1e-3) == pytest.approx(("bdf2", math.sqrt(2.0), 200.0))
-    assert cheapest_step(runs, 1e-4) == pytest.approx(("bdf2", 1.0, 400.0))
-    assert cheapest_step(runs, 1.0) == ("bdf2", 2.0, 100.0)
+    runs = pd.DataFrame({"dt": [2.0, 1.0], "cost": [100.0, 400.0], "error": [1e-2, 1e-4]})
+    assert cheapest_step(runs, 1e-3) == pytest.approx((math.sqrt(2.0), 200.0))
+    assert cheapest_step(runs, 1e-4) == pytest.approx((1.0, 400.0))
+    assert cheapest_step(runs, 1.0) == (2.0, 100.0)
     assert cheapest_step(runs, 0.9e-4) is None
     # a solver that struggles with long steps: the shorter one is cheaper, whatever the error
-    assert cheapest_step([run("bdf2", 2.0, 900.0, 1e-2), runs[1]], 1.0) == ("bdf2", 1.0, 400.0)
+    assert cheapest_step(runs.assign(cost=[900.0, 400.0]), 1.0) == (1.0, 400.0)
 
 
 def test_families_are_those_of_the_classes_and_the_cheapest_stands_for_each() -> None:
-    here = place(
-        20.0, run("rk4", 1.0, 50.0, 1e-5), run("kg5", 1.0, 40.0, 1e-5),
-        run("bdf2", 9.0, 20.0, 1e-3), run("tr-bdf2", 9.0, 30.0, 1e-4),
-    )  # fmt: skip
-    assert here.best("explicit", 1e-3) == ("kg5", 1.0, 40.0)
-    assert here.best("implicit", 1e-3) == ("bdf2", 9.0, 20.0)
-    assert here.best("implicit", 1e-4) == ("tr-bdf2", 9.0, 30.0)
-    assert here.best("imex", 1e-3) is None
-    assert ratio(here, "implicit", 1e-3) == 0.5 and math.isnan(ratio(here, "imex", 1e-3))
+    here = regimes((20.0, [
+        ("rk4", 1.0, 50.0, 1e-5), ("kg5", 1.0, 40.0, 1e-5),
+        ("bdf2", 9.0, 20.0, 1e-3), ("tr-bdf2", 9.0, 30.0, 1e-4),
+    ]))  # fmt: skip
+    assert best(here, "explicit", 1e-3) == ("kg5", 1.0, 40.0)
+    assert best(here, "implicit", 1e-3) == ("bdf2", 9.0, 20.0)
+    assert best(here, "implicit", 1e-4) == ("tr-bdf2", 9.0, 30.0)
+    assert best(here, "imex", 1e-3) is None
+    offers = here.best(1e-3).set_index("family")
+    assert offers.loc["implicit", ["ratio", "beside"]].tolist() == [0.5, 0.4]
 
 
 def test_break_even_is_where_the_ratio_passes_one() -> None:
-    def costing(speed: float, cost: float) -> Point:
-        return place(speed, run("rk4", 1.0, 10.0, 1e-5), run("bdf2", 9.0, cost, 1e-5))
+    def limit(*costs: tuple[float, float, float]) -> float:
+        """Of places by wind, cost and error of the implicit step."""
+        found = regimes(*(
+            (speed, [("rk4", 1.0, 10.0, 1e-5), ("bdf2", 9.0, cost, error)])
+            for speed, cost, error in costs
+        ))  # fmt: skip
+        offers = found.best(1e-3)
+        ratios = offers[offers["family"] == "implicit"].set_index("place")["ratio"]
+        froude = found.places["froude"]
+        assert froude.is_monotonic_increasing
+        return break_even([*froude], [*ratios.reindex(froude.index)])
 
-    (line,) = series([costing(20.0, 40.0), costing(5.0, 2.5)])
-    assert [point.froude for point in line.points] == sorted(p.froude for p in line.points)
-    assert break_even(line, "implicit", 1e-3) == pytest.approx(10.0 / 240.0)  # both logarithms
-    assert break_even(series([costing(5.0, 11.0)])[0], "implicit", 1e-3) == 0.0
-    assert break_even(series([costing(5.0, 9.0)])[0], "implicit", 1e-3) == math.inf
-    assert math.isnan(break_even(line, "exponential", 1e-3))
-    out_of_reach = place(20.0, run("rk4", 1.0, 10.0, 1e-5), run("bdf2", 9.0, 1.0, 0.1))
-    (cut,) = series([out_of_reach, costing(5.0, 2.5)])
-    assert break_even(cut, "implicit", 1e-3) == pytest.approx(5.0 / 240.0)
+    assert limit((20.0, 40.0, 1e-5), (5.0, 2.5, 1e-5)) == pytest.approx(10.0 / 240.0)
+    assert limit((5.0, 11.0, 1e-5)) == 0.0
+    assert limit((5.0, 9.0, 1e-5)) == math.inf
+    assert math.isnan(limit((5.0, 9.0, 0.1)))
+    assert limit((20.0, 1.0, 0.1), (5.0, 2.5, 1e-5)) == pytest.approx(5.0 / 240.0)
 
 
 def test_series_differ_in_refinement_and_hyperviscosity() -> None:
-    diffusive = make_config(
-        {"scene": "williamson5", "settings": ("hyperviscosity.nu=default",), "days": 1.0}
+    lines = [("scene.speed=20", 1.0), ("scene.speed=5", 1.0), ("scene.speed=5", 4.0),
+             ("hyperviscosity.nu=default", 1.0)]  # fmt: skip
+    firsts = pd.DataFrame(lines, columns=["settings", "stretch"]).assign(
+        scene="williamson5", gravity_limit=1.0, advective_limit=2.0, days_planned=1.0
     )
-    points = [place(20.0), place(5.0), place(5.0, stretch=4.0),
-              Point("there", diffusive, 1.0, 2.0, ())]  # fmt: skip
-    titles = [(line.title, len(line.points)) for line in series(points)]
-    assert titles == [("williamson5", 2), ("williamson5, refined 4 times", 1),
-                      ("williamson5, hyperviscosity", 1)]  # fmt: skip
+    assert ordered_places(firsts)["title"].tolist() == [
+        "williamson5", "williamson5", "williamson5, refined 4 times", "williamson5, hyperviscosity"
+    ]  # fmt: skip
 
 
 # --- a small map
@@ -143,13 +156,15 @@ def test_steps_are_halved_until_the_error_is_small_enough(small_map) -> None:
 
 
 def test_costs_of_all_places_are_in_one_unit(small_map) -> None:
-    points = {point.name: point for point in read_points(small_map / "out")}
-    fast, slow = points["williamson5-speed20"], points["williamson5-speed5"]
-    assert fast.froude == pytest.approx(4.0 * slow.froude, rel=0.05)
-    assert fast.froude == pytest.approx(20.0 / 241.8, rel=0.02)
-    assert points["williamson5-speed5-nudefault"].diffusive and not slow.diffusive
-    a_step = [run.cost / run.steps for p in points.values() for run in p.by_stepper["rk4"]]
-    assert min(a_step) > 3.999  # four right-hand sides of the quickest run of any place
+    found = read_map(small_map / "out")
+    froude, diffusive = found.places["froude"], found.places["diffusive"]
+    fast, slow = froude["williamson5-speed20"], froude["williamson5-speed5"]
+    assert fast == pytest.approx(4.0 * slow, rel=0.05)
+    assert fast == pytest.approx(20.0 / 241.8, rel=0.02)
+    assert diffusive["williamson5-speed5-nudefault"] and not diffusive["williamson5-speed5"]
+    runs = found.runs[found.runs["stepper"] == "rk4"]
+    # four right-hand sides of the quickest run of any place
+    assert (runs["cost"] / runs["steps"]).min() > 3.999
 
 
 def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_map) -> None:
@@ -160,9 +175,9 @@ def test_the_page_tells_the_numbers_of_the_map_and_nothing_is_run_again(small_ma
     assert page.startswith("# a small map\n")
     pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", page)
     assert set(pictures) == {path.name for path in (small_map / "out").glob("*.svg")} != set()
-    point = {p.name: p for p in read_points(small_map / "out")}["williamson5-speed20"]
-    best = point.best("explicit", 3e-3)
-    assert f"`{best.stepper}` {best.dt:.4g} s, {best.cost:.3g}"[:-1] in page
+    offers = read_map(small_map / "out").best(3e-3).set_index(["place", "family"])
+    stepper, dt, cost = offers.loc[("williamson5-speed20", "explicit"), ["stepper", "dt", "cost"]]
+    assert f"`{stepper}` {dt:.4g} s, {cost:.3g}"[:-1] in page
 
 
 def test_a_map_needs_the_stepper_in_which_costs_are_told(small_map, tmp_path) -> None:
@@ -171,7 +186,7 @@ def test_a_map_needs_the_stepper_in_which_costs_are_told(small_map, tmp_path) ->
         if json.loads(file.read_text())["config"]["stepper"] == "rk4":
             file.unlink()
     with pytest.raises(ConfigError, match=r"no run of rk4 in float64 .* add rk4 to the steppers"):
-        read_points(folder)
+        read_map(folder)
 
 
 def test_a_folder_without_sweeps_has_no_map(tmp_path) -> None:

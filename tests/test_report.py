@@ -23,7 +23,7 @@ from swe_sphere.studies.report import (
 )
 from swe_sphere.studies.report.figures import error_diagrams, render, save_svg
 from swe_sphere.studies.report.page import read_sections
-from swe_sphere.studies.report.rows import metrics, read_rows
+from swe_sphere.studies.report.table import metrics, read_runs
 
 ROOT = Path(__file__).parents[1]
 SMALL = dict.fromkeys(("mass_drift", "energy_drift", "enstrophy_drift"), np.nan)
@@ -181,7 +181,7 @@ def test_figures_lie_beside_the_page(folder):
 
 
 def test_a_figure_is_the_same_bytes_each_time(dataset):
-    rows = read_rows(dataset)
+    rows = read_runs(dataset)
     diagram = error_diagrams(rows, metrics(rows)[0])[0]
     assert save_svg(render(diagram), "a") == save_svg(render(diagram), "a")
 

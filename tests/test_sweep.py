@@ -19,7 +19,7 @@ from swe_sphere.simulation.diagnostics import slow_errors
 from swe_sphere.studies.sweep import SweepWatcher, engine, runner, sweep
 from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.record import command_line, runs_of
-from swe_sphere.studies.sweep.runs import Discretisations
+from swe_sphere.studies.sweep.runs import Study
 from swe_sphere.studies.sweep.sweep_plan import make_plan
 
 TINY = {"ne": 2, "np": 4, "days": 0.5, "repeats": 1}
@@ -229,7 +229,7 @@ def test_slow_errors_do_not_see_the_waves_of_the_start():
 def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
     """It does not see columns that are stretched, and is as large as vorticity is."""
     plan = make_plan({"scene": "williamson6", "steppers": "rk4", "ne": 2, "np": 4})
-    space = Discretisations(plan).all()[0]
+    space = Study(plan).spaces()[0]
     start, coriolis = space.start, space.start["f"]
     mean = np.average(start["h"], weights=space.mesh.area)
     level = {"h": np.full_like(start["h"], mean), "vorticity": start["vorticity"]}

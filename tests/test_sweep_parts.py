@@ -10,10 +10,9 @@ import pytest
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import write_whole
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.planning import free_steps
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Schedule
+from swe_sphere.studies.sweep.runs import Study
 from swe_sphere.studies.sweep.steps import dt_sequence, halved, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import load_recipe, make_plan, recipe_names
 
@@ -155,17 +154,17 @@ def test_a_step_that_is_good_at_once_is_taken():
 
 
 def test_steps_meet_all_report_times():
-    schedule = Schedule.of(5.0, (1.0, 2.5))
-    assert schedule.report_days == (1.0, 2.5, 5.0)
-    assert schedule.interval == 0.5 * DAY
-    steps = schedule.steps(1000.0)
+    plan = {"scene": "williamson2", "steppers": "rk4", "ne": 2, "np": 4, "days": 5}
+    study = Study(make_plan(plan | {"report_days": "1,2.5"}))
+    assert study.report_days == (1.0, 2.5, 5.0)
+    assert study.interval == 0.5 * DAY
+    steps = study.steps(1000.0)
     assert 0.5 * DAY / steps.dt == pytest.approx(round(0.5 * DAY / steps.dt))
-    config = make_config({"scene": "williamson2"})
-    days = RunSpec(Integrator(None, config, schedule), steps.dt, steps).report_steps()
+    days = study.integrators()[0].run(1000.0).report_steps()
     assert [days[step] for step in sorted(days)] == [1.0, 2.5, 5.0]
     assert max(days) == steps.steps
     with pytest.raises(ConfigError, match="no step near"):
-        schedule.steps(2.0 * DAY)
+        study.steps(2.0 * DAY)
 
 
 def test_trials_keep_their_step():

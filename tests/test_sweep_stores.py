@@ -86,11 +86,8 @@ def test_rows_of_other_code_are_made_again_and_never_mixed(tmp_path, monkeypatch
     options = TINY | {"out": tmp_path}
     first = sweep("lauter", "rk4", **options)
     fields = {*(tmp_path / "converged").iterdir()}
-    names = ("swe_sphere.studies.sweep.runs.code_fingerprint",
-             "swe_sphere.studies.sweep.errors.code_fingerprint")  # fmt: skip
     with monkeypatch.context() as other:
-        for name in names:
-            other.setattr(name, lambda: "other")
+        other.setattr("swe_sphere.studies.sweep.runs.code_fingerprint", lambda: "other")
         notes = Notes()
         second = sweep("lauter", ["rk4", "kg5"], watcher=notes, **options)
         assert "3 of 3 runs there are left out" in notes.told[0]
@@ -109,7 +106,7 @@ def test_times_of_two_machines_are_never_mixed(tmp_path, monkeypatch):
     options = TINY | {"out": tmp_path, "levels": 1}
     here = sweep("lauter", "rk4", **options)
     with monkeypatch.context() as other:
-        other.setattr("swe_sphere.studies.sweep.errors.processor", lambda _: "an abacus")
+        other.setattr("swe_sphere.studies.sweep.runs.processor", lambda _: "an abacus")
         notes = Notes()
         there = sweep("lauter", "rk4", watcher=notes, **options)
     assert "3 of 3 runs there are left out" in notes.told[0]

@@ -90,7 +90,7 @@ def show_rankings(found: Sequence[Ranking]) -> None:
     console = _console()
     for ranking in found:
         console.print(ranking.headline, soft_wrap=True)
-        if any(any(cells[:-1]) for cells in ranking.rows):
+        if any(run is not None for row in ranking.lines.values() for run in row[:-1]):
             print_table(ranking.heads, ranking.body)
     if found:
         console.print(found[-1].caption, soft_wrap=True)

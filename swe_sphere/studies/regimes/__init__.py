@@ -1,6 +1,6 @@
 """The map of regimes: which family of steppers is cheapest in which flow, on which mesh."""
 
-from swe_sphere.studies.regimes.map_page import write_map
-from swe_sphere.studies.regimes.points import Point, read_points
+from swe_sphere.studies.regimes.page import write_map
+from swe_sphere.studies.regimes.places import RegimeMap, read_map
 
-__all__ = ["Point", "read_points", "write_map"]
+__all__ = ["RegimeMap", "read_map", "write_map"]

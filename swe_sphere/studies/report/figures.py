@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from html import escape
 from io import StringIO
-from operator import attrgetter
+from operator import itemgetter
 from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -24,8 +25,8 @@ from swe_sphere.pictures.panels import COLOURS
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Marker
 from swe_sphere.studies import words
-from swe_sphere.studies.report.ranking import Cost, cost, pareto, with_cost
-from swe_sphere.studies.report.rows import MADE_FOR_OTHERS, Curve, Metric, Row, curves
+from swe_sphere.studies.report.ranking import pareto, with_cost
+from swe_sphere.studies.report.table import MADE_FOR_OTHERS, Metric
 
 
 @dataclass(frozen=True)
@@ -122,27 +123,13 @@ def _number(value: float, _: object = None) -> str:
     return f"{value:g}" if 1e-2 <= value < 1e6 else words.level(value)
 
 
-def points(axes: Axes, curve: Curve, xy: Sequence[tuple[float, float]], anchor: str) -> None:
-    """A curve through its rows; each point is a link to its row, `anchor` before its number."""
-    x, y = np.array(xy, dtype=float).T
-    y = np.maximum(y, SMALLEST)
-    style = look(curve.stepper)
-    axes.plot(x, y, curve.line, color=style.colour, linewidth=1.3)
-    dots = axes.scatter(
-        x, y, s=40, marker=style.marker, zorder=3, linewidths=0.5, c=style.colour,
-        edgecolors=PAPER,
-    )  # fmt: skip
-    dots.set_urls([f"#{anchor}-{row.number}" for row in curve.rows])
-
-
-def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
+def mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
     """Vertical lines at the gravity-wave and the advective limit of the step."""
-    rows = list(rows)
     for name, title, side in LIMITS:
-        values = [v for row in rows if math.isfinite(v := getattr(row, name)) and v > 0.0]
-        if not values:
+        known = runs.loc[runs[name].between(0.0, math.inf, inclusive="neither"), name]
+        if known.empty:
             continue
-        where = float(np.median(values))
+        where = float(known.median())
         axes.axvline(where, color=FAINT, linewidth=1.0, linestyle=(0, (5, 3)), zorder=1)
         axes.text(
             where, 1.01, f" {title} \n {words.step(where)} ", va="bottom", ha=side, fontsize=7.5,
@@ -150,30 +137,14 @@ def mark_limits(axes: Axes, rows: Iterable[Row]) -> None:
         )  # fmt: skip
 
 
-def name_curves(axes: Axes, ends: Mapping[Curve, float]) -> None:
-    """Names right of the axes, in the order of the heights of the curves' ends."""
-    handles: list[Any] = []
-    for curve in sorted(ends, key=lambda curve: -ends[curve]):
-        style = look(curve.stepper)
-        shape: Any = {"color": style.colour, "marker": style.marker, "linestyle": curve.line}
-        handles.append(Line2D([], [], markersize=5.5, label=curve.label, **shape))
-    if handles:
-        axes.legend(
-            handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False,
-            fontsize=8.5, labelcolor=INK, handlelength=2.4,
-        )  # fmt: skip
-
-
 WIDTH, HEIGHT = 5.4, 3.7
 """Inches: on a telephone a point of text is about a pixel."""
 DRIFTS = {"mass_drift": "mass", "energy_drift": "energy", "enstrophy_drift": "potential enstrophy"}
-COUNTS = {"krylov_iterations": "Krylov", "newton_iterations": "Newton"}
+COUNTS = {"krylov": "Krylov", "newton": "Newton"}
 FRONT = "The ringed points are the Pareto front: nothing measured is both cheaper and better."
 LIMIT_CAPTION = (
     "Gravity limit: of leapfrog without filter; advective limit: the same for the wind alone."
 )
-
-Position = Callable[[Row], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -185,7 +156,7 @@ class Diagram:
     title: str
     caption: str
     draw: Callable[[Axes, str], None]
-    """Draws it into axes; the second argument goes before row numbers in links."""
+    """Draws it into axes; the second argument goes before the numbers of runs in links."""
     height: float = HEIGHT
 
 
@@ -199,148 +170,135 @@ def render(diagram: Diagram, anchor: str = "row") -> Figure:
     return figure
 
 
-def error_diagrams(rows: Sequence[Row], metric: Metric) -> list[Diagram]:
+def error_diagrams(runs: pd.DataFrame, metric: Metric) -> list[Diagram]:
     """What an error costs on one mesh, and how it depends on the step."""
-    clock = rows[0].clock
-    label = f"{clock} of the steps [s]"
-    time = _against(rows, metric, f"{metric.name}_time", clock, cost, label)
-    name, unit = f"{metric.name}_work", "right-hand sides and Jacobian products"
-    work = _against(rows, metric, name, "work", attrgetter("evaluations"), unit)
-    step = _by_step(
-        rows, f"{metric.name}_step", "Error against Δt", f"{metric.label}. {LIMIT_CAPTION}",
-        _axis(metric), lambda row: row.error(metric),
+    clock, (label, _, _) = runs["clock"].iloc[0], metric.label.partition(" at day")
+    costs = {
+        "time": ("cost", clock, f"{clock} of the steps [s]"),
+        "work": ("evaluations", "work", "right-hand sides and Jacobian products"),
+    }
+    time, work = (
+        [Diagram(
+            f"{metric.name}_{name}", f"Error against {title}", f"{metric.label}. {FRONT}",
+            partial(_draw_costs, runs, metric, cost, axis, label),
+        )] if len(with_cost(runs, metric, cost)) else []
+        for name, (cost, title, axis) in costs.items()
     )  # fmt: skip
+    caption = f"{metric.label}. {LIMIT_CAPTION}"
+    step = _by_step(runs, runs[metric], f"{metric.name}_step", "Error against Δt", caption, label)
     return [*time, *step, *work]
 
 
-def diagrams(rows: Sequence[Row]) -> list[Diagram]:
+def diagrams(runs: pd.DataFrame) -> list[Diagram]:
     """What does not depend on the choice of an error: counts, drifts, how runs ended."""
-    none, size = "By Δt; explicit steppers have none.", "Size of the relative change over the run"
-    counts = [
-        (name, f"{what} iterations a step", none, f"{what} iterations a step", _per_step)
-        for name, what in COUNTS.items()
-    ]
-    drifts = [
-        (name, f"Drift of {what}", f"{size}, by Δt.", f"|relative change of {what}|", _size)
-        for name, what in DRIFTS.items()
-    ]
-    by_step = [
-        _by_step(rows, name, title, caption, label, partial(of, name))
-        for name, title, caption, label, of in (*counts, *drifts)
-    ]
-    return [diagram for found in (*by_step, _map(rows)) for diagram in found]
-
-
-def _axis(metric: Metric) -> str:
-    return metric.label.split(" at day")[0]
-
-
-def _per_step(name: str, row: Row) -> float:
-    return row.per_step(name) or math.nan
-
-
-def _size(name: str, row: Row) -> float:
-    return abs(float(getattr(row, name)))
-
-
-def _against(
-    rows: Sequence[Row], metric: Metric, name: str, title: str, of: Cost, label: str
-) -> list[Diagram]:
-    """Error against a cost, where there is any."""
-    if not with_cost(rows, metric, of):
-        return []
-    draw = partial(_draw_costs, rows, metric, of, label)
-    return [Diagram(name, f"Error against {title}", f"{metric.label}. {FRONT}", draw)]
+    found = []
+    for name, what in COUNTS.items():
+        values, title = runs[f"{name}_a_step"], f"{what} iterations a step"
+        none = "By Δt; explicit steppers have none."
+        found += _by_step(
+            runs, values.where(values > 0.0), f"{name}_iterations", title, none, title
+        )
+    for name, what in DRIFTS.items():
+        caption = "Size of the relative change over the run, by Δt."
+        label = f"|relative change of {what}|"
+        found += _by_step(runs, runs[name].abs(), name, f"Drift of {what}", caption, label)
+    shown = runs[(runs["role"] != MADE_FOR_OTHERS) & (runs["dt"] > 0.0)]
+    if len(shown):
+        caption = "Every run by stepper and Δt; failures are told below."
+        height = 1.4 + 0.25 * shown["curve"].nunique()
+        draw = partial(_draw_ends, shown)
+        found.append(Diagram("stability", "How runs ended", caption, draw, height))
+    return found
 
 
 def _by_step(
-    rows: Sequence[Row], name: str, title: str, caption: str, label: str,
-    value: Callable[[Row], float],
-) -> list[Diagram]:  # fmt: skip
-    shown = [row for row in rows if row.compared and row.dt > 0.0 and math.isfinite(value(row))]
-    draw = partial(_draw_by_step, shown, value, label)
-    return [Diagram(name, title, caption, draw)] if shown else []
-
-
-def _map(rows: Sequence[Row]) -> list[Diagram]:
-    rows = [row for row in rows if row.role not in MADE_FOR_OTHERS and row.dt > 0.0]
-    caption = "Every run by stepper and Δt; failures are told below."
-    height = 1.4 + 0.25 * len(curves(rows))
-    chart = Diagram("stability", "How runs ended", caption, partial(_draw_map, rows), height)
-    return [chart] if rows else []
+    runs: pd.DataFrame, values: pd.Series, name: str, title: str, caption: str, label: str
+) -> list[Diagram]:
+    """The diagram of values of runs, where there are any."""
+    runs = runs.assign(value=values)
+    shown = runs[runs["compared"] & (runs["dt"] > 0.0) & np.isfinite(values)]
+    draw = partial(_draw_by_step, shown, label)
+    return [Diagram(name, title, caption, draw)] if len(shown) else []
 
 
 def _draw_costs(
-    rows: Sequence[Row], metric: Metric, of: Cost, label: str, axes: Axes, anchor: str
+    runs: pd.DataFrame,
+    metric: Metric,
+    cost: str,
+    label: str,
+    ordinate: str,
+    axes: Axes,
+    anchor: str,
 ) -> None:
-    front = pareto(rows, metric, of)
-    x, y = zip(*((of(row), max(row.error(metric), SMALLEST)) for row in front), strict=True)
+    front = pareto(runs, metric, cost)
+    x, y = front[cost], front[metric].clip(lower=SMALLEST)
     axes.plot(x, y, color=INK, linewidth=3.5, alpha=0.12, drawstyle="steps-post", zorder=1)
     axes.scatter(x, y, s=95, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
-    drawn = curves(with_cost(rows, metric, of))
-    if of is cost:
-        _draw_uncertainty(axes, drawn, metric)
-    _draw_curves(axes, drawn, lambda row: (of(row), row.error(metric)), anchor)
-    finish(axes, label, _axis(metric))
+    drawn = with_cost(runs, metric, cost)
+    if cost == "cost":
+        for run in drawn.to_dict("records"):
+            axes.plot(
+                [max(run["least"], 0.1 * run["cost"]), run["most"]],  # zero is not on the axis
+                [max(run[metric], SMALLEST)] * 2,
+                color=look(run["stepper"]).colour, linewidth=2.6, alpha=0.4, zorder=2,
+            )  # fmt: skip
+    _draw_curves(axes, drawn, cost, metric, anchor)
+    finish(axes, label, ordinate)
 
 
-def _draw_by_step(
-    rows: Sequence[Row], value: Callable[[Row], float], label: str, axes: Axes, anchor: str
-) -> None:
-    _draw_curves(axes, curves(rows), lambda row: (row.dt, value(row)), anchor)
-    mark_limits(axes, rows)
+def _draw_by_step(runs: pd.DataFrame, label: str, axes: Axes, anchor: str) -> None:
+    _draw_curves(axes, runs, "dt", "value", anchor)
+    mark_limits(axes, runs)
     finish(axes, "Δt [s]", label)
 
 
-def _draw_curves(axes: Axes, drawn: Sequence[Curve], position: Position, anchor: str) -> None:
-    for curve in drawn:
-        points(axes, curve, [position(row) for row in curve.rows], anchor)
-    name_curves(axes, {curve: max(map(position, curve.rows))[1] for curve in drawn})
+def _draw_curves(axes: Axes, runs: pd.DataFrame, x: str, y: str | Metric, anchor: str) -> None:
+    """Curves through runs, with their names right of the axes in the order of their ends."""
+    handles = []
+    for label, curve in runs.sort_values("dt", kind="stable").groupby("curve"):
+        style, line = look(curve["stepper"].iloc[0]), curve["line"].iloc[0]
+        shape: Any = {"color": style.colour, "marker": style.marker, "linestyle": line}
+        heights = curve[y].clip(lower=SMALLEST)
+        axes.plot(curve[x], heights, line, color=style.colour, linewidth=1.3)
+        _draw_points(axes, curve, x, heights, style, anchor, s=40, linewidths=0.5)
+        end = curve.sort_values([x, y])[y].iloc[-1]
+        handles.append((-end, Line2D([], [], markersize=5.5, label=label, **shape)))
+    axes.legend(
+        handles=[handle for _, handle in sorted(handles, key=itemgetter(0))], loc="upper left",
+        bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize=8.5, labelcolor=INK, handlelength=2.4,
+    )  # fmt: skip
 
 
-def _draw_uncertainty(axes: Axes, drawn: Sequence[Curve], metric: Metric) -> None:
-    for curve in drawn:
-        for row in curve.rows:
-            low, high = row.interval
-            axes.plot(
-                [max(low, 0.1 * row.cost), high],  # zero is not on the axis
-                [max(row.error(metric), SMALLEST)] * 2,
-                color=look(curve.stepper).colour, linewidth=2.6, alpha=0.4, zorder=2,
-            )  # fmt: skip
+def _draw_points(
+    axes: Axes, runs: pd.DataFrame, x: str, y: Any, style: Look, anchor: str, **more: Any
+) -> None:
+    """Points, each of which is a link to its run: `anchor` before its number."""
+    edges = None if style.marker == "_" else PAPER
+    dots = axes.scatter(
+        runs[x], y, marker=style.marker, c=style.colour, zorder=3, edgecolors=edges, **more
+    )  # fmt: skip
+    dots.set_urls([f"#{anchor}-{number}" for number in runs["number"]])
 
 
-def _draw_map(rows: Sequence[Row], axes: Axes, anchor: str) -> None:
+def _draw_ends(runs: pd.DataFrame, axes: Axes, anchor: str) -> None:
     """How every run ended, by stepper and step."""
     order = {name: i for i, name in enumerate(STEPPERS)}
-    drawn = sorted(curves(rows), key=lambda c: order.get(c.stepper, len(order)))[::-1]
-    for height, curve in enumerate(drawn):
-        _draw_ends(axes, curve, height, anchor)
-    mark_limits(axes, rows)
+    steppers = runs.groupby("curve")["stepper"].first()
+    labels = sorted(steppers.index, key=lambda of: order.get(steppers[of], len(order)))[::-1]
+    for (curve, status), found in runs.groupby(["curve", "status"]):
+        style, height = STATUS[status], [labels.index(curve)] * len(found)
+        width = 2.0 if style.marker == "_" else 0.8
+        _draw_points(axes, found, "dt", height, style, anchor, s=46, linewidths=width)
+    mark_limits(axes, runs)
     finish(axes, "Δt [s]", "", scale="linear")
-    axes.set_ylim(-0.6, len(drawn) - 0.4)
-    axes.set_yticks(range(len(drawn)), [curve.label for curve in drawn])
+    axes.set_ylim(-0.6, len(labels) - 0.4)
+    axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    _explain_marks(axes, {row.status for row in rows})
-
-
-def _draw_ends(axes: Axes, curve: Curve, height: int, anchor: str) -> None:
-    for status, style in STATUS.items():
-        if rows := [row for row in curve.rows if row.status == status]:
-            line = style.marker == "_"
-            dots = axes.scatter(
-                [row.dt for row in rows], [height] * len(rows), s=46, marker=style.marker,
-                c=style.colour, linewidths=2.0 if line else 0.8, zorder=3,
-                edgecolors=None if line else PAPER,
-            )  # fmt: skip
-            dots.set_urls([f"#{anchor}-{row.number}" for row in rows])
-
-
-def _explain_marks(axes: Axes, found: set[str]) -> None:
     marks = [
         Line2D([], [], marker=style.marker, color=style.colour, linestyle="", label=status)
         for status, style in STATUS.items()
-        if status in found
+        if (runs["status"] == status).any()
     ]
     axes.figure.legend(
         handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5,

@@ -13,7 +13,7 @@ from functools import partial
 from io import BytesIO
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from markupsafe import Markup, escape
@@ -41,16 +41,14 @@ from swe_sphere.studies.report.ranking import (
     rankings,
     threshold,
 )
-from swe_sphere.studies.report.rows import (
+from swe_sphere.studies.report.table import (
     MADE_FOR_OTHERS,
     REPEATABLE,
     Metric,
-    Row,
-    curves,
     metrics,
-    read_rows,
+    read_runs,
 )
-from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+from swe_sphere.studies.sweep.sweep_plan import Claim, SweepPlan
 
 DOTS_PER_INCH = 160
 TITLE = "What accuracy costs in time"
@@ -61,14 +59,14 @@ OTHERS = ("krylov_iterations", "energy_drift", "stability")
 # --- the contents of a page
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OneMesh:
     """One mesh of a scene."""
 
     name: str
-    """For file names and anchors."""
+    """Part of the names of files and anchors."""
     title: str
-    rows: list[Row]
+    runs: pd.DataFrame
     rankings: list[Ranking]
     """The one to rank by first."""
     errors: list[tuple[Metric, list[Diagram]]]
@@ -76,55 +74,56 @@ class OneMesh:
     diagrams: list[Diagram]
     limits: dict[Metric, Threshold]
     """Errors that count as no loss of accuracy."""
-    names: dict[int, str]
-    """The stepper of each row as figures have it, by its number."""
 
     @property
-    def failures(self) -> list[Row]:
+    def failures(self) -> list[dict[str, Any]]:
         """Runs that did not reach their end."""
-        return [row for row in self.rows if not row.completed]
+        return records(self.runs[~self.runs["completed"]])
 
     @property
     def largest_steps(self) -> tuple[list[str], list[list[str]]]:
         """Heads and lines of a table: stable steps, and steps without loss of accuracy."""
         heads = ["stepper", "largest completed step", "first failure"]
         heads += [f"{m.symbol}, {m.kind_title}" for m in self.limits]
-        lines = [
-            [curve.label, _longest(curve.rows), _failure(curve.rows)]
-            + [step_text(largest_step(curve.rows, *limit)) for limit in self._losses]
-            for curve in curves(row for row in self.rows if row.role not in MADE_FOR_OTHERS)
-        ]
+        lines = []
+        for label, curve in self.runs[self.runs["role"] != MADE_FOR_OTHERS].groupby("curve"):
+            done, failed = curve[curve["completed"]], curve[curve["status"].isin(FAILED)]
+            failure = "none"
+            if len(failed):
+                run = failed.loc[failed["dt"].idxmin()]
+                failure = f"{words.step(run['dt'])}, {run.status} (row {run.number})"
+            longest = done.loc[done["dt"].idxmax()] if len(done) else None
+            lossless = [largest_step(curve, m, limit.value) for m, limit in self.limits.items()]
+            lines.append([label, step_text(longest), failure, *map(step_text, lossless)])
         return heads, lines
 
-    @property
-    def _losses(self) -> list[tuple[Metric, float]]:
-        return [(metric, limit.value) for metric, limit in self.limits.items()]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Section:
     """The sweep of one scene."""
 
-    name: str
-    """For file names and anchors."""
     title: str
-    scene: str
-    rows: list[Row]
-    metrics: list[Metric]
+    dataset: Dataset
+    runs: pd.DataFrame
     meshes: list[OneMesh]
-    attributes: Mapping[str, Any]
-    """Of the dataset."""
 
     @property
-    def compared(self) -> list[Row]:
-        """The rows that stand for a setting."""
-        return [row for row in self.rows if row.compared]
+    def name(self) -> str:
+        """Part of the names of files and anchors."""
+        return _slug(self.title)
 
     @property
     def headline(self) -> str:
         """One sentence for the top of a page."""
         told = [mesh.rankings[0].headline for mesh in self.meshes if mesh.rankings]
-        return told[0] if told else f"No run of {self.scene} has an error that could be compared."
+        none = f"No run of {self.dataset.attrs['scene']} has an error that could be compared."
+        return told[0] if told else none
+
+
+def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
+    """The lines of a table of runs, for templates."""
+    found: list[dict[str, Any]] = runs.to_dict("records")
+    return found
 
 
 def sweep_rankings(
@@ -138,8 +137,8 @@ def sweep_rankings(
     own = float(dataset.attrs.get("converged_check", math.nan))
     return [
         ranking
-        for where, rows in _meshes(read_rows(dataset)).items()
-        for ranking in rankings(rows, [metric] if metric else metrics(rows), where, own, levels)[:1]
+        for where, runs in _meshes(read_runs(dataset)).items()
+        for ranking in rankings(runs, [metric] if metric else metrics(runs), where, own, levels)[:1]
     ]
 
 
@@ -164,41 +163,34 @@ def read_sections(datasets: Dataset | Mapping[str, Dataset]) -> list[Section]:
     """
     if isinstance(datasets, Dataset):
         datasets = {str(datasets.attrs["scene"]): datasets}
-    return [_section(name, dataset) for name, dataset in datasets.items()]
+    sections = []
+    for title, dataset in datasets.items():
+        runs, own = read_runs(dataset), float(dataset.attrs.get("converged_check", math.nan))
+        meshes = [_mesh(where, of, own) for where, of in _meshes(runs).items()]
+        sections.append(Section(title, dataset, runs, meshes))
+    return sections
 
 
-def _meshes(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """The rows of a scene by what they are called: the scene and the mesh."""
-    told = {row.mesh for row in rows if row.role not in MADE_FOR_OTHERS}
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        if row.mesh in told:
-            found.setdefault(f"{row.scene}, {row.mesh}", []).append(row)
-    return found
+def _meshes(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The runs of a scene by what they are called: the scene and the mesh."""
+    shown = runs[runs["mesh"].isin(runs.loc[runs["role"] != MADE_FOR_OTHERS, "mesh"])]
+    return {", ".join(of): found for of, found in shown.groupby(["scene", "mesh"], sort=False)}
 
 
-def _section(name: str, dataset: Dataset) -> Section:
-    rows, own = read_rows(dataset), float(dataset.attrs.get("converged_check", math.nan))
-    meshes = [_mesh(where, members, own) for where, members in _meshes(rows).items()]
-    scene = dataset.attrs["scene"]
-    return Section(_slug(name), name, scene, rows, metrics(rows), meshes, dataset.attrs)
-
-
-def _mesh(where: str, rows: list[Row], own: float) -> OneMesh:
+def _mesh(where: str, runs: pd.DataFrame, own: float) -> OneMesh:
     """Losses are told of total and slow-flow errors; of time errors where there are no others,
     as any stepper's shortest step is without time error.
     """
-    found = metrics(rows)
-    ranked = rankings(rows, found, where, own)
+    found = metrics(runs)
+    ranked = rankings(runs, found, where, own)
     first = [ranking.metric for ranking in ranked[:1]]
-    errors = [(m, error_diagrams(rows, m)) for m in dict.fromkeys([*first, *found])]
+    errors = [(m, error_diagrams(runs, m)) for m in dict.fromkeys([*first, *found])]
     chosen = [m for m in found if m.kind in ("total", "slow")] or found
     return OneMesh(
-        _slug(rows[0].mesh), where, rows, ranked,
+        _slug(runs["mesh"].iloc[0]), where, runs, ranked,
         errors=[(metric, drawn) for metric, drawn in errors if drawn],
-        diagrams=diagrams(rows),
-        limits={m: limit for m in chosen if (limit := threshold(rows, m)) is not None},
-        names={row.number: curve.label for curve in curves(rows) for row in curve.rows},
+        diagrams=diagrams(runs),
+        limits={m: limit for m in chosen if (limit := threshold(runs, m)) is not None},
     )  # fmt: skip
 
 
@@ -210,45 +202,40 @@ def _slug(text: str) -> str:
 # --- tables
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(NamedTuple):
     """A column of the table of all runs."""
 
     title: str
-    value: Callable[[Row], Any]
+    name: str | Metric
+    """Of the column in a table of runs."""
     text: Callable[[float], str] | None = None
     """How numbers are written; None where there are words."""
     essential: bool = False
     """Whether short tables have it."""
 
-    def cell(self, row: Row) -> str:
-        """What is shown of a row."""
-        return str(self.value(row) if self.text is None else self.text(self.value(row)))
+    def cell(self, run: Mapping[Any, Any]) -> str:
+        """What is shown of a run."""
+        return str(run[self.name] if self.text is None else self.text(run[self.name]))
 
-    def sort_key(self, row: Row) -> str:
+    def sort_key(self, run: Mapping[Any, Any]) -> str:
         """What to sort by; empty: last."""
-        value = self.value(row)
-        return str(value) if self.text is None else repr(value) if math.isfinite(value) else ""
+        value = run[self.name]
+        if self.text is None:
+            return str(value)
+        return repr(float(value)) if math.isfinite(value) else ""
 
 
-def columns(rows: Sequence[Row], metrics: Sequence[Metric]) -> list[Column]:
-    """The columns that say something about these rows."""
+def columns(runs: pd.DataFrame) -> list[Column]:
+    """The columns that say something about these runs."""
     errors = [
-        Column(f"{m.symbol} {m.kind}, day {m.day:g}", lambda r, m=m: r.error(m), words.error, True)  # type: ignore[misc]
-        for m in metrics
+        Column(f"{m.symbol} {m.kind}, day {m.day:g}", m, words.error, True) for m in metrics(runs)
     ]
+    lines = records(runs)
     return [
         column
         for column in (*_SETTINGS, *errors, *_COSTS)
-        if column.essential or any(column.cell(row) not in ("", words.NOTHING) for row in rows)
+        if column.essential or any(column.cell(run) not in ("", words.NOTHING) for run in lines)
     ]
-
-
-def how_it_ended(row: Row) -> str:
-    """In words: the reason where there is one, else the status."""
-    if row.completed or not row.reason:
-        return str(row.status)
-    return f"{row.status}: {row.reason}"
 
 
 def _signed(value: float) -> str:
@@ -256,96 +243,67 @@ def _signed(value: float) -> str:
 
 
 _SETTINGS = (
-    Column("row", lambda r: float(r.number), words.count, essential=True),
-    Column("stepper", lambda r: r.stepper, essential=True),
-    Column("preconditioner", lambda r: r.preconditioner),
-    Column("mesh", lambda r: r.mesh),
-    Column("Δt", lambda r: r.dt, words.step, essential=True),
-    Column("Δt / gravity limit", lambda r: r.gravity_multiple, words.times, essential=True),
-    Column("Δt / advective limit", lambda r: r.advective_multiple, words.times, essential=True),
-    Column("how it ended", how_it_ended, essential=True),
+    Column("row", "number", words.count, essential=True),
+    Column("stepper", "stepper", essential=True),
+    Column("preconditioner", "preconditioner"),
+    Column("mesh", "mesh"),
+    Column("Δt", "dt", words.step, essential=True),
+    Column("Δt / gravity limit", "gravity_multiple", words.times, essential=True),
+    Column("Δt / advective limit", "advective_multiple", words.times, essential=True),
+    Column("how it ended", "ended", essential=True),
 )
 _COSTS = (
-    Column("CPU", lambda r: r.cpu_seconds, words.seconds, essential=True),
-    Column("spread", lambda r: r.spread, words.percent, essential=True),
-    Column("wall", lambda r: r.wall_seconds, words.seconds),
-    Column("right-hand sides", lambda r: r.rhs_evaluations, words.count, essential=True),
-    Column("Jacobian products", lambda r: r.tangent_evaluations, words.count, essential=True),
-    Column("preconditionings", lambda r: r.preconditioner_applications, words.count, True),
-    Column("Newton a step", lambda r: r.per_step("newton_iterations"), words.number),
-    Column("Krylov a step", lambda r: r.per_step("krylov_iterations"), words.number, True),
-    Column("rejected steps", lambda r: r.rejected_steps, words.count),
-    Column("mass drift", lambda r: r.mass_drift, _signed),
-    Column("energy drift", lambda r: r.energy_drift, _signed, essential=True),
-    Column("enstrophy drift", lambda r: r.enstrophy_drift, _signed),
-    Column("compilation", lambda r: r.compile_seconds, words.seconds),
-    Column("memory", lambda r: r.peak_memory, words.bytes_text),
-    Column("precision", lambda r: r.precision),
-    Column("device", lambda r: r.device),
-    Column("settings", lambda r: r.settings),
-    Column("days", lambda r: r.days, words.number),
-    Column("steps", lambda r: r.steps, words.count),
-    Column("role", lambda r: r.role),
+    Column("CPU", "cpu_seconds", words.seconds, essential=True),
+    Column("spread", "spread", words.percent, essential=True),
+    Column("wall", "wall_seconds", words.seconds),
+    Column("right-hand sides", "rhs_evaluations", words.count, essential=True),
+    Column("Jacobian products", "tangent_evaluations", words.count, essential=True),
+    Column("preconditionings", "preconditioner_applications", words.count, essential=True),
+    Column("Newton a step", "newton_a_step", words.number),
+    Column("Krylov a step", "krylov_a_step", words.number, essential=True),
+    Column("rejected steps", "rejected_steps", words.count),
+    Column("mass drift", "mass_drift", _signed),
+    Column("energy drift", "energy_drift", _signed, essential=True),
+    Column("enstrophy drift", "enstrophy_drift", _signed),
+    Column("compilation", "compile_seconds", words.seconds),
+    Column("memory", "peak_memory", words.bytes_text),
+    Column("precision", "precision"),
+    Column("device", "device"),
+    Column("settings", "settings"),
+    Column("days", "days", words.number),
+    Column("steps", "steps", words.count),
+    Column("role", "role"),
 )
 
 
-def step_text(row: Row | None, numbered: bool = True) -> str:
-    """The step of a row with the multiples of its limits; numbered: and with the row's number."""
-    if row is None:
+def step_text(run: pd.Series | None, numbered: bool = True) -> str:
+    """The step of a run with the multiples of its limits; numbered: and with the run's number."""
+    if run is None:
         return "none"
-    multiples = f"{words.times(row.gravity_multiple)}, {words.times(row.advective_multiple)}"
-    return f"{words.step(row.dt)} ({multiples}{f'; row {row.number}' if numbered else ''})"
-
-
-def _longest(rows: Sequence[Row]) -> str:
-    return step_text(max((r for r in rows if r.completed), key=lambda r: r.dt, default=None))
-
-
-def _failure(rows: Sequence[Row]) -> str:
-    """The shortest step at which the scheme itself failed."""
-    failed = [row for row in rows if row.status in FAILED]
-    row = min(failed, key=lambda r: r.dt, default=None)
-    return f"{words.step(row.dt)}, {row.status} (row {row.number})" if row else "none"
+    multiples = f"{words.times(run.gravity_multiple)}, {words.times(run.advective_multiple)}"
+    return f"{words.step(run['dt'])} ({multiples}{f'; row {run.number}' if numbered else ''})"
 
 
 def csv_text(sections: Sequence[Section]) -> str:
-    """All that is known of the rows of sections, in SI units; every error in a column.
+    """All that is known of the runs of sections, in SI units; every error in a column.
 
     Fields that are not finite are empty.
     """
-    found = {metric for of in sections for row in of.rows for metric in row.errors}
-    errors = sorted(found, key=lambda metric: metric.name)
-    lines = [
-        {"dataset": of.title, "number": row.number, **row.values}
-        | {metric.name: row.error(metric) for metric in errors}
-        for of in sections
-        for row in of.rows
-    ]
-    table = pd.DataFrame(lines or None, columns=None if lines else ["dataset", "number"])
-    text: str = table.replace([math.inf, -math.inf], math.nan).to_csv(index=False)
+    tables, errors = [pd.DataFrame(columns=["dataset", "number"])], set[str]()
+    for of in sections:
+        names = {m: m.name for m in of.runs if isinstance(m, Metric) and of.runs[m].notna().any()}
+        known = ["number", *(str(n) for n, v in of.dataset.items() if v.dims == ("run",)), *names]
+        tables.append(of.runs[known].rename(columns=names).assign(dataset=of.title))
+        errors.update(names.values())
+    table = pd.concat(tables)
+    order = [*(name for name in table if name not in errors), *sorted(errors)]
+    text: str = table[order].replace([math.inf, -math.inf], math.nan).to_csv(index=False)
     return text
 
 
 # --- claims of others
 
 
-@dataclass(frozen=True)
-class Claim:
-    """That steps of so many gravity-wave and advective limits lose no accuracy."""
-
-    gravity: float
-    advective: float
-    why: str = ""
-    """Markdown: what the runs say to it."""
-
-    def met(self, row: Row | None) -> bool:
-        """Whether a longest step without loss is as long as claimed."""
-        return row is not None and (
-            row.gravity_multiple >= self.gravity and row.advective_multiple >= self.advective
-        )
-
-
-VERDICT_FIELDS = ("h", "vorticity")
 VERDICT_HEADS = (
     "scene", "stepper", "claimed", "l2(h)", "l2(vorticity)", "confirmed", "longest step tried",
 )  # fmt: skip
@@ -356,23 +314,27 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
 
     Of steppers that took steps of as many gravity-wave limits as are claimed.
     """
-    total = [metric for metric, _ in mesh.errors if metric.kind == "total"]
-    shown = [metric for field in VERDICT_FIELDS for metric in total if metric.field == field]
+    total = {metric.field: metric for metric, _ in mesh.errors if metric.kind == "total"}
+    shown = [total[field] for field in ("h", "vorticity") if field in total]
     claimed = f"{words.times(claim.gravity)}, {words.times(claim.advective)}"
-    for curve in curves([row for row in mesh.rows if row.compared]):
-        longest = max(curve.rows, key=lambda row: row.dt)
+    for label, curve in mesh.runs[mesh.runs["compared"]].groupby("curve"):
+        longest = curve.loc[curve["dt"].idxmax()]
         if longest.gravity_multiple < claim.gravity:
             continue
-        limits = [mesh.limits.get(metric) for metric in shown]
         steps = [
-            largest_step(curve.rows, metric, limit.value) if limit else None
-            for metric, limit in zip(shown, limits, strict=True)
+            largest_step(curve, metric, mesh.limits[metric].value)
+            if metric in mesh.limits
+            else None
+            for metric in shown
         ]
-        met = ["yes" if claim.met(row) else "no" for row in steps]
+        met = [
+            "yes" if run is not None and run.gravity_multiple >= claim.gravity
+            and run.advective_multiple >= claim.advective else "no" for run in steps
+        ]  # fmt: skip
         each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
         verdict = met[0] if len({*met}) == 1 else ", ".join(each)
-        cells = [step_text(row, numbered=False) for row in (*steps, longest)]
-        yield [mesh.title, curve.label, claimed, *cells[:-1], verdict, cells[-1]]
+        cells = [step_text(run, numbered=False) for run in (*steps, longest)]
+        yield [mesh.title, label, claimed, *cells[:-1], verdict, cells[-1]]
 
 
 # --- files
@@ -395,7 +357,7 @@ def write_report(
     """
     out = _made(out, "report")
     sections = read_sections(datasets)
-    told = sections[0].attributes.get("title") if sections else ""
+    told = sections[0].dataset.attrs.get("title") if sections else ""
     text = _rendered(
         "report.html.j2", title=title or told or TITLE, sections=sections, notes=notes or {},
         picture=partial(_inline, out),
@@ -456,7 +418,7 @@ def _inline(folder: Path, section: Section, mesh: OneMesh, diagram: Diagram) -> 
     png = BytesIO()
     figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
     write_whole(folder / f"{stem}.png", png.getvalue())
-    tips = {f"{section.name}-{row.number}": _tip(row) for row in mesh.rows}
+    tips = {f"{section.name}-{run['number']}": _tip(run) for run in records(mesh.runs)}
     return Markup(inline(svg, stem, diagram.title, tips))
 
 
@@ -471,18 +433,18 @@ def _drawn(
     return stem, svg, figure
 
 
-def _tip(row: Row) -> str:
+def _tip(run: Mapping[str, Any]) -> str:
     return (
-        f"row {row.number}: {row.stepper}, Δt {words.step(row.dt)} "
-        f"({words.times(row.gravity_multiple)} gravity limit), "
-        f"{row.clock} {words.seconds(row.cost)}, {how_it_ended(row)}"
+        f"row {run['number']}: {run['stepper']}, Δt {words.step(run['dt'])} "
+        f"({words.times(run['gravity_multiple'])} gravity limit), "
+        f"{run['clock']} {words.seconds(run['cost'])}, {run['ended']}"
     )
 
 
 def _rendered(template: str, **values: Any) -> str:
     """A template filled in."""
     return rendered(
-        "swe_sphere.studies.report", template, _link_rows, _attribute, how_it_ended, json.loads,
+        "swe_sphere.studies.report", template, _link_rows, _attribute, records, json.loads,
         **values, columns=columns, repeatable=REPEATABLE, slack=SLACK, baseline=BASELINE,
     )  # fmt: skip
 

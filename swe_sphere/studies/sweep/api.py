@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.record_store import locked
+from swe_sphere.studies.sweep.runner import SweepWatcher
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
-from swe_sphere.studies.sweep.watcher import SweepWatcher
 
 if TYPE_CHECKING:
     import os

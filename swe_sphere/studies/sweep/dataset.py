@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import write_whole
@@ -46,10 +45,8 @@ UNITS = {
     "peak_memory": "byte",
 }
 """Numbers of a row and their units; others that a run has come without."""
-INNER = ("key", "repeat", "record", "wall_seconds", "cpu_seconds")
-"""Columns of the table that are no variables as they stand."""
-ERROR = ("run", "kind", "field", "norm", "report_day")
-"""Dimensions of the errors."""
+INNER = ("key", "repeat", "wall_seconds", "cpu_seconds")
+"""Columns of the table of records that are no variables as they stand."""
 
 
 def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
@@ -59,20 +56,27 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     dims: run, kind, field, norm, report_day [days], repeat.  There must be a run.
     """
     records = current(records, header.sources)
+    # of a run that was made anew the last record holds, in the place of the first
+    firsts = {run.key: run for run in records if run.repeat == 0}
     table = pd.DataFrame([_row(record, header.scene) for record in records])
-    order = table.loc[table["repeat"] == 0, "key"].unique()
-    # of a run that was made anew the last record holds
-    table = table.drop_duplicates(["key", "repeat"], keep="last")
-    runs = table[table["repeat"] == 0].set_index("key").loc[order]
+    table = table.drop_duplicates(["key", "repeat"], keep="last").set_index("key")
+    runs = table[table["repeat"] == 0].loc[[*firsts]]
     data: dict[str, Any] = {name: ("run", runs[name].to_numpy(object)) for name in WORDS}
     for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *INNER})):
         attributes = {"units": UNITS[name]} if name in UNITS else {}
         data[name] = ("run", runs[name].to_numpy(float), attributes)
     # a repeat that was cut short has no time of the whole run
-    cut = (table["repeat"] > 0) & (table["status"] != "completed")
-    table.loc[cut, list(CLOCKS)] = np.nan
-    data |= _times(table, order)
-    data["error"] = _errors(runs["record"])
+    table.loc[(table["repeat"] > 0) & (table["status"] != "completed"), [*CLOCKS]] = np.nan
+    for name in CLOCKS:
+        repeats = table.pivot(columns="repeat", values=name).loc[[*firsts]].to_numpy(float)
+        data[name.removesuffix("_seconds")] = (("run", "repeat"), repeats, {"units": "s"})
+        times = np.pad(np.sort(repeats, axis=1), ((0, 0), (0, 1)), constant_values=np.nan)
+        data[name] = ("run", times[:, 0], {"units": "s"})  # NaN comes last
+        if name == CLOCKS[bool((runs["device"] != "cpu").any())]:
+            told = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
+            with np.errstate(divide="ignore", invalid="ignore"):
+                data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, told)
+    data["error"] = _errors([*firsts.values()])
     return xr.Dataset(data, attrs=_attributes(header, records))
 
 
@@ -97,50 +101,30 @@ def write_dataset(folder: Path) -> xr.Dataset:
 
 
 def _row(run: RunRecord, scene: str) -> dict[str, Any]:
+    """A line of the table of records."""
     config = run.config
     return {
         **dict.fromkeys((*UNITS, *CLOCKS)), **run.numbers,
         **{name: getattr(config, name) for name in ("stepper", "dt", *MESH)},
-        "scene": scene,
-        "preconditioner": config.preconditioner or "",
-        "settings": " ".join(map(str, config.settings)),
-        "days_planned": config.days,
         **{name: getattr(run, name) for name in ("role", "status", "reason", "jobs")},
-        "key": run.key, "repeat": run.repeat, "record": run,
+        "key": run.key, "repeat": run.repeat, "scene": scene,
+        "preconditioner": config.preconditioner or "",
+        "settings": " ".join(map(str, config.settings)), "days_planned": config.days,
     }  # fmt: skip
 
 
-def _times(table: pd.DataFrame, order: NDArray[np.object_]) -> dict[str, Any]:
-    """Times of the repeats, the shortest, and how far the two shortest are apart."""
-    found: dict[str, Any] = {}
-    clock = CLOCKS[bool((table["device"] != "cpu").any())]
-    for name in CLOCKS:
-        repeats = table.pivot(index="key", columns="repeat", values=name).loc[order].astype(float)
-        times, seconds = np.sort(repeats.to_numpy(), axis=1), {"units": "s"}  # NaN comes last
-        found[name.removesuffix("_seconds")] = (("run", "repeat"), repeats.to_numpy(), seconds)
-        found[name] = ("run", times[:, 0], seconds)
-        if name == clock:
-            second = times[:, 1] if times.shape[1] > 1 else np.full(len(times), np.nan)
-            told = {"units": "1", "long_name": f"of {name}: (second shortest - shortest)/shortest"}
-            with np.errstate(divide="ignore", invalid="ignore"):
-                found["spread"] = ("run", second / times[:, 0] - 1.0, told)
-    return found
-
-
-def _errors(runs: Iterable[RunRecord]) -> xr.DataArray:
+def _errors(runs: list[RunRecord]) -> xr.DataArray:
     """All errors, NaN where there is none."""
-    runs = list(runs)
     days = sorted({error.day for run in runs for error in run.errors})
-    sizes = (len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days))
-    labels = {"kind": list(KINDS), "field": list(FIELDS), "norm": list(NORMS),
-              "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
-    table = xr.DataArray(np.full(sizes, np.nan), labels, ERROR, attrs={"units": "1"})
+    values = np.full((len(runs), len(KINDS), len(FIELDS), len(NORMS), len(days)), np.nan)
     for n, run in enumerate(runs):
         for error in run.errors:
-            values = np.array([getattr(error, norm) for norm in NORMS], dtype=float)
-            place = {"kind": error.kind, "field": error.field, "report_day": error.day}
-            table[n].loc[place] = values
-    return table
+            kind, field = KINDS.index(error.kind), FIELDS.index(error.field)
+            norms = [getattr(error, norm) for norm in NORMS]
+            values[n, kind, field, :, days.index(error.day)] = norms
+    labels = {"kind": [*KINDS], "field": [*FIELDS], "norm": [*NORMS],
+              "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
+    return xr.DataArray(values, labels, ["run", *labels], attrs={"units": "1"})
 
 
 def _attributes(header: Header, records: list[RunRecord]) -> dict[str, Any]:
@@ -167,4 +151,4 @@ def _converged(records: list[RunRecord]) -> tuple[float, float]:
             if which == ("time", "h", run.config.days) and error.l2 is not None:
                 here = (float(run.config.dt), error.l2)
                 finest[run.mesh] = min(finest.get(run.mesh, here), here)
-    return max(finest.values(), key=lambda pair: pair[1], default=(float("nan"), float("nan")))
+    return max(finest.values(), key=lambda pair: pair[1], default=(math.nan, math.nan))

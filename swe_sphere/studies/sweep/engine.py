@@ -1,10 +1,10 @@
-"""A sweep while it goes on: reference runs, then the grid or the searches, all of it resumable."""
+"""A sweep: reference runs, then the grid or the searches, all of it resumable."""
 
 from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from itertools import zip_longest
@@ -13,22 +13,12 @@ from pathlib import Path
 from swe_sphere.equations.scene import Scene
 from swe_sphere.simulation.loop import Interruption
 from swe_sphere.studies.jobs import Tell, in_processes
-from swe_sphere.studies.sweep.errors import Evaluator, choose_reference, sweep_sources
-from swe_sphere.studies.sweep.record import RunRecord, current, header_of, note_plan, runs_of
-from swe_sphere.studies.sweep.runner import Runner
-from swe_sphere.studies.sweep.runs import (
-    Discretisations,
-    Integrator,
-    RunSpec,
-    integrators,
-    users_methods,
-)
-from swe_sphere.studies.sweep.steps import Target, longest_accurate, longest_working
+from swe_sphere.studies.sweep.errors import Evaluator
+from swe_sphere.studies.sweep.record import RunRecord, current, note_plan, runs_of
+from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
+from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
+from swe_sphere.studies.sweep.steps import longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
-from swe_sphere.studies.sweep.watcher import SweepWatcher
-
-CONVERGED = "converged"
-"""Folder of the fields of reference runs."""
 
 SHORTEST = 64.0
 """A search for an error goes down to this part of the longest step or of the gravity limit."""
@@ -46,10 +36,9 @@ SEARCHING = 0.7
 NEAR_BEST = 1.5
 """Runs up to so many times the time of the cheapest good one are timed again."""
 
-
-Part = tuple[str, int, int, int | None]
+Part = tuple[str, int, int | None]
 """Runs that one process makes one after the other: what they are for (grid, search or limit), the
-number of their integrator, and the first and the one after the last of its grid."""
+number of their integrator, and which of its grid, None for all of it."""
 
 
 class BudgetSpent(Exception):
@@ -72,23 +61,19 @@ class Sweep:
     ) -> None:
         """tell: passes records on to the process that keeps them, beside which this one runs."""
         self._plan, self._folder, self._watcher = plan, folder, watcher
-        self._spaces = Discretisations(plan, own)
-        total = choose_reference(self._spaces)
-        common = sweep_sources(self._spaces, total)
-        self._sources = common | users_methods(plan.steppers, plan.preconditioner)
+        self._study = study = Study(plan, own)
+        self._sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
         self._store = runs_of(folder, tell)
         if tell is None:
-            header = header_of(plan, self._spaces.scene, self._sources)
-            if stale := note_plan(folder, self._store.records, header):
+            records = self._store.records
+            if stale := note_plan(folder, records, plan, study.scene, self._sources):
                 watcher.note(stale)
-        self._least: dict[object, float] = {}
-        self._target = plan.target_error or 0.0
         self._interruption = Interruption()
         self._runner = Runner(
-            self._store, common, self._interruption, watcher, plan.time_limit,
+            self._store, study.sources, self._interruption, watcher, plan.time_limit,
             plan.jobs if tell else 1,
         )  # fmt: skip
-        self._evaluator = Evaluator(self._spaces, total, self._runner, folder / CONVERGED)
+        self._evaluator = Evaluator(study, self._runner, folder)
 
     @property
     def has_runs(self) -> bool:
@@ -102,72 +87,82 @@ class Sweep:
             Interrupted: the user asked to stop; all finished runs are kept.
             RunFailed: the disk does not take the results.
         """
-        everyone = self._everyone
+        plan = self._plan
         with _settled_objects(), self._interruption:
-            for space in self._spaces.all():
+            for space in self._study.spaces():
                 self._evaluator.converged(space)
-            if self._plan.jobs > 1:
-                self._beside()
-            if self._plan.target_error is None:
-                self._grid([run for each in everyone for run in each.grid(self._plan)])
+            if plan.jobs > 1:  # from here on their runs are known
+                arguments, parts = (plan, self._folder), self._parts()
+                for record in in_processes(plan.jobs, making_parts, arguments, parts):
+                    self._watcher.beside(self._runner.keep(record))
+            if plan.target_error is None:
+                self._grid([run for each in self._everyone for run in each.grid()])
             else:
-                self._search(everyone)
-            if self._plan.find_limit:
-                for integrator in everyone:
-                    self._find_limit(integrator)
+                self._search(self._everyone, plan.target_error)
+            for integrator in self._everyone if plan.find_limit else ():
+                self._find_limit(integrator)
 
     @cached_property
     def _everyone(self) -> list[Integrator]:
-        return integrators(self._spaces, self._evaluator.names)
+        return self._study.integrators()
 
     # --- in processes beside each other
 
-    def _beside(self) -> None:
-        """Have all runs made by others: from here on they are known."""
-        plan = self._plan
-        for record in in_processes(plan.jobs, making_parts, (plan, self._folder), self._parts()):
-            self._watcher.beside(self._runner.take(record))
-
     def _parts(self) -> list[Part]:
         """All parts; the shortest steps come first, so that nobody is left with them at the end."""
-        found: list[Part] = []
+        plan, found = self._plan, list[Part]()
+        what = "grid" if plan.target_error is None else "search"
         for n, integrator in enumerate(self._everyone):
-            if self._plan.find_limit:
-                found.append(("limit", n, 0, None))
-            if self._plan.target_error is not None:
-                found.append(("search", n, 0, None))
-            elif self._plan.enough is not None:  # which runs are needed shows on the way
-                found.append(("grid", n, 0, None))
+            if plan.find_limit:
+                found.append(("limit", n, None))
+            if what == "search" or plan.enough is not None:  # what is needed shows on the way
+                found.append((what, n, None))
             else:
-                grid = integrator.grid(self._plan)
-                found += [("grid", n, i, i + 1) for i in range(len(grid))]
-        return sorted(found, key=lambda part: part[2], reverse=True)
+                found += [("grid", n, i) for i in range(len(integrator.grid()))]
+        return sorted(found, key=lambda part: part[2] or 0, reverse=True)
 
     def make(self, part: Part) -> None:
         """Make a part of all runs."""
-        what, number, first, last = part
+        what, number, place = part
         integrator = self._everyone[number]
         if what == "limit":
             self._find_limit(integrator)
         elif what == "search":
-            self._search([integrator])
+            self._search([integrator], self._plan.target_error or 0.0)
         else:
-            self._grid(integrator.grid(self._plan)[first:last])
+            runs = integrator.grid()
+            self._grid(runs if place is None else [runs[place]])
 
     # --- grid
 
     def _grid(self, runs: list[RunSpec]) -> None:
+        """Round the integrators: first the longest step of each, then the next.
+
+        With `enough` in the plan an integrator ends where shorter steps can be no better buy.
+        """
         self._watcher.expect(len(runs))
+        by_integrator: dict[Integrator, list[RunSpec]] = {}
+        for run in runs:
+            by_integrator.setdefault(run.integrator, []).append(run)
+        costs: dict[Integrator, list[float]] = {of: [] for of in by_integrator}
+        least: dict[object, float] = {}
         finished: set[Integrator] = set()
-        costs: dict[Integrator, list[float]] = {}
         made = []
-        for run in _ordered(runs):
+        for run in (run for each in zip_longest(*by_integrator.values()) for run in each if run):
             if run.integrator in finished:
                 self._watcher.expect(-1)
                 continue
             record = self._runner.run(run, self._evaluator)
             made.append(run)
-            if self._is_last(record, costs.setdefault(run.integrator, [])):
+            if record.status != "completed" or self._plan.enough is None:
+                continue
+            earlier, good = costs[run.integrator], self._error(record) <= self._plan.enough
+            best = least.get(record.mesh, math.inf)
+            if good and record.seconds < best:
+                best = least[record.mesh] = record.seconds
+            rising = record.seconds >= min(earlier, default=math.inf)
+            earlier.append(record.seconds)
+            if good or (rising and record.seconds > DEAR * best):
                 finished.add(run.integrator)
         self._time(made)
 
@@ -179,72 +174,65 @@ class Sweep:
         while self._left > 0.0 and (pending := [run for run in runs if self._wants_repeat(run)]):
             self._watcher.expect(len(pending))
             for run in pending:
-                self._runner.run(run, repeat=self._runner.repeats(run))
+                self._runner.run(run, repeat=len(self._runner.repeats(run)))
 
     def _wants_repeat(self, run: RunSpec) -> bool:
         """Whether the shortest time of a run is not yet known to AGREE."""
-        record, wanted = self._runner.known(run), self._plan.repeats
-        if self._plan.jobs > 1 or record is None or record.status != "completed":
+        first, wanted = self._runner.known(run), self._plan.repeats
+        if self._plan.jobs > 1 or first is None or first.status != "completed":
             return False
-        times = self._runner.timings(run)
-        if self._runner.repeats(run) > MOST_REPEATS * wanted:  # some of which failed
+        repeats = self._runner.repeats(run)
+        times = sorted(
+            of.seconds for of in repeats if of.status == "completed" and math.isfinite(of.seconds)
+        )
+        if len(repeats) > MOST_REPEATS * wanted:  # some of which failed
             return False
         if len(times) < wanted:
             return True
         agree = wanted < 2 or times[1] <= (1.0 + AGREE) * times[0]
         return not agree and len(times) < MOST_REPEATS * wanted
 
-    def _good_enough(self, record: RunRecord) -> bool:
-        enough = self._plan.enough
-        return enough is not None and self._error(record) <= enough
-
-    def _is_last(self, record: RunRecord, costs: list[float]) -> bool:
-        """Whether shorter steps of its stepper can be no better buy.
-
-        costs: seconds with longer steps; those of the run are added.
-        """
-        if record.status != "completed" or self._plan.enough is None:
-            return False
-        costs.append(record.seconds)
-        least, good = self._least.get(record.mesh, math.inf), self._good_enough(record)
-        if good and record.seconds < least:
-            self._least[record.mesh] = record.seconds
-        rising = costs[-1] >= min(costs[:-1], default=math.inf)
-        return good or (rising and costs[-1] > DEAR * least)
-
     # --- the longest stable step
 
     def _find_limit(self, integrator: Integrator) -> None:
         if integrator.refusal is not None:
             return
-        limit, gravity = integrator.stable_dt, integrator.space.gravity_limit
-        known = math.isfinite(limit)
+        limit, gravity = integrator.stable_dt, integrator.space.limits["gravity_limit"]
+        known, longest = math.isfinite(limit), integrator.longest
         guess = limit if known else 8.0 * gravity
         ends: set[str] = set()
 
         def works(dt: float) -> bool:
             self._watcher.expect(1)
-            status = self._runner.run(integrator.trial(dt)).status
+            status = self._runner.run(integrator.run(dt, "stability")).status
             ends.add(status)
             return status == "completed"
 
-        found = longest_working(
-            works, guess, min(guess, gravity) / 8.0, integrator.longest, growth=TRIAL_GROWTH[known]
-        )
+        shortest, growth = min(guess, gravity) / 8.0, TRIAL_GROWTH[known]
+        found = longest_working(works, guess, shortest, longest, growth)
+        if found is None:
+            told = "no step gets to the end"
+        elif found >= longest:
+            told = f"stable at every step up to {found:.4g} s"
+        else:
+            told = f"longest stable step {found:.4g} s, {found / gravity:.3g} gravity limits"
         hurried = " (some trials ran out of time)" if "timed-out" in ends else ""
-        self._watcher.note(_limit_found(integrator, found) + hurried)
+        self._watcher.note(f"{integrator.label}: {told}{hurried}")
 
     # --- the longest step with an error
 
-    def _search(self, everyone: list[Integrator]) -> None:
+    def _search(self, everyone: list[Integrator], target: float) -> None:
         good: list[RunSpec] = []
         for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
-            tried: dict[RunSpec, None] = {}
-            found = self._longest_accurate(integrator, tried, SEARCHING * self._left / left)
-            worth = self._worth_timing(tried)
-            if not worth:
-                self._watcher.note(f"{integrator.label}: {found.reason}")
-            good += worth
+            tried: dict[RunSpec, RunRecord] = {}
+            reason = self._longest_accurate(
+                integrator, target, tried, SEARCHING * self._left / left
+            )
+            costs = {run: of.seconds for run, of in tried.items() if self._error(of) <= target}
+            if not costs:
+                self._watcher.note(f"{integrator.label}: {reason}")
+            best = min(filter(math.isfinite, costs.values()), default=math.inf)
+            good += [run for run, cost in costs.items() if not cost > NEAR_BEST * best]
         self._runner.time_limit = self._plan.time_limit
         self._time(good)
 
@@ -254,42 +242,33 @@ class Sweep:
         return math.inf if self._plan.budget is None else self._plan.budget - self._runner.spent
 
     def _longest_accurate(
-        self, integrator: Integrator, tried: dict[RunSpec, None], budget: float
-    ) -> Target:
-        """Search along the step within a budget [s]; the runs made are left in `tried`."""
+        self, integrator: Integrator, target: float, tried: dict[RunSpec, RunRecord], budget: float
+    ) -> str:
+        """Search along the step within a budget [s]; the runs made are left in `tried`.
+
+        Returns why no step has the error, in words; empty where one has.
+        """
         if integrator.refusal is not None:
-            return Target(None, integrator.refusal)
+            return integrator.refusal
         end = self._runner.spent + budget
 
         def error(dt: float) -> float:
-            run = integrator.run(dt, role="target")
+            run = integrator.run(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
             if left <= 0.0:
                 raise BudgetSpent
             if run not in tried:
                 self._watcher.expect(1)
-                tried[run] = None
             self._runner.time_limit = left if math.isfinite(left) else None
-            return self._error(self._runner.run(run, self._evaluator))
+            tried[run] = self._runner.run(run, self._evaluator)
+            return self._error(tried[run])
 
         longest = integrator.dt_sequence(1)[0]
-        shortest = min(longest, integrator.space.gravity_limit) / SHORTEST
+        shortest = min(longest, integrator.space.limits["gravity_limit"]) / SHORTEST
         try:
-            return longest_accurate(error, self._target, longest, shortest)
+            return longest_accurate(error, target, longest, shortest).reason
         except BudgetSpent:
-            share = max(budget, 0.0)
-            return Target(None, f"no step is good enough that its share of {share:.3g} s allows")
-
-    def _worth_timing(self, tried: Iterable[RunSpec]) -> list[RunSpec]:
-        """The good runs that may turn out to be the cheapest."""
-        records = {run: self._runner.known(run) for run in tried}
-        costs = {
-            run: record.seconds
-            for run, record in records.items()
-            if record is not None and self._error(record) <= self._target
-        }
-        best = min(filter(math.isfinite, costs.values()), default=math.inf)
-        return [run for run, cost in costs.items() if not cost > NEAR_BEST * best]
+            return f"no step is good enough that its share of {max(budget, 0.0):.3g} s allows"
 
     def _error(self, record: RunRecord) -> float:
         """The error at the end of a run that the plan's target speaks of; infinite if it failed."""
@@ -298,7 +277,7 @@ class Sweep:
         found: dict[str, float | None] = {
             error.kind: getattr(error, plan.target_norm)
             for error in record.errors
-            if (error.field, error.day) == (field, self._spaces.schedule.days)
+            if (error.field, error.day) == (field, self._study.days)
         }
         auto = "total" if "total" in found else "time"
         value = found.get(auto if plan.target_kind == "auto" else plan.target_kind)
@@ -308,23 +287,6 @@ class Sweep:
 def making_parts(tell: Tell, plan: SweepPlan, folder: Path) -> Callable[[Part], None]:
     """Gets a process beside others ready to make parts of a sweep."""
     return Sweep(plan, folder, SweepWatcher(), tell=tell).make
-
-
-def _ordered(runs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Round the integrators: first the longest step of each, then the next."""
-    by_integrator: dict[Integrator, list[RunSpec]] = {}
-    for run in runs:
-        by_integrator.setdefault(run.integrator, []).append(run)
-    return [run for each in zip_longest(*by_integrator.values()) for run in each if run]
-
-
-def _limit_found(integrator: Integrator, found: float | None) -> str:
-    if found is None:
-        return f"{integrator.label}: no step gets to the end"
-    if found >= integrator.longest:
-        return f"{integrator.label}: stable at every step up to {found:.4g} s"
-    gravity = found / integrator.space.gravity_limit
-    return f"{integrator.label}: longest stable step {found:.4g} s, {gravity:.3g} gravity limits"
 
 
 @contextmanager

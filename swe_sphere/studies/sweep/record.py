@@ -102,26 +102,14 @@ class Header(Record):
     command: str
 
 
-def header_of(plan: SweepPlan, scene: Scene, sources: Mapping[str, str]) -> Header:
-    """The header of a sweep that begins now."""
-    return Header(
-        scene=scene.name, title=scene.title, plan=plan.changes(), sources=dict(sources),
-        machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        command=command_line(),
-    )  # fmt: skip
-
-
 def command_line() -> str:
     """The command of this process, without the folders of its machine: pages show it to all."""
     program, *words = sys.argv or [""]
-    return shlex.join([Path(program).name, *map(_without_folders, words)])
-
-
-def _without_folders(word: str) -> str:
-    """Of an absolute path the name, also behind a flag and its equals sign."""
-    flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-    return flag + equals + (Path(value).name if Path(value).is_absolute() else value)
+    told = [Path(program).name]
+    for word in words:  # of an absolute path the name, also behind a flag and its equals sign
+        flag, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+        told.append(flag + equals + (Path(value).name if Path(value).is_absolute() else value))
+    return shlex.join(told)
 
 
 def read_header(folder: Path) -> Header | None:
@@ -140,33 +128,40 @@ def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRe
     return [run for run in runs if not _changed(run.sources, sources)]
 
 
-def note_plan(folder: Path, runs: list[RunRecord], now: Header) -> str:
-    """Write down what is asked for; returns what the user should know of the runs there.
-
-    Namely how many are left out, as something they are made of has changed since the last sweep;
-    empty where nothing has.  Raises ConfigError where the folder is of another scene.
-    """
-    last = read_header(folder)
-    if last is not None and last.scene != now.scene:
-        raise ConfigError(
-            f"{folder} holds a sweep of {last.scene}, not of {now.scene}: choose another folder"
-        )
-    same = {"created": now.created, "command": now.command}
-    if last is None or last.model_copy(update=same) != now:
-        write_whole(folder / HEADER, now.as_text())
-    changed = _changed(last.sources, now.sources) if last else []
-    stale = len(runs) - len(current(runs, now.sources))
-    if not changed or not stale:
-        return ""
-    return (
-        f"{folder}: {stale} of {len(runs)} runs there are left out, and made again where they are"
-        f" asked for: {' and '.join(changed)} changed since"
-    )
-
-
 def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
     """What something is made of and is not any more what it was.
 
     A sweep may go on with other files of data: what only one of both names has not changed.
     """
     return [name for name in sources if of.get(name, sources[name]) != sources[name]]
+
+
+def note_plan(
+    folder: Path, runs: list[RunRecord], plan: SweepPlan, scene: Scene, sources: dict[str, str]
+) -> str:
+    """Write down what is asked for; returns what the user should know of the runs there.
+
+    Namely how many are left out, as something they are made of has changed since the last sweep;
+    empty where nothing has.  Raises ConfigError where the folder is of another scene.
+    """
+    last = read_header(folder)
+    if last is not None and last.scene != scene.name:
+        raise ConfigError(
+            f"{folder} holds a sweep of {last.scene}, not of {scene.name}: choose another folder"
+        )
+    now = Header(
+        scene=scene.name, title=scene.title, plan=plan.changes(), sources=sources,
+        machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"), command=command_line(),
+    )  # fmt: skip
+    same = {"created": now.created, "command": now.command}
+    if last is None or last.model_copy(update=same) != now:
+        write_whole(folder / HEADER, now.as_text())
+    changed = _changed(last.sources, sources) if last else []
+    stale = len(runs) - len(current(runs, sources))
+    if not changed or not stale:
+        return ""
+    return (
+        f"{folder}: {stale} of {len(runs)} runs there are left out, and made again where they are"
+        f" asked for: {' and '.join(changed)} changed since"
+    )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from swe_sphere.errors import ConfigError, RunFailed, in_one_line
+from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
@@ -18,8 +18,7 @@ from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.peak_memory import begin_peak, peak_memory
 from swe_sphere.studies.record_store import Store
 from swe_sphere.studies.sweep.record import Errors, RunRecord, current
-from swe_sphere.studies.sweep.runs import Discretisation, History, RunSpec
-from swe_sphere.studies.sweep.watcher import SweepWatcher
+from swe_sphere.studies.sweep.runs import Discretisation, History, Integrator, RunSpec
 
 COUNTS = (
     "rhs_evaluations", "tangent_evaluations", "preconditioner_applications",
@@ -27,21 +26,13 @@ COUNTS = (
 )  # fmt: skip
 
 KEPT = ("u", "v", "h", "vorticity")
-"""What is kept of a state to take errors of it."""
+"""Fields of a state of which errors are taken."""
 
 TIMES = ("wall_seconds", "cpu_seconds", "setup_seconds", "compile_seconds", "total_seconds")
-"""What is not told of runs that were not alone."""
+"""Numbers that are not told of runs that were not alone."""
 
 WARM_STEPS = 2
 """Steps before the clock runs: the second of a two-step method is its first real one."""
-
-
-@dataclass
-class Result(Ended):
-    """What a run came to: costs and, if it was completed, drifts and the user's own diagnostics."""
-
-    snapshots: History = field(default_factory=dict)
-    """Fields at the report days that were reached."""
 
 
 class Snapshots(Observer):
@@ -67,25 +58,30 @@ def execute(
     interruption: Interruption,
     time_limit: float | None = None,
     tick: Callable[[int], None] | None = None,
-) -> Result:
+) -> tuple[Ended, History]:
     """Run to the end, or to where it fails; the steps alone are on the clock.
+
+    Returns how it ended, with costs and, if it was completed, drifts and the user's own
+    diagnostics; and the fields at the report days that were reached.
 
     Raises:
         Interrupted: the user asked to stop.
     """
     begin_peak()
     began = time.perf_counter()
-    try:
-        sim = _begun(spec)
-    except (ConfigError, RunFailed) as error:
-        return Result("refused", in_one_line(error))
+    ended = attempt(lambda: Ended(sim=_begun(spec)))
+    sim = ended.sim
+    if sim is None:
+        return Ended("refused", ended.reason), {}
     snapshots = Snapshots(spec.report_steps())
     observers = [snapshots, *([] if tick is None else [Ticker(tick)])]
     ended = stepped(sim, observers, time_limit, interruption)
-    result = Result(ended.status, ended.reason, _costs(sim), snapshots=snapshots.kept)
-    result.numbers |= _diagnostics(sim) if ended.completed else {}
-    result.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
-    return result
+    ended.numbers = _costs(sim)
+    if ended.completed:
+        found = sim.diagnostics
+        ended.numbers |= {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+    ended.numbers |= {"peak_memory": peak_memory(), "total_seconds": time.perf_counter() - began}
+    return ended, snapshots.kept
 
 
 def warm_up(spec: RunSpec) -> float:
@@ -124,10 +120,26 @@ def _costs(sim: Simulation) -> dict[str, float]:
     }
 
 
-def _diagnostics(sim: Simulation) -> dict[str, float]:
-    """Drifts, and those of the user's own diagnostics that are numbers."""
-    found = sim.diagnostics
-    return {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
+class SweepWatcher:
+    """Is told how a sweep is going; this one does nothing."""
+
+    def expect(self, runs: int) -> None:
+        """So many runs more are to come."""
+
+    def begin(self, spec: RunSpec) -> None:
+        """A run is about to be made."""
+
+    def tick(self, step: int) -> None:
+        """So many of its steps are done; called about ten times a second."""
+
+    def done(self, spec: RunSpec, record: RunRecord) -> None:
+        """There is a record of a run, a new one or one from before."""
+
+    def beside(self, record: RunRecord) -> None:
+        """Another process has made a run."""
+
+    def note(self, text: str) -> None:
+        """Something the user should know, in one line."""
 
 
 TakeErrors = Callable[[Discretisation, History], list[Errors]]
@@ -151,7 +163,7 @@ class Runner:
     def __post_init__(self) -> None:
         runs = current(self.store.records, self.sources)
         self._known = {(run.key, run.repeat): run for run in runs}
-        self._warm: set[object] = set()
+        self._warm: set[Integrator] = set()
         self.spent = 0.0
         """Wall time of the steps of all runs made here [s]."""
 
@@ -166,15 +178,9 @@ class Runner:
         had, has = record.time_limit, self.time_limit
         return record if has is not None and had is not None and has <= had else None
 
-    def timings(self, spec: RunSpec) -> list[float]:
-        """Times of the completed repeats of a run that were alone [s], the shortest first."""
-        repeats = (run for (key, _), run in self._known.items() if key == spec.key)
-        completed = (run.seconds for run in repeats if run.status == "completed")
-        return sorted(filter(math.isfinite, completed))
-
-    def repeats(self, spec: RunSpec) -> int:
-        """Number of records of a run."""
-        return sum(key == spec.key for key, _ in self._known)
+    def repeats(self, spec: RunSpec) -> list[RunRecord]:
+        """The records of a run."""
+        return [run for (key, _), run in self._known.items() if key == spec.key]
 
     def run(self, spec: RunSpec, evaluate: TakeErrors | None = None, repeat: int = 0) -> RunRecord:
         """The record of a run: the known one, or that of a new run.
@@ -187,44 +193,39 @@ class Runner:
         """
         record = self.known(spec, repeat)
         if record is None:
-            result = self.result(spec, self.time_limit)
-            errors = evaluate(spec.space, result.snapshots) if evaluate else []
-            record = self.keep(spec, result, errors, repeat)
+            record, fields = self.make(spec, self.time_limit, repeat)
+            if evaluate:
+                found = evaluate(spec.space, fields)
+                record = record.model_copy(update={"errors": found})
+            record = self.keep(record)
         self.watcher.done(spec, record)
         return record
 
-    def result(self, spec: RunSpec, time_limit: float | None = None) -> Result:
-        """Make a run, warm."""
+    def make(
+        self, spec: RunSpec, time_limit: float | None = None, repeat: int = 0
+    ) -> tuple[RunRecord, History]:
+        """Make a run, warm: its record, yet without errors, and its fields at the report days."""
         self.interruption.check()
         self.watcher.begin(spec)
-        compiled = self._warmed(spec)
-        result = execute(spec, self.interruption, time_limit, self.watcher.tick)
-        self.spent += result.numbers.get("wall_seconds", 0.0)
-        if "compile_seconds" in result.numbers:
-            result.numbers["compile_seconds"] += compiled
-        return result
-
-    def keep(
-        self, spec: RunSpec, result: Result, errors: list[Errors], repeat: int = 0
-    ) -> RunRecord:
-        """Write the record of a run."""
+        compiled = 0.0
+        if spec.integrator not in self._warm and spec.refusal is None:
+            self._warm.add(spec.integrator)
+            compiled = warm_up(spec)
+        ended, fields = execute(spec, self.interruption, time_limit, self.watcher.tick)
+        numbers = ended.numbers
+        self.spent += numbers.get("wall_seconds", 0.0)
+        if "compile_seconds" in numbers:
+            numbers["compile_seconds"] += compiled
         untold = dict.fromkeys(TIMES if self.jobs > 1 else ())
-        return self.take(RunRecord(
+        record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
-            status=result.status, reason=result.reason,
-            numbers=result.numbers | spec.space.limits | untold,
-            errors=errors, time_limit=self.time_limit,
+            status=ended.status, reason=ended.reason,
+            numbers=numbers | spec.space.limits | untold, errors=[], time_limit=self.time_limit,
             sources=self.sources | spec.integrator.sources, jobs=self.jobs,
-        ))  # fmt: skip
+        )  # fmt: skip
+        return record, fields
 
-    def take(self, record: RunRecord) -> RunRecord:
+    def keep(self, record: RunRecord) -> RunRecord:
         """Write a record that was made here or by another process."""
         kept = self._known[record.key, record.repeat] = self.store.add(record)
         return kept
-
-    def _warmed(self, spec: RunSpec) -> float:
-        """Seconds of compiling for this kind of run, in the first of which it is done."""
-        if spec.integrator.identity in self._warm or spec.refusal is not None:
-            return 0.0
-        self._warm.add(spec.integrator.identity)
-        return warm_up(spec)

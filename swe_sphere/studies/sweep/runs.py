@@ -6,8 +6,8 @@ import inspect
 import math
 import sys
 import uuid
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
 from pathlib import Path
@@ -17,35 +17,46 @@ import numpy as np
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, in_one_line
-from swe_sphere.files.fingerprints import code_fingerprint, file_fingerprint, fingerprint
+from swe_sphere.files.fingerprints import (
+    SCENE_FILE,
+    code_fingerprint,
+    file_fingerprint,
+    fingerprint,
+    processor,
+)
 from swe_sphere.files.user_file import is_user_file
+from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import Inputs, make_mesh, make_scene, stepper_options
+from swe_sphere.simulation.build import Inputs, make_mesh, make_scene, start_warp, stepper_options
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
-from swe_sphere.simulation.restart import identity
+from swe_sphere.simulation.restart import identity, scene_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
+from swe_sphere.studies.sweep.reference import choose_reference
 from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
     from swe_sphere.equations.model import Model
     from swe_sphere.equations.spectrum import Spectrum
-    from swe_sphere.steppers import Stepper
 
 History = dict[float, Fields]
 """Fields by report day."""
+Role = Literal["grid", "target", "stability", "converged"]
+"""What a run is made for: a grid, a search for an error or for the longest stable step, or to be
+compared with."""
+SESSION = uuid.uuid4().hex
+"""In the place of the fingerprint of code that is in no file: nothing of it is known later."""
 
 
 class Discretisation:
     """A scene on a mesh: its initial state, limits, and fresh simulations.
 
     config: of any run on it; its stepper does not matter.  own: a scene in the place of the one
-    that is named there.  Raises ConfigError where scene or mesh
-    cannot be made.
+    that is named there.  Raises ConfigError where scene or mesh cannot be made.
     """
 
     def __init__(self, config: RunConfig, own: Scene | None = None) -> None:
@@ -53,11 +64,6 @@ class Discretisation:
         self.scene = make_scene(config, own)
         self.mesh = make_mesh(config, self.scene)
         self._radii: dict[object, Spectrum] = {}
-
-    @property
-    def label(self) -> str:
-        """The mesh and the precision in words."""
-        return f"ne{self.mesh.ne} np{self.mesh.np} {self.config.precision}"
 
     @cached_property
     def identity(self) -> str:
@@ -106,11 +112,6 @@ class Discretisation:
         advective = gravity * ((wind + wave) / wind) if wind > 0.0 else np.inf
         return {"gravity_limit": gravity, "advective_limit": advective}
 
-    @property
-    def gravity_limit(self) -> float:
-        """The longest step of leapfrog [s], about."""
-        return self.limits["gravity_limit"]
-
     def stable_dt(self, kind: type[Stepper]) -> float:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
@@ -120,80 +121,98 @@ class Discretisation:
         return kind.limit(self._radii[how])
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """Length of the runs and times at which their errors are taken [days]; the last is the end."""
-
-    days: float
-    report_days: tuple[float, ...]
-
-    @classmethod
-    def of(cls, days: float, report_days: tuple[float, ...]) -> Schedule:
-        """The schedule with the end among its report days."""
-        return cls(days, tuple(sorted({*report_days, days})))
-
-    @cached_property
-    def interval(self) -> float:
-        """The longest time [s] of which all report times are multiples, to the millisecond."""
-        times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
-        return float(reduce(common_measure, times))
-
-    def steps(self, dt: float) -> RunPlan:
-        """Steps of at most dt [s] that meet all report times.
-
-        Raises:
-            ConfigError: no step near dt does.
-        """
-        return time_plan(self.days, self.interval / 3600.0, dt)
-
-
-class Discretisations:
-    """The meshes and precisions of a plan, each made when it is first asked for.
+class Study:
+    """What a plan asks for: a scene, its meshes, and the times at which errors are taken.
 
     own: a scene in the place of the one that the plan names.
     """
 
     def __init__(self, plan: SweepPlan, own: Scene | None = None) -> None:
-        self.plan, self.own = plan, own
+        self.plan, self._own = plan, own
         self._known: dict[tuple[int, int, str], Discretisation] = {}
         self.scene = scene = make_scene(plan.run_config(), own)
         self.ne, self.np = plan.ne or (scene.ne,), plan.np or (scene.np,)
-        days = scene.days if plan.days is None else plan.days
-        self.schedule = Schedule.of(days, plan.report_days)
+        self.days = scene.days if plan.days is None else plan.days
+        self.report_days = tuple(sorted({*plan.report_days, self.days}))
+        """Times at which errors are taken [days]; the last is the end."""
+        times = [Fraction(day * DAY).limit_denominator(1000) for day in self.report_days]
+        self.interval = float(reduce(common_measure, times))
+        """The longest time [s] of which all report times are multiples, to the millisecond."""
+        self.slow = scene.sheds_waves if plan.slow is None else plan.slow
+        """Whether errors of the slow flow are taken."""
+        self.total = choose_reference(plan, scene, self.report_days, self.ne)
 
     def at(self, ne: int, np: int, precision: str = "float64") -> Discretisation:
-        """The one of that mesh and precision."""
+        """The scene on the mesh and in the precision, made when it is first asked for."""
         key = (ne, np, precision)
         if key not in self._known:
             config = self.plan.run_config(ne=ne, np=np, precision=precision)
-            self._known[key] = Discretisation(config, self.own)
+            self._known[key] = Discretisation(config, self._own)
         return self._known[key]
 
-    def all(self) -> list[Discretisation]:
-        """Those that the plan asks for."""
+    def spaces(self) -> list[Discretisation]:
+        """All meshes and precisions of the plan."""
         precisions = self.plan.precision
         return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]
 
+    def integrators(self) -> list[Integrator]:
+        """Steppers with each preconditioner, mesh by mesh.
 
-SESSION = uuid.uuid4().hex
-"""In the place of the fingerprint of code that is in no file: nothing of it is known later."""
+        Steppers that take no preconditioner come once, and without tolerance.
+        """
+        found = []
+        for space in self.spaces():
+            for stepper in self.plan.steppers:
+                takes = inspect.signature(get_stepper(stepper)).parameters
+                names = self.plan.preconditioner if "preconditioner" in takes else ()
+                for name in names or (None,):
+                    chosen: dict[str, object] = {"stepper": stepper, "preconditioner": name}
+                    if "tolerance" in takes:
+                        chosen["tolerance"] = self.plan.tolerance
+                    config = space.config.model_copy(update=chosen)
+                    found.append(Integrator(config, space, self))
+        return found
 
+    def steps(self, dt: float) -> RunPlan:
+        """Steps of at most dt [s] that meet all report times; ConfigError where no step does."""
+        return time_plan(self.days, self.interval / 3600.0, dt)
 
-Role = Literal["grid", "target", "stability", "converged"]
-"""What a run is made for: a grid, a search for an error or for the longest stable step, or to be
-compared with."""
+    def references(self, role: Role) -> tuple[str, ...]:
+        """What the errors of a run are taken against: part of its identity."""
+        if role == "stability":
+            return ()
+        if role == "converged":
+            return ("reference run", self.total.name)
+        time = f"{self.plan.converged_stepper} at {self.plan.converged_part:g} of its limit"
+        return (time, self.total.name, *(["slow flow"] if self.slow else []))
+
+    @cached_property
+    def sources(self) -> dict[str, str]:
+        """Fingerprints of all that every run is made of but its settings, by what it is.
+
+        Scenes of one name are told apart by where they come from: the package, a file or an object.
+        Times of one processor say nothing of those of another.
+        """
+        files = scene_sources(self.plan.scene, self.scene)
+        origin = "a file" if SCENE_FILE in files else "the package"
+        if self._own is not None:
+            origin = users_fingerprint(self._own.initial)
+        start_warp()
+        return {
+            "the code of swe_sphere": code_fingerprint(),
+            "the processor": processor(find_device(self.plan.device)),
+            "the scene": origin, **files, **self.total.sources,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Integrator:
     """Everything of a run but its step; two are equal where they ask for the same."""
 
-    space: Discretisation = field(compare=False, repr=False)
     config: RunConfig
     """Mesh, precision, stepper and its options."""
-    schedule: Schedule
-    references: tuple[str, ...] = ()
-    """What errors are taken against."""
+    space: Discretisation = field(compare=False, repr=False)
+    study: Study = field(compare=False, repr=False)
 
     @property
     def kind(self) -> type[Stepper]:
@@ -204,12 +223,8 @@ class Integrator:
     def label(self) -> str:
         """The stepper and its discretisation in words."""
         with_ = f" {self.config.preconditioner}" if self.config.preconditioner else ""
-        return f"{self.config.stepper}{with_}, {self.space.label}"
-
-    @property
-    def identity(self) -> tuple[object, ...]:
-        """The same for all that compile and do the same."""
-        return (self.space.identity, self.config.stepper, self.config.preconditioner)
+        mesh = f"ne{self.config.ne} np{self.config.np} {self.config.precision}"
+        return f"{self.config.stepper}{with_}, {mesh}"
 
     @cached_property
     def refusal(self) -> str | None:
@@ -231,8 +246,7 @@ class Integrator:
     @cached_property
     def sources(self) -> dict[str, str]:
         """Fingerprints of the stepper and the preconditioner, where they are the user's own."""
-        chosen = self.config.preconditioner
-        return users_methods([self.config.stepper], [chosen] if chosen else [])
+        return users_methods([self.config.stepper], filter(None, [self.config.preconditioner]))
 
     @property
     def stable_dt(self) -> float:
@@ -242,40 +256,38 @@ class Integrator:
     @property
     def longest(self) -> float:
         """The longest step that is worth a trial [s]."""
-        return min(self.schedule.interval, 0.5 * self.schedule.days * DAY)
+        return min(self.study.interval, 0.5 * self.study.days * DAY)
 
     def dt_sequence(self, levels: int, longest: float | None = None) -> list[float]:
         """Steps to try [s], the longest first; longest: none is longer [s], and they are halved."""
         explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
-        usable, gravity = self.kind.safety * self.stable_dt, self.space.gravity_limit
+        usable, gravity = self.kind.safety * self.stable_dt, self.space.limits["gravity_limit"]
+        interval = self.study.interval
         if longest is not None:
-            return halved(min(usable, longest, self.schedule.interval), 0.25 * gravity, levels)
-        return dt_sequence(usable, explicit, gravity, self.schedule.interval, levels)
+            return halved(min(usable, longest, interval), 0.25 * gravity, levels)
+        return dt_sequence(usable, explicit, gravity, interval, levels)
 
     def run(self, dt: float, role: Role = "grid") -> RunSpec:
-        """The run with steps of dt [s], a little shorter where report times ask for it."""
+        """The run with steps of dt [s], a little shorter where report times ask for it.
+
+        Trials of stability keep their step: they have no report times.
+        """
         try:
-            return self.planned(self.schedule.steps(dt), role)
+            trial = role == "stability"
+            steps = free_steps(self.study.days, dt) if trial else self.study.steps(dt)
         except ConfigError as error:
             return RunSpec(self, dt, None, role, str(error))
-
-    def planned(self, steps: RunPlan, role: Role) -> RunSpec:
-        """The run with just these steps."""
         return RunSpec(self, steps.dt, steps, role, self.refusal)
 
-    def trial(self, dt: float) -> RunSpec:
-        """A run with steps of exactly dt [s], only to see whether it gets to the end."""
-        alone = replace(self, schedule=Schedule(self.schedule.days, ()), references=())
-        return alone.planned(free_steps(self.schedule.days, dt), "stability")
-
-    def grid(self, plan: SweepPlan) -> list[RunSpec]:
-        """The runs that a plan asks for, without those that are the same after all."""
+    def grid(self) -> list[RunSpec]:
+        """The runs that the plan asks for, without those that are the same after all."""
+        plan = self.study.plan
         if plan.dt != "auto":
             steps = list(plan.dt)
         elif self.refusal is None:
             steps = self.dt_sequence(plan.levels, plan.longest)
         else:
-            steps = [self.schedule.interval]
+            steps = [self.study.interval]
         return [*dict.fromkeys(map(self.run, steps))]
 
 
@@ -305,16 +317,21 @@ class RunSpec:
     @cached_property
     def config(self) -> RunConfig:
         """The configuration, complete: with the step and the length."""
-        changes = {"dt": self.dt, "days": self.integrator.schedule.days}
+        changes = {"dt": self.dt, "days": self.integrator.study.days}
         return self.integrator.config.model_copy(update=changes)
+
+    @property
+    def report_days(self) -> tuple[float, ...]:
+        """Times at which errors are taken [days]; none of a trial of stability."""
+        return () if self.role == "stability" else self.integrator.study.report_days
 
     @cached_property
     def key(self) -> str:
         """Name of all settings, files and code that matter for the result."""
-        of = self.integrator
+        of, study = self.integrator, self.integrator.study
         return fingerprint([
-            of.space.identity, of.config.stepper, of.options, repr(self.dt), of.schedule.days,
-            of.schedule.report_days, of.references, of.sources,
+            of.space.identity, of.config.stepper, of.options, repr(self.dt), study.days,
+            self.report_days, study.references(self.role), of.sources,
         ])  # fmt: skip
 
     @property
@@ -327,28 +344,7 @@ class RunSpec:
 
     def report_steps(self) -> dict[int, float]:
         """The report days by the steps after which they come."""
-        return {round(day * DAY / self.dt): day for day in self.integrator.schedule.report_days}
-
-
-def integrators(spaces: Discretisations, references: tuple[str, ...]) -> list[Integrator]:
-    """All that a plan asks for, mesh by mesh."""
-    return [
-        Integrator(space, config, spaces.schedule, references)
-        for space in spaces.all()
-        for config in _configs(spaces.plan, space)
-    ]
-
-
-def _configs(plan: SweepPlan, space: Discretisation) -> Iterator[RunConfig]:
-    """Steppers with each preconditioner; those that take none come once, and without tolerance."""
-    for stepper in plan.steppers:
-        takes = inspect.signature(get_stepper(stepper)).parameters
-        names = plan.preconditioner if "preconditioner" in takes else ()
-        for name in names or (None,):
-            chosen: dict[str, object] = {"stepper": stepper, "preconditioner": name}
-            if "tolerance" in takes:
-                chosen["tolerance"] = plan.tolerance
-            yield space.config.model_copy(update=chosen)
+        return {round(day * DAY / self.dt): day for day in self.report_days}
 
 
 def users_methods(steppers: Iterable[str], preconditioners: Iterable[str]) -> dict[str, str]:

@@ -9,13 +9,19 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.equations.scene_checks import MOST_ELEMENTS
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_user_file
-from swe_sphere.settings.values import by_field, names_in, read_toml, validated
+from swe_sphere.settings.values import (
+    by_field,
+    names_in,
+    place_and_complaint,
+    read_toml,
+    validated,
+)
 from swe_sphere.simulation.build import make_mesh, make_scene
 from swe_sphere.simulation.config import (
     Days,
@@ -31,6 +37,7 @@ from swe_sphere.simulation.config import (
     or_auto,
 )
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.steppers import STEPPERS, get_stepper
 from swe_sphere.studies.jobs import MOST_JOBS
 
 
@@ -46,8 +53,6 @@ def _listed(value: object) -> tuple[object, ...]:
 
 def stepper_names(value: object) -> tuple[str, ...]:
     """Names of steppers; among them may be families, files, and classes known by their name."""
-    from swe_sphere.steppers import STEPPERS
-
     names = []
     for item in _listed(value):
         if family := [name for name, kind in STEPPERS.items() if kind.family == item]:
@@ -162,10 +167,25 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
     Raises:
         ConfigError: an unknown name or an unfit value, in one line that says which.
     """
+    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+
     plan = validated(SweepPlan, values)
     if plan.budget is not None and plan.target_error is None:
         raise ConfigError("budget: only a search has one: give target-error too, or leave it out")
-    _check(plan, make_scene(plan.run_config(), scene))
+    made = make_scene(plan.run_config(), scene)
+    for name in (*plan.steppers, plan.converged_stepper):
+        get_stepper(name)
+    for name in plan.preconditioner:
+        PRECONDITIONERS.find(name)
+    for ne, points in product(plan.ne or (made.ne,), plan.np or (made.np,)):
+        make_mesh(plan.run_config(ne=ne, np=points), made)
+    days = made.days if plan.days is None else plan.days
+    late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
+    if late:
+        raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")
+    for path in plan.reference:
+        if not path.is_file():
+            raise ConfigError(f"reference: there is no file {path}")
     if plan.jobs > 1:
         _check_jobs(plan, scene)
     return plan
@@ -173,8 +193,6 @@ def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> Sweep
 
 def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
     """ConfigError for what other processes do not have or cannot share."""
-    from swe_sphere.steppers import get_stepper
-
     if plan.budget is not None:
         raise ConfigError("jobs: processes cannot share a budget: leave jobs or budget out")
     if plan.device != "cpu":
@@ -189,28 +207,16 @@ def _check_jobs(plan: SweepPlan, own: Scene | None) -> None:
         )
 
 
-def _check(plan: SweepPlan, scene: Scene) -> None:
-    """ConfigError for what no run could begin with: names, meshes, times, files."""
-    from swe_sphere.solvers.preconditioners import PRECONDITIONERS
-    from swe_sphere.steppers import get_stepper
-
-    for name in (*plan.steppers, plan.converged_stepper):
-        get_stepper(name)
-    for name in plan.preconditioner:
-        PRECONDITIONERS.find(name)
-    for ne in plan.ne or (scene.ne,):
-        for points in plan.np or (scene.np,):
-            make_mesh(plan.run_config(ne=ne, np=points), scene)
-    days = scene.days if plan.days is None else plan.days
-    late = [day for day in plan.report_days if day > days * (1.0 + 1e-12)]
-    if late:
-        raise ConfigError(f"report-days: day {late[0]:g} is after the end, day {days:g}")
-    for path in plan.reference:
-        if not path.is_file():
-            raise ConfigError(f"reference: there is no file {path}")
-
-
 RECIPES = Path(str(files("swe_sphere.studies.sweep"))) / "recipes"
+
+
+class Claim(BaseModel):
+    """What others say: that steps of so many gravity-wave and advective limits lose no accuracy."""
+
+    gravity: float
+    advective: float
+    why: str = ""
+    """Markdown: what the runs say to it."""
 
 
 @dataclass(frozen=True)
@@ -224,8 +230,8 @@ class Recipe:
     """Markdown before the results of all."""
     notes: Mapping[str, str] = field(default_factory=dict)
     """Markdown after the results of a scene."""
-    claims: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """What others say of the longest steps on a scene: see `swe_sphere.studies.report.Claim`."""
+    claims: Mapping[str, Claim] = field(default_factory=dict)
+    """What the longest steps on a scene are held against."""
     mapped: bool = False
     """Whether one map of all sweeps is wanted, and no report of each."""
 
@@ -275,8 +281,12 @@ def load_recipe(name: str) -> Recipe:
         raise ConfigError(f"{path}: sweeps are tables [[sweep]]")
     notes = {folder_of(table | each): str(each.pop("note")) for each in sweeps if "note" in each}
     claims = {folder_of(table | each): each.pop("claim") for each in sweeps if "claim" in each}
-    single = [one for each in sweeps for one in _combinations(path, table | each)]
-    return Recipe(title, tuple(map(by_field, single)), introduction, notes, claims, mapped)
+    single = [by_field(one) for each in sweeps for one in _combinations(path, table | each)]
+    try:
+        known = TypeAdapter(dict[str, Claim]).validate_python(claims)
+    except ValidationError as error:
+        raise ConfigError(f"claim: {place_and_complaint(error)}") from None
+    return Recipe(title, tuple(single), introduction, notes, known, mapped)
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
@@ -295,10 +305,9 @@ def _combinations(path: Path, sweep: dict[str, Any]) -> Iterator[dict[str, Any]]
     for values in product(*each.values()):
         chosen = {key: value for key, value in zip(each, values, strict=True) if value != ""}
         words = [f"{key.rpartition('.')[2]}{value}" for key, value in chosen.items()]
-        settings = [f"{key}={value}" for key, value in chosen.items() if "." in key]
-        plain = {key: value for key, value in chosen.items() if "." not in key}
-        named = (
-            {"name": "-".join([folder_of({"scene": sweep.get("scene")}), *words])} if each else {}
-        )
-        of_all = [*_listed(sweep.get("set", ())), *settings]
-        yield sweep | plain | named | ({"set": of_all} if of_all else {})
+        settings = [*_listed(sweep.get("set", ()))]
+        settings += [f"{key}={value}" for key, value in chosen.items() if "." in key]
+        made = sweep | {key: value for key, value in chosen.items() if "." not in key}
+        if each:
+            made["name"] = "-".join([folder_of({"scene": sweep.get("scene")}), *words])
+        yield made | ({"set": settings} if settings else {})
