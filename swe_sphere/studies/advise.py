@@ -90,7 +90,7 @@ class Advice:
         """The configuration of the run that is advised."""
         best = self.ranking.winners(0)[0]
         steppers = {get_stepper(name).name: name for name in self.question.steppers}
-        chosen = {"stepper": steppers[best.stepper], "dt": float(f"{best.dt:.5g}")}
+        chosen = {"stepper": steppers[best.stepper], "dt": float(f"{best['dt']:.5g}")}
         if best.preconditioner:
             chosen["preconditioner"] = best.preconditioner
         return self.question.run_config(**chosen)
