@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from itertools import groupby, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
-from swe_sphere.cli.options import AsJson, Jobs, check_resumed
+from swe_sphere.cli.options import AsJson, Jobs, check_resumed, flag, option
 from swe_sphere.cli.show import Stopped, print_table, show_line
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors, write_whole
@@ -30,23 +30,11 @@ HEADS = ("case", "ne", "np", "Δt [s]", "l2(h)", "l2(v)", "order", "of bound", "
 
 def verify(
     context: typer.Context,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only the cheap rows, in less than a minute.")
-    ] = False,
-    scenes: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Only these scenes, or cases by name.")
-    ] = None,
-    launch: Annotated[
-        str | None,
-        typer.Option(metavar="element|node", help="Shape of kernel launches; GPUs have node."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR|FILE.md", help="Write the page; into a folder, numbers too."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on after an interrupted run of this code.")
-    ] = False,
+    quick: bool = flag("quick", "Only the cheap rows, in less than a minute."),
+    scenes: str | None = option("A,B", "Only these scenes, or cases by name."),
+    launch: str | None = option("element|node", "Shape of kernel launches; GPUs have node."),
+    out: Path | None = option("DIR|FILE.md", "Write the page; into a folder, numbers too."),
+    resume: bool = flag("resume", "Go on after an interrupted run of this code."),
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:
@@ -84,23 +72,11 @@ def verify(
 
 
 def stress(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A short form of some cases, in less than a minute.")
-    ] = False,
-    groups: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Only these groups of cases.")
-    ] = None,
-    steppers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Only cases of these steppers.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.md", help="Write the page after each case, and FILE.json."),
-    ] = None,
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Leave out cases whose result FILE.json has, of this code."),
-    ] = False,
+    quick: bool = flag("quick", "A short form of some cases, in less than a minute."),
+    groups: str | None = option("A,B", "Only these groups of cases."),
+    steppers: str | None = option("A,B", "Only cases of these steppers."),
+    out: Path | None = option("FILE.md", "Write the page after each case, and FILE.json."),
+    resume: bool = flag("resume", "Leave out cases whose result FILE.json has, of this code."),
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import typer
 
-from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY
@@ -22,15 +22,9 @@ WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")
 
 @with_flags(RunConfig, argument="scene", without=WITHOUT)
 def ensemble(
-    seeds: Annotated[
-        str, typer.Option(metavar="A,B,...|FIRST-LAST", help="Seeds of the members.")
-    ] = "1-8",
-    field: Annotated[
-        str, typer.Option(metavar="NAME", help="Whose spread: vorticity, h, u, ...")
-    ] = "vorticity",
-    folder: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Files of the members (SCENE_ensemble).")
-    ] = None,
+    seeds: str = option("A,B,...|FIRST-LAST", "Seeds of the members.", "1-8"),
+    field: str = option("NAME", "Whose spread: vorticity, h, u, ...", "vorticity"),
+    folder: Path | None = option("FOLDER", "Files of the members (SCENE_ensemble)."),
     **values: Any,
 ) -> None:
     """Run a scene from several seeds, and show how their spread grows."""

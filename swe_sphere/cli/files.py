@@ -9,13 +9,11 @@ from typing import Annotated
 
 import typer
 
-from swe_sphere.cli.options import AsJson
+from swe_sphere.cli.options import AsJson, Field, flag, option
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in
 
-Field = Annotated[
-    str | None, typer.Option("--field", metavar="NAME", help="h, surface, vorticity, ...")
-]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 
 
 def list_all() -> None:
@@ -31,12 +29,8 @@ def compare(
     a: Annotated[Path, typer.Argument(help="File whose errors are wanted.")],
     b: Annotated[Path, typer.Argument(help="File taken for right; any other grid.")],
     field: Field = None,
-    time: Annotated[
-        float | None, typer.Option(metavar="DAYS", help="Time of both (the last that both have).")
-    ] = None,
-    across_scenes: Annotated[
-        bool, typer.Option("--across-scenes", help="Also runs of different scenes.")
-    ] = False,
+    time: float | None = option("DAYS", "Time of both (the last that both have)."),
+    across_scenes: bool = flag("across-scenes", "Also runs of different scenes."),
     as_json: AsJson = False,
 ) -> None:
     """Print l1, l2 and linf of A against B."""
@@ -65,22 +59,11 @@ def _seconds(days: float | None) -> float | None:
 
 def regrid(
     file: Annotated[Path, typer.Argument(help="File of a run.")],
-    grid: Annotated[
-        str, typer.Option(metavar="latlon:ROWSxCOLUMNS|gaussian:N", help="The grid.")
-    ] = "latlon:181x360",
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.nc|FILE.zarr", help="The result (beside: FILE_GRID.nc)."),
-    ] = None,
-    conservative: Annotated[
-        bool, typer.Option("--conservative", help="Cell means that keep the integrals.")
-    ] = False,
-    fields: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Variables wanted (all).")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that is there.")
-    ] = False,
+    grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "The grid.", "latlon:181x360"),
+    out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
+    conservative: bool = flag("conservative", "Cell means that keep the integrals."),
+    fields: str | None = option("A,B,...", "Variables wanted (all)."),
+    overwrite: Overwrite = False,
 ) -> None:
     """Bring the frames of a run to a grid of latitudes and longitudes."""
     from swe_sphere.analysis.regrid_file import regrid_file
@@ -91,12 +74,8 @@ def regrid(
 
 def scrip(
     file: Annotated[Path, typer.Argument(help="File of a run.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE.nc", help="The grid (beside: FILE_scrip.nc).")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that is there.")
-    ] = False,
+    out: Path | None = option("FILE.nc", "The grid (beside: FILE_scrip.nc)."),
+    overwrite: Overwrite = False,
 ) -> None:
     """Write the nodes as cells of a SCRIP grid, for other tools that regrid."""
     from swe_sphere.analysis.regrid_file import write_scrip

@@ -30,11 +30,22 @@ METAVARS = {
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one line of JSON.")]
 Jobs = Annotated[int, typer.Option(metavar="N", help="Processes at work beside each other.")]
+Field = Annotated[str | None, typer.Option(metavar="NAME", help="h, surface, vorticity, ...")]
 """Flags that several commands have."""
 
 LIST = "A,B,..."
 REPEATED = ("settings", "diagnostics", "reference")
 """Fields of several values whose flag is given again for each; others take a list, A,B,..."""
+
+
+def option(metavar: str, text: str, default: Any = None) -> Any:
+    """Return an option of a command, the default value of the parameter of its name."""
+    return typer.Option(default, metavar=metavar, help=text)
+
+
+def flag(name: str, text: str) -> Any:
+    """Return a switch of a command that is off by default."""
+    return typer.Option(False, f"--{name}", help=text)
 
 
 def check_resumed(resume: bool, out: Path | None) -> None:

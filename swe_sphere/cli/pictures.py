@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.files import Field
-from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.options import Field, given, option, with_flags
 from swe_sphere.errors import ConfigError
 from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
@@ -26,17 +25,9 @@ File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that w
 def plot(
     file: File,
     field: Field = None,
-    time: Annotated[
-        float | None, typer.Option(metavar="DAYS", help="Time of the frame (the last).")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.png", help="The picture (beside the file: FILE_FIELD.png)."),
-    ] = None,
-    compare: Annotated[
-        str | None,
-        typer.Option(metavar="FILE.nc|exact", help="Draw the difference from that."),
-    ] = None,
+    time: float | None = option("DAYS", "Time of the frame (the last)."),
+    out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
+    compare: str | None = option("FILE.nc|exact", "Draw the difference from that."),
     **look: Any,
 ) -> None:
     """Draw a field of a file on the globe."""
@@ -51,11 +42,8 @@ def plot(
 def animate(
     file: File,
     field: Field = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.mp4|FILE.gif", help="The film (beside: FILE_FIELD.mp4)."),
-    ] = None,
-    rate: Annotated[float, typer.Option(metavar="N", help="Frames a second.")] = 8.0,
+    out: Path | None = option("FILE.mp4|FILE.gif", "The film (beside: FILE_FIELD.mp4)."),
+    rate: float = option("N", "Frames a second.", 8.0),
     **look: Any,
 ) -> None:
     """Make a film of all frames of a run."""

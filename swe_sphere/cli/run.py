@@ -1,11 +1,11 @@
 """`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from swe_sphere.cli.options import given, with_flags
+from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.ranks import start_ranks
 from swe_sphere.cli.show import Stopped, explain, progress, show_summary, show_warning
 from swe_sphere.compiling import on_compile
@@ -33,12 +33,8 @@ class Asked(RunConfig):
 @with_flags(RunConfig, argument="scene")
 def run(
     context: typer.Context,
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Options by name; flags go first.")
-    ] = None,
-    ranks: Annotated[
-        int | None, typer.Option(metavar="P", help="Processes that share the mesh, by MPI.")
-    ] = None,
+    config: Path | None = option("FILE.toml", "Options by name; flags go first."),
+    ranks: int | None = option("P", "Processes that share the mesh, by MPI."),
     **values: Any,
 ) -> int:
     """Run a scene and report errors, conservation and cost."""
