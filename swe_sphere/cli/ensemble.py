@@ -12,7 +12,6 @@ import typer
 from swe_sphere.cli.options import given, option, with_flags
 from swe_sphere.cli.show import Stopped
 from swe_sphere.errors import ConfigError
-from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.loop import Interrupted
@@ -43,9 +42,9 @@ def ensemble(
         raise Stopped(str(error)) from None
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
-    for time, value, rate in zip(found.times, found.values, found.rates, strict=True):
-        typer.echo(f"{time / DAY:6.4g}  {value:10.4g}  {rate:.3f}")
-    for path in write_spread(found, place):
+    for day, value, rate in found.itertuples(index=False):
+        typer.echo(f"{day:6.4g}  {value:10.4g}  {rate:.3f}")
+    for path in write_spread(found, field, place):
         typer.echo(path)
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.files.fingerprints import code_fingerprint
@@ -29,37 +27,23 @@ from swe_sphere.simulation.restart import method_sources, scene_sources
 from swe_sphere.simulation.simulation import run
 
 MOST = 1000
-"""Members there may be."""
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Root mean square over the globe of the standard deviation of the members, of a field."""
-
-    field: str
-    times: Array
-    """(T,) [s]."""
-    values: Array
-    """(T,) in the units of the field."""
-
-    @property
-    def rates(self) -> Array:
-        """Growth (T,) since the time before [day-1]: Δ ln spread / Δt; NaN for the first."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found: Array = np.diff(np.log(self.values)) / np.diff(self.times / DAY)
-        return np.append(np.nan, found)
+"""Largest number of members."""
 
 
 def run_members(
     config: RunConfig, seeds: Sequence[int], folder: Path, tell: Callable[[str], None]
 ) -> list[Path]:
-    """Run the scene with `scene.seed` of each of the seeds; the files, SCENE_seedK.nc in a folder.
+    """Run a scene with `scene.seed` of each seed; return the files SCENE_seedK.nc in a folder.
 
-    A member of the same configuration that is there is kept where it is finished, and else made
-    again.  tell: is given a line for each member.
+    A finished member of the same configuration is kept; an unfinished one is made again.
 
-    Raises ConfigError for fewer than two seeds, for a scene that has no seed, or if a run cannot be
-    made as asked for; RunFailed if one does not come to its end, Interrupted if the user stops it.
+    Args:
+        tell: called with a line for each member.
+
+    Raises:
+        ConfigError: fewer than two seeds, a scene without a seed, or a run that cannot be made.
+        RunFailed: a run does not come to its end.
+        Interrupted: the user stops it.
     """
     if len(seeds) > MOST or not 2 <= len(set(seeds)) == len(seeds):
         few = ",".join(map(str, seeds[:8])) or "none"
@@ -72,14 +56,15 @@ def run_members(
 def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], None]) -> Path:
     out = folder / f"{Path(config.scene).stem}_seed{seed}.nc"
     settings = (*config.settings, Setting(SCENE, "seed", seed))
-    asked = config.model_copy(update={"settings": settings, "out": out})
-    there = RunFile(out).attributes if out.exists() and not config.overwrite else None
-    if there is not None and _is_of(out, there, asked):
-        if there.get("completed"):
-            tell(f"seed {seed}: kept, {out}")
-            return out
-        asked = asked.model_copy(update={"overwrite": True})  # with frames at the same times
-    summary = run(asked)
+    member = config.model_copy(update={"settings": settings, "out": out})
+    if out.exists() and not config.overwrite:
+        found = RunFile(out).attributes
+        if _is_of(out, found, member):
+            if found.get("completed"):
+                tell(f"seed {seed}: kept, {out}")
+                return out
+            member = member.model_copy(update={"overwrite": True})  # frames at the same times
+    summary = run(member)
     if summary.status == "interrupted":
         raise Interrupted(
             f"seed {seed}: {summary.reason}; the same command goes on with the others"
@@ -91,14 +76,13 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
 
 
 def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
-    """Whether a file with these attributes is of a run of the configuration.
+    """Return whether a file with these attributes is of a run of the configuration.
 
-    Raises ConfigError if the code, or the user's files that the run is made of, are not what they
-    were.
+    Raises ConfigError if the code or the user's files of the run have changed since.
     """
-    stored, asked = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
+    stored, wanted = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
     apart = {"overwrite": False, "out": None}
-    if stored | apart != asked | apart:
+    if stored | apart != wanted | apart:
         return False
     sources = scene_sources(config.scene, make_scene(config)) | method_sources(config)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
@@ -109,8 +93,12 @@ def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
     return True
 
 
-def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
-    """The spread of the members in the files, at the times of their frames.
+def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:
+    """Return how far the members in the files are apart in a field, frame by frame.
+
+    The columns are `day`; `spread`, the root mean square over the globe of the standard deviation
+    of the members, in the units of the field; and `growth`, Δ ln spread / Δt since the frame before
+    [day-1], NaN for the first.
 
     Raises ConfigError if the files are not on one mesh, lack the field or have other times, or if
     they do not differ in the field.
@@ -123,26 +111,27 @@ def spread(files: Sequence[Path], field: str = "vorticity") -> Spread:
         alike = other.times.shape == times.shape and np.ptp(other.times - times) < TOLERANCE
         if not (same and alike):
             raise ConfigError(f"{other.path} has another mesh or other times than {runs[0].path}")
-    found = [
-        np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times
-    ]  # fmt: skip
+    found = [np.var([run.values(field, time) for run in runs], axis=0, ddof=1) for time in times]
     if not any(each.any() for each in found):
         raise ConfigError(f"field {field}: it is the same in all members")
-    return Spread(field, times, np.sqrt([area_mean(mesh.area, each) for each in found]))
+    table = pd.DataFrame({"day": times / DAY})
+    table["spread"] = np.sqrt([area_mean(mesh.area, each) for each in found])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        table["growth"] = np.log(table["spread"]).diff() / table["day"].diff()
+    return table
 
 
-def write_spread(found: Spread, folder: Path) -> list[Path]:
-    """The spread as a table, spread_FIELD.csv, and as a picture beside it."""
-    kind, text, picture = describe(found.field), io.StringIO(), io.BytesIO()
-    rows = csv.writer(text)
-    rows.writerow(["day", f"spread [{kind.plain_units}]", "growth [day-1]"])
-    rows.writerows(zip(found.times / DAY, found.values, found.rates, strict=True))
+def write_spread(table: pd.DataFrame, field: str, folder: Path) -> list[Path]:
+    """Write the spread of a field as spread_FIELD.csv and as a picture beside it."""
+    kind, picture = describe(field), io.BytesIO()
+    heads = ["day", f"spread [{kind.plain_units}]", "growth [day-1]"]
     figure = new_figure()
     figure.set_size_inches(6.4, 4.0)
     title = f"spread of {kind.title} [{kind.units}]"
-    draw_panel(figure.subplots(), Panel(title, found.times, {"all members": found.values}), None)
+    curves = {"all members": table["spread"].to_numpy()}
+    draw_panel(figure.subplots(), Panel(title, DAY * table["day"].to_numpy(), curves), None)
     figure.savefig(picture, format="png", dpi=DOTS_PER_INCH)
-    table, drawn = (folder / f"spread_{found.field}{ending}" for ending in (".csv", ".png"))
-    write_whole(table, text.getvalue())
+    numbers, drawn = (folder / f"spread_{field}{ending}" for ending in (".csv", ".png"))
+    write_whole(numbers, table.to_csv(index=False, header=heads, na_rep="nan"))
     write_whole(drawn, picture.getvalue())
-    return [table, drawn]
+    return [numbers, drawn]

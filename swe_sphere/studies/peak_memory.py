@@ -9,40 +9,26 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-CLEAR = Path("/proc/self/clear_refs")
-STATUS = Path("/proc/self/status")
-RESET_PEAK = "5"
-"""What Linux takes for: set the peak to what is resident now (proc(5), since 4.0)."""
-
 
 def begin_peak() -> bool:
-    """Give back what earlier runs have left, and begin a new peak.
-
-    False where the system cannot, so that the peak is that of all runs so far.
-    """
+    """Free the memory of earlier runs and begin a new peak; False where the system cannot."""
     gc.collect()
     with suppress(OSError, AttributeError):  # where the C library can (glibc)
         ctypes.CDLL(None).malloc_trim(0)
-    try:
-        CLEAR.write_text(RESET_PEAK)
-    except OSError:
-        return False
-    return True
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # resets the peak: proc(5), Linux 4.0
+        return True
+    return False
 
 
 def peak_memory() -> float:
-    """Most memory resident since `begin_peak` [bytes], the interpreter and libraries included.
+    """Return the most memory resident since `begin_peak` [bytes], with interpreter and libraries.
 
-    Where there is no /proc it is the most since the process began; NaN where nothing tells.
+    Without /proc it is the most since the process began; NaN where the system reports neither.
     """
-    try:
-        found = re.search(r"VmHWM:\s+(\d+)", STATUS.read_text())
-    except OSError:
-        found = None
-    return 1024.0 * float(found[1]) if found else _since_the_start()
-
-
-def _since_the_start() -> float:
+    with suppress(OSError):
+        if found := re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text()):
+            return 1024.0 * float(found[1])
     try:
         import resource
     except ImportError:  # not on this system
