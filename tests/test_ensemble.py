@@ -145,7 +145,8 @@ def test_ctrl_c_ends_an_ensemble_with_130_and_the_same_command_goes_on(tmp_path,
     line = ["ensemble", "galewsky", "--ne", "2", "--np", "4", "--dt", "600", "--days", "0.1"]
     line += ["--seeds", "1,2", "--folder", str(tmp_path / "members")]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Interruption, "received", property(lambda _: "Ctrl-C"))
+        told = property(lambda _: "Ctrl-C", lambda *_: None)
+        patch.setattr(Interruption, "received", told, raising=False)
         with pytest.raises(SystemExit) as ended:
             main(line)
     assert ended.value.code == 130 and "the same command goes on" in capsys.readouterr().err
