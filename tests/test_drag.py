@@ -181,6 +181,7 @@ def test_mass_follows_relaxation(name: str) -> None:
     assert mean == pytest.approx(1000.0 + 100.0 * np.exp(-0.5), abs=1.0)
 
 
+@pytest.mark.thorough
 def test_spectrum_has_drag_and_relaxation() -> None:
     """r + 2c|v| along the fastest wind, and one over the time of relaxation."""
     for scene, expected in (

@@ -55,6 +55,7 @@ def growth(m: int, degree: int) -> float:
     return float(np.linalg.eigvals(tendency).real.max() * DAY)
 
 
+@pytest.mark.thorough
 def test_the_spread_of_the_jet_grows_as_its_fastest_wave(tmp_path, capsys):
     """Small noise on the jet alone; on day 3 other waves still take a few per cent of the rate."""
     arguments = (

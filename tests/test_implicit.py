@@ -150,6 +150,7 @@ def test_skew_form_needs_the_whole_dynamics(small_mesh) -> None:
 
 
 @pytest.mark.parametrize("name", ["average-vector-field", "implicit-midpoint"])
+@pytest.mark.thorough
 def test_methods_of_one_mean_agree_where_the_equations_are_linear(small_mesh, name: str) -> None:
     """A viscous fluid without waves: both are Crank-Nicolson."""
     model = Model(small_mesh, make_scene("viscosity").with_effect(Viscosity(1e8)))

@@ -24,6 +24,7 @@ from swe_sphere.testcases import get_scene
 FLOW = make_scene("advection", "pressure", "rotation", "drag", "relaxation")
 
 
+@pytest.mark.thorough
 def test_probing_finds_the_matrix_of_all_effects_of_one_element() -> None:
     """Against one product for each column."""
     model = Model(Mesh.build(2, 3, stretch=1.4), FLOW)

@@ -150,6 +150,7 @@ def test_without_limiter_the_cylinders_leave_their_bounds(mesh):
     assert q.max() > 1.05
 
 
+@pytest.mark.thorough
 def test_single_precision(mesh):
     model = Model(mesh, limited(get_scene("deformational", case=4)), precision="float32")
     q = after(model, STEPPERS["rk4"](model, 1200.0), 6)["q_slotted_cylinders"]

@@ -64,6 +64,7 @@ def _is_text(node):
     return lone and isinstance(node.value.value, str)
 
 
+@pytest.mark.thorough
 def test_comments_and_docstrings_are_no_code():
     """Of every module of the package the parser finds the same code with and without them."""
     for path in sources().values():

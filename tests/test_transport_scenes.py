@@ -153,6 +153,7 @@ def stepped(scene, mesh, dt, days, stepper="rk4"):
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.thorough
 def test_filaments_are_where_trajectories_put_them(case):
     scene, mesh, days = get_scene("deformational", case=case), Mesh.build(5, 8), 3.0
     fields = stepped(scene, mesh, 1200.0, days)
