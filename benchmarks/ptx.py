@@ -18,11 +18,11 @@ import warp as wp
 
 from swe_sphere import Simulation
 from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.kernels.simd.memory import packing_kernel
 from swe_sphere.kernels.vectors import (
     axpby_kernel,
     combine_rows_kernel,
     least_kernel,
-    packing_kernels,
     products_kernel,
 )
 from swe_sphere.operators.device_mesh import REALS
@@ -68,7 +68,7 @@ def vector_kernels() -> dict[str, wp.Kernel]:
     """The vector operations of the solvers."""
     makers = axpby_kernel, combine_rows_kernel, products_kernel, least_kernel
     made = [make(real) for make in makers for real in REALS.values()]
-    made += [each for real in REALS.values() for each in packing_kernels(real, True)]
+    made += [packing_kernel(real, back, True) for real in REALS.values() for back in (False, True)]
     return {kernel.module.name: kernel for kernel in made}
 
 

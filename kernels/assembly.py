@@ -29,8 +29,8 @@ class AssemblyKernels:
     """Kernels for the tendency of the unique nodes, over nodes or runs that fill a register."""
 
     assembly: wp.Kernel
-    """From local tendencies (entries,): arguments as in its definition, with the distance `stride`
-    between two fields in them, the first node to be written, N, and the result (unknowns*N,)."""
+    """From local tendencies (entries,): arguments as in its definition, with the first node to be
+    written, the distance `stride` between two fields, N, and the result (unknowns*N,)."""
     alone: wp.Kernel
     """(N, structure, state, stage, result): no terms with derivatives, so nothing to assemble."""
     structure: Any
@@ -58,7 +58,7 @@ def pointwise_kernel(unknowns: int, real: Any, point: Pointwise, lanes: int = 1)
 
     @kernel
     def assemble_pointwise(
-        places: place, inverse_area: vector, stride: int, first: int, size: int, local: vector,
+        first: int, places: place, inverse_area: vector, stride: int, size: int, local: vector,
         c: structure, x: vector, s: stage, out: vector,
     ):  # fmt: skip
         node = first + lanes * wp.tid()

@@ -1,7 +1,6 @@
 """Averages of the energy's gradient between two states, node by node."""
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -9,21 +8,14 @@ import warp as wp
 from swe_sphere.kernels.define import func, kernel, struct_of
 
 
-@dataclass(frozen=True)
-class AverageKernel:
-    """Kernel (structure, first, last, mean, base), all states (3N,): terms of the skew form."""
-
-    kernel: wp.Kernel
-    structure: Any
-
-
 @functools.cache
-def average_kernel(real: Any, bottom: bool) -> AverageKernel:
-    """Return the kernel that averages the energy's gradient between two states.
+def average_kernel(real: Any, bottom: bool) -> tuple[wp.Kernel, Any]:
+    """Return the kernel that averages the energy's gradient between two states, and its structure.
 
-    With F and B the averages of hV and |V|²/2 + g(h + b), the derivatives of the energy by V and h,
-    along the straight line from `first` to `last`: `mean` becomes (wind half way, B) and `base`
-    (F / h, h), h the depth half way.  The energy is cubic, so these formulas are exact.  The
+    The arguments are (structure, first, last, mean, base), all states (3N,): terms of the skew
+    form.  With F and B the averages of hV and |V|²/2 + g(h + b), the derivatives of the energy by V
+    and h, along the straight line from `first` to `last`: `mean` becomes (wind half way, B) and
+    `base` (F / h, h), h the depth half way.  The energy is cubic, so these formulas are exact.  The
     structure holds `size` N, `gravity` [m s-2] and, with a bottom, its height `bottom` (N,) [m].
     """
     vector = wp.array(dtype=real)
@@ -58,4 +50,4 @@ def average_kernel(real: Any, bottom: bool) -> AverageKernel:
         base[j] = flux(first[k], first[j], last[k], last[j]) / h
         base[k] = h
 
-    return AverageKernel(average, constants)
+    return average, constants

@@ -107,25 +107,15 @@ def sweep_kernel(real: Any, shape: str) -> wp.Kernel:
     return sweep
 
 
-@dataclass(frozen=True)
-class TallKernels:
-    """Kernels over groups of `lanes` rows of a `TallMatrix`, which share their columns.
-
-    The `values` of group g, from at[g] to at[g + 1], are those of its rows in one column each.
-    """
-
-    product: wp.Kernel
-    """out = M x, or out + M x if `add`."""
-    parts: wp.Kernel
-    """Kernel that computes the contribution of each group to M' y, column by column."""
-    total: wp.Kernel
-    """Over the columns: sums of their parts, which are `listed` by column from ends[c] to
-    ends[c + 1]."""
-
-
 @functools.cache
-def tall_kernels(real: Any, shape: str) -> TallKernels:
-    """Return the kernels."""
+def tall_kernels(real: Any, shape: str) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
+    """Return the kernels over groups of `lanes` rows of a `TallMatrix`, which share their columns.
+
+    The `values` of group g, from at[g] to at[g + 1], are those of its rows in one column each.  The
+    first kernel computes out = M x, or out + M x if `add`; the second one the part of each group in
+    M' y, column by column.  The third one, over columns, adds up the parts, which are `listed` by
+    column from ends[c] to ends[c + 1].
+    """
     t = KernelTypes(1, real, shape, whole=False)
     numbers, rows = wp.array(dtype=wp.int32), wp.array(dtype=t.value)
     flat = wp.array(dtype=real)
@@ -151,7 +141,7 @@ def tall_kernels(real: Any, shape: str) -> TallKernels:
             found += parts[listed[k]]
         out[c] = found
 
-    return TallKernels(product, parts, total)
+    return product, parts, total
 
 
 @functools.cache

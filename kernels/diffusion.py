@@ -1,6 +1,5 @@
 """Weak Laplacians at a point: of the wind (Hodge) and of the surface height."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -11,30 +10,20 @@ from swe_sphere.kernels.formulas import Formula, winds_at
 from swe_sphere.kernels.terms import KernelTypes
 
 
-@dataclass(frozen=True)
-class Diffusion:
-    """For each nodal test function, -(grad phi, grad s) of the surface height s, and for each
-    nodal test wind -(div phi, div V) - (curl phi, curl V).
+def diffusion(t: KernelTypes, height: bool, wind: bool) -> Formula:
+    """Return the weak Laplacian of the surface height, of the wind or of both.
+
+    It is -(grad phi, grad s) for each nodal test function and the surface height s, and
+    -(div phi, div V) - (curl phi, curl V) for each nodal test wind.  `fluxes` returns the rows for
+    the transposed derivatives, and `result` (geometry, t1, t2, e, n, out) adds their result to what
+    other terms left in `out`.
     """
-
-    formula: Formula
-    """Derivatives of the fields that diffuse; it has no result of its own."""
-    fluxes: Any
-    """(geometry, d1, d2, e, n): two rows, for the transposed derivatives along each line."""
-    result: Any
-    """(geometry, t1, t2, e, n, out): rows of the result, added to what other terms left in
-    `out`."""
-
-
-def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
-    """Return the weak Laplacian of the surface height, of the wind or of both."""
-    np_, metric, formula = t.np, t.metric, _diffused(t, height, wind)
+    np_, metric, fields = t.np, t.metric, height + 2 * wind
     mul, flux, grad = metric.mul, metric.contravariant_flux, metric.gradient
     divergence, curl = metric.divergence, metric.curl
-    rows, fields, at_div, at_curl = formula.rows, formula.fields, int(height), height + 1
-    results, adds, first = (
-        t.register.rows(fields), t.terms.dynamics, 0 if wind else t.terms.unknowns - 1
-    )  # fmt: skip
+    rows, at_div, at_curl = t.register.rows(fields), int(height), height + 1
+    winds, no_wind = winds_at(t, own=False, base=False)
+    adds, first = t.terms.dynamics, 0 if wind else t.terms.unknowns - 1
 
     @func
     def fluxes(geo: t.geometry, d1: rows, d2: rows, e: int, n: int):
@@ -57,7 +46,7 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
 
     @func
     def result(geo: t.geometry, t1: rows, t2: rows, e: int, n: int, out: t.local):
-        r = results()
+        r = rows()
         if wp.static(height):
             r[fields - 1] = -divergence(t1[0], t2[0])
         if wp.static(wind):
@@ -70,17 +59,15 @@ def diffusion(t: KernelTypes, height: bool, wind: bool) -> Diffusion:
                 r[k] = r[k] + out[e, n, first + k]
         return r
 
-    return Diffusion(formula, fluxes, result)
+    slopes = _diffused(t, height, wind, rows, winds)
+    return Formula(winds, no_wind, rows, slopes, result, fields, not wind, fluxes=fluxes)
 
 
-def _diffused(t: KernelTypes, height: bool, wind: bool) -> Formula:
-    """Return the derivatives of the surface height and the wind, with their coefficients."""
+def _diffused(t: KernelTypes, height: bool, wind: bool, rows: Any, winds: Any) -> Any:
+    """Return `Formula.slopes` of the surface height and the wind, with their coefficients."""
     load, surface, value, real, metric = t.load, surface_height(t), t.value, t.real, t.metric
     flux, covariant = metric.contravariant_flux, metric.covariant_wind
-    winds, no_wind = winds_at(t, own=False, base=False)
-    rows, last, at_div, at_curl = (
-        t.register.rows(height + 2 * wind), t.terms.unknowns - 1, int(height), height + 1
-    )  # fmt: skip
+    last, at_div, at_curl = t.terms.unknowns - 1, int(height), height + 1
 
     @func
     def scaled(geo: t.geometry, offset: int, node: t.index, x: value):
@@ -112,5 +99,4 @@ def _diffused(t: KernelTypes, height: bool, wind: bool) -> Formula:
             r2[at_curl] = u1
         return r1, r2
 
-    fields = height + 2 * wind
-    return Formula(winds, no_wind, rows, slopes, None, fields, is_scalar=not wind)
+    return slopes

@@ -13,47 +13,34 @@ from swe_sphere.kernels.formulas import Formula, winds_at
 from swe_sphere.kernels.terms import KernelTypes
 
 
-def transport(t: KernelTypes) -> Formula:
-    """Return the formula of -div(m V): mass m at `at`, wind V of a; rounded as in `state`."""
+def transport(t: KernelTypes, tangent: bool = False) -> Formula:
+    """Return the formula of -div(m V): mass m at `at`, wind V of a; rounded as in `state`.
+
+    The tangent is -div(m' V + m V'), with (V, m) of the state a and (V', m') of x.
+    """
     load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
-    winds, wind = winds_at(t, own=False, base=True)
-
-    @func
-    def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
-        m = load(x, at, geo.nodes[e, n])
-        f1, f2 = flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))
-        return row(f1), row(f2)
-
-    return Formula(winds, wind, t.register.rows(1), slopes, _inflow(t, winds), 1)
-
-
-def transport_tangent(t: KernelTypes) -> Formula:
-    """Return the formula of -div(m' V + m V'), with (V, m) of the state a and (V', m') of x."""
-    load, mul, flux, row = t.load, t.metric.mul, t.metric.contravariant_flux, one_row(t)
-    winds, wind = winds_at(t, own=True, base=True)
+    winds, wind = winds_at(t, own=tangent, base=True)
+    np_, rows, divergence = t.np, t.register.rows(1), t.metric.divergence
 
     @func
     def slopes(geo: t.geometry, w: winds, a: t.vector, x: t.vector, at: int, e: int, n: int):
         node = geo.nodes[e, n]
         m = load(x, at, node)
-        mb = load(a, at, node)
-        fu = mul(mb, w[0]) + mul(m, w[2])
-        fv = mul(mb, w[1]) + mul(m, w[3])
-        f1, f2 = flux(geo.basis, e, n, fu, fv)
-        return row(f1), row(f2)
-
-    return Formula(winds, wind, t.register.rows(1), slopes, _inflow(t, winds), 1)
-
-
-def _inflow(t: KernelTypes, winds: Any) -> Any:
-    """Return `Formula.result` of minus the divergence of the flux in the only row."""
-    np_, rows, row, divergence = t.np, t.register.rows(1), one_row(t), t.metric.divergence
+        if wp.static(tangent):
+            mb = load(a, at, node)
+            fu = mul(mb, w[0]) + mul(m, w[2])
+            fv = mul(mb, w[1]) + mul(m, w[3])
+            f1, f2 = flux(geo.basis, e, n, fu, fv)
+            return row(f1), row(f2)
+        else:
+            f1, f2 = flux(geo.basis, e, n, mul(m, w[0]), mul(m, w[1]))
+            return row(f1), row(f2)
 
     @func
     def result(geo: t.geometry, w: winds, d1: rows, d2: rows, e: int, n: int):
         return row(-geo.weight[n // np_, n % np_] * divergence(d1[0], d2[0]))
 
-    return result
+    return Formula(winds, wind, rows, slopes, result, 1)
 
 
 def gradient(t: KernelTypes) -> Formula:

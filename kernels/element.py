@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import func, kernel
-from swe_sphere.kernels.diffusion import Diffusion, diffusion
+from swe_sphere.kernels.diffusion import diffusion
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.arithmetic import line_sum
 from swe_sphere.kernels.simd.register import Register
@@ -128,10 +128,9 @@ def element_diffusion(t: KernelTypes, finish_of: Any = None) -> Any:
     return diffuse
 
 
-def _laplacian(t: KernelTypes, of: Diffusion, first: int, finish: Finish) -> Any:
+def _laplacian(t: KernelTypes, f: Formula, first: int, finish: Finish) -> Any:
     """Return the function (geometry, x, e, out, done) for the fields from the `first` on."""
-    f, np_ = of.formula, t.np
-    rows, store = f.rows, _store(t, f.fields, finish)
+    np_, rows, store = t.np, f.rows, _store(t, f.fields, finish)
     d1, d2, t1, t2 = line_sums(t.register, np_, rows)
     at_1, at_2, at_3, at_4, _ = scratch(np_, rows, rows, rows, rows)
 
@@ -154,51 +153,35 @@ def _laplacian(t: KernelTypes, of: Diffusion, first: int, finish: Finish) -> Any
             for j in range(np_):
                 s1 = d1(geo.derivative, f1, i, j)
                 s2 = d2(geo.derivative, f2, i, j)
-                r1, r2 = of.fluxes(geo, s1, s2, e, i * np_ + j)
+                r1, r2 = f.fluxes(geo, s1, s2, e, i * np_ + j)
                 g1[i, j] = r1
                 g2[i, j] = r2
         for i in range(np_):
             for j in range(np_):
                 s1 = t1(geo.derivative, g1, i, j)
                 s2 = t2(geo.derivative, g2, i, j)
-                r = of.result(geo, s1, s2, e, i * np_ + j, out)
+                r = f.result(geo, s1, s2, e, i * np_ + j, out)
                 store(geo, x, r, first, e, i, j, out, done)
 
     return laplacian
 
 
 def element_kernel(t: KernelTypes, formula: Formula, finish: Finish = None) -> wp.Kernel:
-    """Return the kernel (geometry, a, x, first, count, out) of a formula for `count` fields of x.
+    """Return the kernel (geometry, a, x, first, count, out, done) of a formula.
 
-    The fields begin at the offset `first`.  Where `finish` steps, an argument `levels` follows.
+    It is for `count` fields of x from the offset `first` on; `done` is only used by `finish`.
     """
     load_winds, sweep = element_sweep(t, formula, finish, shared=True)
 
-    @func
-    def fields(
-        geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, e: int, out: t.local,
+    @kernel
+    def over_elements(
+        geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local,
         done: t.done,
     ):  # fmt: skip
+        e = wp.tid()
         load_winds(geo, a, x, e)
         for k in range(count):
             sweep(geo, a, x, first + k * geo.size, k, e, out, done)
-
-    if t.steps:
-
-        @kernel
-        def stepping(
-            geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local,
-            levels: t.done,
-        ):  # fmt: skip
-            fields(geo, a, x, first, count, wp.tid(), out, levels)
-
-        return stepping
-
-    @kernel
-    def over_elements(
-        geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local
-    ):
-        fields(geo, a, x, first, count, wp.tid(), out, x)
 
     return over_elements
 

@@ -1,7 +1,6 @@
 """Sub-steps of linear gravity waves: DSS and the step of depth or wind in one pass."""
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -11,20 +10,14 @@ from swe_sphere.kernels.simd.memory import Contributors, gather_of
 from swe_sphere.kernels.simd.register import Register
 
 
-@dataclass(frozen=True)
-class FastWaveKernels:
-    """Kernels over N threads that step a state s (3N, ...) in place, with constant rates."""
-
-    drift: wp.Kernel
-    """Depth by the divergence that the elements left; where it carries, path = kept path + tau V,
-    with the path (2N,)."""
-    kick: wp.Kernel
-    """Both winds by -gravity times the gradient that the elements left."""
-
-
 @functools.cache
-def fast_wave_kernels(real: Any, carries: bool) -> FastWaveKernels:
-    """Return the kernels."""
+def fast_wave_kernels(real: Any, carries: bool) -> tuple[wp.Kernel, wp.Kernel]:
+    """Return the kernels `drift` and `kick` over N nodes, which step a state s (3N, ...) in place.
+
+    Both have constant rates.  `drift` steps the depth by the divergence that the elements left;
+    where it carries, path = kept path + tau V, with the path (2N,).  `kick` steps both winds by
+    -gravity times the gradient that the elements left.
+    """
     vector, gather = wp.array(dtype=real), gather_of(Register(real))
 
     @kernel
@@ -51,4 +44,4 @@ def fast_wave_kernels(real: Any, carries: bool) -> FastWaveKernels:
         s[i] += tau * (scale * gather(local, places, i, 0) + rate[i])
         s[j] += tau * (scale * gather(local, places, i, stride) + rate[j])
 
-    return FastWaveKernels(drift, kick)
+    return drift, kick

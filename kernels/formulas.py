@@ -30,13 +30,16 @@ class Formula:
     slopes: Any
     """(geometry, winds, a, x, at, e, n): the two `rows` that are differentiated along the first and
     along the second coordinate."""
-    result: Any = None
+    result: Any
     """(geometry, winds, d1, d2, e, n): `fields` rows of the result, times the weights."""
-    fields: int = 0
+    fields: int
     is_scalar: bool = False
     """True where the same rows are differentiated along both coordinates."""
     turns: bool = False
     """True where the result needs the winds."""
+    fluxes: Any = None
+    """(geometry, d1, d2, e, n) of a weak Laplacian: two `rows` for the transposed derivatives along
+    each coordinate; see `diffusion` for its result."""
 
 
 def winds_at(t: KernelTypes, own: bool, base: bool) -> tuple[Any, Any]:

@@ -15,44 +15,37 @@ import warp as wp
 from swe_sphere.kernels.define import func, kernel, struct_of
 from swe_sphere.kernels.dynamics import transport
 from swe_sphere.kernels.element import Finish, element_kernel
-from swe_sphere.kernels.local import TendencyKernels, kernels_of
-from swe_sphere.kernels.pointwise import Pointwise, PointwiseSum, pointwise_sum
+from swe_sphere.kernels.local import kernels_of
+from swe_sphere.kernels.pointwise import Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.arithmetic import product_of
 from swe_sphere.kernels.simd.memory import Contributors, entry_of, gather_of, put_of, run_of
 from swe_sphere.kernels.simd.register import Register, lanes_of
 from swe_sphere.kernels.simd.stages import levels_struct, step_of
-from swe_sphere.kernels.terms import KernelTypes, Terms
+from swe_sphere.kernels.terms import ElementKernel, KernelTypes, Terms
 
 
-@dataclass(frozen=True)
-class _Node:
-    """Types of the place where a field is stepped: a node, or nodes that fill a register."""
+def _finish_mass(
+    register: Register, unknowns: int, geometry: Any, point: Any, damped: bool,
+    shifted: bool = False,
+) -> Finish:  # fmt: skip
+    """Return the function that steps the k-th mass, the depth first.
 
-    register: Register
-    unknowns: int
-    geometry: Any
-    """Warp structure with at least N (`size`), `inverse_area` (N,) and `point`."""
-    point: PointwiseSum
-    damped: bool
-    """True where the loss of `levels_struct` is added to all rates."""
-    shifted: bool = False
-    """True where the base of `levels_struct` is subtracted from all combinations; `carried` then
-    holds the combinations of the winds too."""
-
-
-def _finish_mass(of: _Node) -> Finish:
-    """Return the function that steps the k-th mass, the depth first."""
-    register, geometry, first = of.register, of.geometry, of.unknowns - 1
-    load, mul, of_depth = run_of(register), product_of(register), of.point.depth
-    step, vector, levels = _step_types(of)
+    register: a node, or nodes that fill a register; geometry: a Warp structure with at least N
+    (`size`), `inverse_area` (N,) and `point`; point: the `PointwiseSum` of the nodes; damped: the
+    loss of `levels_struct` is added to all rates; shifted: its base is subtracted from all
+    combinations.
+    """
+    first, of_depth, vector = unknowns - 1, point.depth, wp.array(dtype=register.real)
+    load, mul, step = run_of(register), product_of(register), step_of(register, shifted)
+    levels = levels_struct(register.real)
 
     @func
     def finish(geo: geometry, x: vector, r: register.rows(1), k: int, node: int, s: levels):
         rate = mul(load(geo.inverse_area, node), r[0])
         at = (first + k) * geo.size + node
         if k == 0:
-            rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)
-        if wp.static(of.damped):
+            rate += of_depth(geo.point, node, geo.size, s.pushed, s.carried)[0]
+        if wp.static(damped):
             rate += load(s.loss, at)
         if wp.static(first > 0) and k == 0:  # first, as `out` may be a level, which is gone then
             step(s.now, s.past, at, rate, s.tau, s.mixes, s.base, s.pushed, s.pushed)
@@ -61,37 +54,31 @@ def _finish_mass(of: _Node) -> Finish:
     return finish
 
 
-def _finish_wind(of: _Node) -> Finish:
-    """Return the function that steps both winds."""
-    register, geometry = of.register, of.geometry
-    load, mul, of_wind = run_of(register), product_of(register), of.point.wind
-    step, vector, levels = _step_types(of)
+def _finish_wind(
+    register: Register, geometry: Any, point: Any, damped: bool, shifted: bool = False
+) -> Finish:
+    """Return the function that steps both winds; arguments as for `_finish_mass`.
+
+    If `shifted`, `carried` then holds the combinations of the winds too.
+    """
+    real, of_wind = register.real, point.wind
+    vector, levels = wp.array(dtype=real), levels_struct(real)
+    load, mul, step = run_of(register), product_of(register), step_of(register, shifted)
 
     @func
     def finish(geo: geometry, x: vector, r: register.rows(2), k: int, node: int, s: levels):
         scale = load(geo.inverse_area, node)
-        more = of_wind(geo.point, node, geo.size, s.pushed)
+        more = of_wind(geo.point, node, geo.size, s.pushed, s.pushed)
         for i in range(2):
             at = i * geo.size + node
             rate = mul(scale, r[i]) + more[i]
-            if wp.static(of.damped):
+            if wp.static(damped):
                 rate += load(s.loss, at)
-            if wp.static(of.shifted):
+            if wp.static(shifted):
                 step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.carried, s.carried)
             step(s.now, s.past, at, rate, s.tau, s.weights, s.base, s.out, s.pushed)
 
     return finish
-
-
-def _step_types(of: _Node) -> tuple[Any, Any, Any]:
-    real = of.register.real
-    return step_of(of.register, of.shifted), wp.array(dtype=real), levels_struct(real)
-
-
-def _inside(t: KernelTypes, damped: bool) -> _Node:
-    """Return the nodes inside the elements of kernels of these types."""
-    assert t.point is not None
-    return _Node(t.register, t.terms.unknowns, t.geometry, t.point, damped)
 
 
 def _types(terms: Terms, np_: int, real: Any, point: Pointwise) -> KernelTypes:
@@ -99,35 +86,26 @@ def _types(terms: Terms, np_: int, real: Any, point: Pointwise) -> KernelTypes:
     return KernelTypes(np_, real, "element", terms, added, steps=True)
 
 
-@dataclass(frozen=True)
-class CarryingKernel:
-    """Kernel (geometry, a, x, first, count, out, levels): `transport` of the field kernels.
-
-    The nodes inside the elements of the first `whole` groups are stepped.
-    """
-
-    kernel: wp.Kernel
-    geometry: Any
-
-
 @functools.cache
 def carrying_kernel(
     np_: int, unknowns: int, real: Any, point: Pointwise, damped: bool
-) -> CarryingKernel:
-    """Return the kernel that steps masses."""
+) -> ElementKernel:
+    """Return the kernel (geometry, a, x, first, count, out, levels) of `transport`.
+
+    It steps the masses at nodes inside the elements of the first `whole` groups.
+    """
     t = _types(Terms(wind=unknowns == 1, still=True), np_, real, point)
-    return CarryingKernel(
-        element_kernel(t, transport(t), _finish_mass(_inside(t, damped))), t.geometry
-    )
+    finish = _finish_mass(t.register, unknowns, t.geometry, t.point, damped)
+    return ElementKernel(element_kernel(t, transport(t), finish), t.geometry, t.value)
 
 
 @functools.cache
 def pushing_kernel(
     terms: Terms, np_: int, real: Any, point: Pointwise, damped: bool
-) -> TendencyKernels:
+) -> ElementKernel:
     """Return the kernel (geometry, x, out, levels) of the momentum equation, which steps winds."""
     t = _types(terms, np_, real, point)
-    return kernels_of(t, lambda t, _: _finish_wind(_inside(t, damped)))
+    return kernels_of(t, lambda t, _: _finish_wind(t.register, t.geometry, t.point, damped))
 
 
 @dataclass(frozen=True)
@@ -135,12 +113,12 @@ class RunKernels:
     """Kernels over runs of nodes that sum up what elements left, and step it."""
 
     depth: wp.Kernel
-    """(geometry, places, stride, begin, count, local, levels): from the node `begin` on, out = now
+    """(begin, geometry, places, stride, count, local, levels): from the node `begin` on, out = now
     + tau (rate + loss) in the `count` blocks of depth and tracers, with the rates of the pointwise
     terms at the masses `carried` and the wind of `pushed`; then the combinations of
     `levels_struct`."""
     wind: wp.Kernel | None
-    """(geometry, places, stride, begin, local, levels): the same for both winds, with the rates at
+    """(begin, geometry, places, stride, local, levels): the same for both winds, with the rates at
     `pushed`."""
     geometry: Any
 
@@ -156,13 +134,14 @@ def run_kernels(unknowns: int, real: Any, point: Pointwise, damped: bool, lanes:
     added = pointwise_sum(unknowns, register, point)
     members = {"size": wp.int32, "inverse_area": vector, "point": added.structure}
     geometry, levels = struct_of("Geometry", members), levels_struct(real)
-    of = _Node(register, unknowns, geometry, added, damped, point.tangent)
-    mass, finish, gather = _finish_mass(of), _finish_wind(of), gather_of(register)
-    place, single, pair = wp.array(dtype=Contributors), register.rows(1), register.rows(2)
+    mass = _finish_mass(register, unknowns, geometry, added, damped, point.tangent)
+    finish = _finish_wind(register, geometry, added, damped, point.tangent)
+    place, gather = wp.array(dtype=Contributors), gather_of(register)
+    single, pair = register.rows(1), register.rows(2)
 
     @kernel
     def depth(
-        geo: geometry, places: place, stride: int, begin: int, count: int, local: vector, s: levels
+        begin: int, geo: geometry, places: place, stride: int, count: int, local: vector, s: levels
     ):
         node = begin + lanes * wp.tid()
         for k in range(count):
@@ -171,7 +150,7 @@ def run_kernels(unknowns: int, real: Any, point: Pointwise, damped: bool, lanes:
             mass(geo, s.carried, r, k, node, s)
 
     @kernel
-    def wind(geo: geometry, places: place, stride: int, begin: int, local: vector, s: levels):
+    def wind(begin: int, geo: geometry, places: place, stride: int, local: vector, s: levels):
         node = begin + lanes * wp.tid()
         r = pair()
         r[0] = gather(local, places, node, 0)

@@ -202,19 +202,12 @@ def _assembled(t: KernelTypes, geometry: Any) -> Any:
     return assembled
 
 
-@dataclass(frozen=True)
-class PassageKernels:
-    """Kernels between nodal vectors (N,) and fields."""
-
-    spread: wp.Kernel
-    """(nodes, x, out): a nodal vector to a field."""
-    collect: wp.Kernel
-    """(of_own, flat, out): the reverse."""
-
-
 @functools.cache
-def passage_kernels(np_: int, real: Any, given: Any, shape: str) -> PassageKernels:
-    """Return the kernels between vectors of `given` and fields of `real`."""
+def passage_kernels(np_: int, real: Any, given: Any, shape: str) -> tuple[wp.Kernel, wp.Kernel]:
+    """Return the kernels between nodal vectors (N,) of `given` and fields of `real`.
+
+    (nodes, x, out) spreads a vector to a field, and (of_own, flat, out) collects it.
+    """
     t = KernelTypes(np_, real, shape, whole=False)
     load, share = load_of(t.register, given), np_ * np_ if shape == "element" else 1
     vector, field, nodes, places = (
@@ -232,4 +225,4 @@ def passage_kernels(np_: int, real: Any, given: Any, shape: str) -> PassageKerne
         node = wp.tid()
         out[node] = given(flat[of_own[node]])
 
-    return PassageKernels(spread, collect)
+    return spread, collect

@@ -19,28 +19,20 @@ from swe_sphere.kernels.define import func, kernel
 from swe_sphere.kernels.simd.arithmetic import clip_of, rooms_of
 from swe_sphere.kernels.simd.memory import put_of, run_of
 from swe_sphere.kernels.simd.register import Register
-from swe_sphere.kernels.terms import KernelTypes
+from swe_sphere.kernels.terms import ElementKernel, KernelTypes
 
 TINY = 1e-30
 """Room below which nothing is put: far below any depth, and a number in float32 too."""
 
 
-@dataclass(frozen=True)
-class ElementLimiter:
-    """Kernel (geometry, x, depth, first, count, lower (count,), upper (count,), out), over groups.
-
-    out (groups, np*np, count) becomes the mass-weighted change of each element node, before DSS.
-    `depth` and `first` are the offsets of the depth and of the first tracer in the state x.
-    """
-
-    limit: wp.Kernel
-    geometry: Any
-    value: Any
-
-
 @functools.cache
-def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
-    """Return the kernel that limits within each element."""
+def element_limiter(np_: int, real: Any, shape: str) -> ElementKernel:
+    """Return the kernel that limits within each element, over groups.
+
+    Its arguments are (geometry, x, depth, first, count, lower (count,), upper (count,), out), with
+    the offsets of the depth and of the first tracer in the state x.  `out` (groups, np*np, count)
+    becomes the mass-weighted change of each element node, before DSS.
+    """
     t = KernelTypes(np_, real, shape)
     value, geometry, vector, local = t.value, t.geometry, t.vector, t.local
     mul, load, area, clip = t.metric.mul, t.load, t.metric.area, clip_of(t.register)
@@ -55,6 +47,18 @@ def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
         some = div(wp.max(wanted, value(real(0.0))), wp.max(room, value(real(TINY))))
         return wp.min(some, value(real(1.0)))
 
+    @func
+    def bounded(
+        geo: geometry, x: vector, depth: int, at: int, lower: real, upper: real, e: int, n: int
+    ):
+        """Return the depth, the mass, its bounds and the clipped mass."""
+        node = geo.nodes[e, n]
+        h = load(x, depth, node)
+        m = load(x, at, node)
+        low = lower * h
+        high = upper * h
+        return h, m, low, high, clip(m, low, high)
+
     @kernel
     def limit(
         geo: geometry, x: vector, depth: int, first: int, count: int, lower: vector, upper: vector,
@@ -68,12 +72,7 @@ def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
             below = value(real(0.0))
             air = value(real(0.0))
             for n in range(np_ * np_):
-                node = geo.nodes[e, n]
-                h = load(x, depth, node)
-                m = load(x, at, node)
-                low = lower[k] * h
-                high = upper[k] * h
-                clipped = clip(m, low, high)
+                h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
                 weight = mass(geo, e, n)
                 excess += mul(weight, m - clipped)
                 above += mul(weight, high - clipped)
@@ -83,17 +82,12 @@ def element_limiter(np_: int, real: Any, shape: str) -> ElementLimiter:
             down = part(-excess, below)
             left = div(excess - mul(up, above) + mul(down, below), air)
             for n in range(np_ * np_):
-                node = geo.nodes[e, n]
-                h = load(x, depth, node)
-                m = load(x, at, node)
-                low = lower[k] * h
-                high = upper[k] * h
-                clipped = clip(m, low, high)
+                h, m, low, high, clipped = bounded(geo, x, depth, at, lower[k], upper[k], e, n)
                 change = clipped - m + mul(up, high - clipped) - mul(down, clipped - low)
                 change += mul(left, h)
                 out[e, n, k] = mul(mass(geo, e, n), change)
 
-    return ElementLimiter(limit, geometry, value)
+    return ElementKernel(limit, geometry, value)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from swe_sphere.kernels.dynamics import (
     state,
     tangent,
     transport,
-    transport_tangent,
 )
 from swe_sphere.kernels.element import (
     Finish,
@@ -30,28 +29,15 @@ from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.node import flux_kernel, node_diffusion, node_kernel, node_sweep
 from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise, pointwise_sum
 from swe_sphere.kernels.simd.register import Register, lanes_of
-from swe_sphere.kernels.terms import KernelTypes, Terms
-
-
-@dataclass(frozen=True)
-class TendencyKernels:
-    """Kernels for the tendencies of some terms, and the types of their arguments."""
-
-    kernel: wp.Kernel
-    """(geometry, x (unknowns*N,), out, done (unknowns*N,))"""
-    flux_kernel: wp.Kernel | None
-    """(geometry, x): with diffusion in the shape "node" it goes before, over the same threads, and
-    fills `geometry.fluxes`."""
-    geometry: Any
-    value: Any
+from swe_sphere.kernels.terms import ElementKernel, KernelTypes, Terms
 
 
 @functools.cache
 def tendency_kernel(
     terms: Terms, np_: int, real: Any, shape: str, direct: bool = False,
     point: Pointwise = NO_POINTWISE,
-) -> TendencyKernels:  # fmt: skip
-    """Return the kernels for the tendencies of these terms.
+) -> ElementKernel:  # fmt: skip
+    """Return the kernel (geometry, x (unknowns*N,), out, done (unknowns*N,)) of these terms.
 
     Where `direct`, in the shape "element", the tendencies at nodes inside the first `whole` groups
     go to `done` as DSS would leave them, with the rates of `point`; else `done` is not written.
@@ -62,15 +48,15 @@ def tendency_kernel(
     return kernels_of(KernelTypes(np_, real, shape, terms, added))
 
 
-def kernels_of(t: KernelTypes, finish_of: Any = finish_rates) -> TendencyKernels:
-    """Return the kernels for the tendencies of `t.terms`.
+def kernels_of(t: KernelTypes, finish_of: Any = finish_rates) -> ElementKernel:
+    """Return the kernel for the tendencies of `t.terms`.
 
     finish_of: makes, from t and a number of fields, what finishes nodes inside elements.
     """
     finish = functools.partial(finish_of, t) if t.point is not None else None
     made = _element_tendency(t, finish) if t.shape == "element" else _node_tendency(t)
     flux = flux_kernel(t) if t.terms.diffuses and t.shape == "node" else None
-    return TendencyKernels(made, flux, t.geometry, t.value)
+    return ElementKernel(made, t.geometry, t.value, flux)
 
 
 def _formula(t: KernelTypes) -> Formula | None:
@@ -135,7 +121,7 @@ def _source(t: KernelTypes) -> Any:
 
 @dataclass(frozen=True)
 class FieldKernels:
-    """Kernels (geometry, a, x, first, count, out) for fields of x from the offset `first` on.
+    """Kernels (geometry, a, x, first, count, out, done) for fields of x from the offset `first` on.
 
     The shape "node" launches (E, count, np*np) threads.
     """
@@ -155,7 +141,5 @@ def field_kernels(np_: int, real: Any, shape: str) -> FieldKernels:
     """Return the kernels on fields."""
     t = KernelTypes(np_, real, shape)
     made: Any = element_kernel if shape == "element" else node_kernel
-    return FieldKernels(
-        made(t, gradient(t)), made(t, transport(t)), made(t, transport_tangent(t)),
-        t.geometry, t.value,
-    )  # fmt: skip
+    of_mass, of_tangent = made(t, transport(t)), made(t, transport(t, tangent=True))
+    return FieldKernels(made(t, gradient(t)), of_mass, of_tangent, t.geometry, t.value)

@@ -7,7 +7,7 @@ Fournier 2010, doi:10.1016/j.jcp.2010.04.008, section 4).
 """
 
 import functools
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -17,38 +17,12 @@ from swe_sphere.kernels.simd.arithmetic import product_of
 from swe_sphere.kernels.simd.register import Register
 
 
-@dataclass(frozen=True)
-class Metric:
-    """Device functions at node n of element e, for plain numbers or for SIMD registers.
+@functools.cache
+def metric_of(register: Register, whole: bool = True) -> SimpleNamespace:
+    """Return device functions at node n of element e, for plain numbers or for SIMD registers.
 
     `basis` (groups, np*np, 4) holds a[1, 1], a[1, 2], a[2, 1] and a[2, 2] [m]; d1 and d2 are
-    derivatives along the reference coordinates.
-    """
-
-    mul: Any
-    """(p, q): the product."""
-    dot: Any
-    """(p, q, u, v): p u + q v."""
-    contravariant_flux: Any
-    """(basis, e, n, u, v): J times the contravariant components of the vector (u, v)."""
-    covariant_wind: Any
-    """(basis, e, n, u, v): the covariant components of the vector (u, v)."""
-    gradient: Any
-    """(basis, e, n, d1, d2): J times the gradient of a field with these derivatives."""
-    divergence: Any
-    """(d1, d2): J times the divergence, of the contravariant flux: d1 of its first component along
-    the first coordinate, d2 of the second along the second."""
-    curl: Any
-    """(d1, d2): J times the vorticity, of the covariant wind: d1 of its second component along the
-    first coordinate, d2 of the first along the second."""
-    area: Any
-    """(basis, e, n): J [m2]."""
-
-
-@functools.cache
-def metric_of(register: Register, whole: bool = True) -> Metric:
-    """Return the functions for a register.
-
+    derivatives along the reference coordinates.  `mul` (p, q) is the product.
     whole: products are those of whole registers.  Products of numbers that were gathered lane by
     lane take half as long again with them.
     """
@@ -65,26 +39,34 @@ def metric_of(register: Register, whole: bool = True) -> Metric:
 
     @func
     def contravariant_flux(b: basis, e: int, n: int, u: value, v: value):
+        """Return J times the contravariant components of the vector (u, v)."""
         return wedge(u, v, b[e, n, 2], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 1], u, v)
 
     @func
     def covariant_wind(b: basis, e: int, n: int, u: value, v: value):
+        """Return the covariant components of the vector (u, v)."""
         return dot(b[e, n, 0], b[e, n, 1], u, v), dot(b[e, n, 2], b[e, n, 3], u, v)
 
     @func
     def gradient(b: basis, e: int, n: int, d1: value, d2: value):
+        """Return J times the gradient of a field with these derivatives."""
         return wedge(d1, d2, b[e, n, 1], b[e, n, 3]), wedge(b[e, n, 0], b[e, n, 2], d1, d2)
 
     @func
     def divergence(d1: value, d2: value):
+        """Return J div, of d1 of the first contravariant flux and d2 of the second."""
         return d1 + d2
 
     @func
     def curl(d1: value, d2: value):
+        """Return J times the vorticity, of d1 of the second covariant wind and d2 of the first."""
         return d1 - d2
 
     @func
     def area(b: basis, e: int, n: int):
         return wedge(b[e, n, 0], b[e, n, 1], b[e, n, 2], b[e, n, 3])
 
-    return Metric(mul, dot, contravariant_flux, covariant_wind, gradient, divergence, curl, area)
+    return SimpleNamespace(
+        mul=mul, dot=dot, contravariant_flux=contravariant_flux, covariant_wind=covariant_wind,
+        gradient=gradient, divergence=divergence, curl=curl, area=area,
+    )  # fmt: skip

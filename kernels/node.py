@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import func, kernel
-from swe_sphere.kernels.diffusion import Diffusion, diffusion
+from swe_sphere.kernels.diffusion import diffusion
 from swe_sphere.kernels.element import keep_fields
 from swe_sphere.kernels.formulas import Formula
 from swe_sphere.kernels.simd.shared_lines import shared_lines
@@ -35,14 +35,17 @@ def node_sweep(t: KernelTypes, f: Formula) -> Any:
 
 
 def node_kernel(t: KernelTypes, formula: Formula) -> wp.Kernel:
-    """Return the kernel (geometry, a, x, first, count, out) of a formula, over (E, count, np*np).
+    """Return the kernel (geometry, a, x, first, count, out, done), over (E, count, np*np) threads.
 
-    It handles `count` fields of x from the offset `first` on.
+    It is for `count` fields of x from the offset `first` on; `done` is not used.
     """
     sweep = node_sweep(t, formula)
 
     @kernel
-    def over_nodes(geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local):
+    def over_nodes(
+        geo: t.geometry, a: t.vector, x: t.vector, first: int, count: int, out: t.local,
+        done: t.done,
+    ):  # fmt: skip
         e, k, n = wp.tid()
         sweep(geo, a, x, first + k * geo.size, e, n, k, out)
 
@@ -76,14 +79,15 @@ def flux_kernel(t: KernelTypes) -> wp.Kernel:
     `geometry.fluxes` (E, np*np, 2 or 4) becomes the two contravariant fluxes of the height and,
     where the wind diffuses, w div V and w curl V.
     """
-    of, moves = _diffusion(t), t.terms.unknowns == 3
-    derivatives = _derivatives(t, of.formula)
+    moves = t.terms.unknowns == 3
+    formula = diffusion(t, height=True, wind=moves)
+    derivatives, fluxes = _derivatives(t, formula), formula.fluxes
 
     @kernel
     def flux(geo: t.geometry, x: t.vector):
         e, n = wp.tid()
         s1, s2 = derivatives(geo, x, x, 0, e, n)
-        r1, r2 = of.fluxes(geo, s1, s2, e, n)
+        r1, r2 = fluxes(geo, s1, s2, e, n)
         geo.fluxes[e, n, 0] = r1[0]
         geo.fluxes[e, n, 1] = r2[0]
         if wp.static(moves):
@@ -95,8 +99,9 @@ def flux_kernel(t: KernelTypes) -> wp.Kernel:
 
 def node_diffusion(t: KernelTypes) -> Any:
     """Return the function (geometry, x, e, n, out): the Laplacian from what `flux_kernel` left."""
-    of, np_, moves = _diffusion(t), t.np, t.terms.unknowns == 3
-    rows, keep = of.formula.rows, keep_fields(t, of.formula.fields)
+    np_, moves = t.np, t.terms.unknowns == 3
+    formula = diffusion(t, height=True, wind=moves)
+    rows, result, keep = formula.rows, formula.result, keep_fields(t, formula.fields)
     lines = shared_lines(rows, t.real, np_, "fluxes")
 
     @func
@@ -119,10 +124,6 @@ def node_diffusion(t: KernelTypes) -> Any:
         lines.meet()
         t1 = lines.along_transposed(room, geo.derivative, i, j)
         t2 = lines.across_transposed(room, geo.derivative, i, j)
-        keep(of.result(geo, t1, t2, e, n, out), e, n, 0, out)
+        keep(result(geo, t1, t2, e, n, out), e, n, 0, out)
 
     return diffuse
-
-
-def _diffusion(t: KernelTypes) -> Diffusion:
-    return diffusion(t, height=True, wind=t.terms.unknowns == 3)

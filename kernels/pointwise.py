@@ -67,48 +67,44 @@ class PointwiseSum:
     structure: Any
     """Warp structure with just what is read: arrays over nodes (N,), (2N,) or (unknowns*N,)."""
     wind: Any
-    """(c, node, size, x): two rows of rates of the wind [m s-2]."""
+    """(c, node, size, w, x): two rows of rates of the wind [m s-2], with the wind of w and x."""
     depth: Any
-    """(c, node, size, w, x): rate of the depth [m s-1], with the wind of w or a prescribed one."""
+    """(c, node, size, w, x): a row of rates of the depth [m s-1], with the wind of w or a
+    prescribed one."""
     add: Any
     """(c, node, size, x, r): the rows r and all rates."""
-
-
-@dataclass(frozen=True)
-class _Terms:
-    """Warp functions of (c, i, state, direction): sums of terms, c an instance of `structure`."""
-
-    structure: Any
-    wind: Any
-    depth: Any
 
 
 @functools.cache
 def pointwise_sum(unknowns: int, register: Register, point: Pointwise) -> PointwiseSum:
     """Return the functions for these terms."""
-    real, last, vector = register.real, unknowns - 1, wp.array(dtype=register.real)
-    terms = _sum_of_terms(point.terms, real, point.tangent) if point.terms else None
-    structure = _structure(unknowns, real, point, terms and terms.structure)
-    depth = _depth_of(unknowns, register, point, structure, terms and terms.depth)
-    wind = _wind_of(register, point, structure, terms and terms.wind)
+    last, vector = unknowns - 1, wp.array(dtype=register.real)
+    structure = _structure(unknowns, register.real, point)
+    wind, depth = (
+        _rates_of(kind, unknowns, register, point, structure) for kind in ("wind", "depth")
+    )
     on_depth = point.forcing or any(term.depth for term in point.terms)
     on_wind = point.forcing or point.rotation or any(term.wind for term in point.terms)
 
     @func
     def add(c: structure, node: int, size: int, x: vector, r: register.rows(unknowns)):
         if wp.static(unknowns == 3 and on_wind):
-            two = wind(c, node, size, x)
+            two = wind(c, node, size, x, x)
             r[0] = r[0] + two[0]
             r[1] = r[1] + two[1]
         if wp.static(on_depth):
-            r[last] = r[last] + depth(c, node, size, x, x)
+            r[last] = r[last] + depth(c, node, size, x, x)[0]
         return r
 
     return PointwiseSum(structure, wind, depth, add)
 
 
-def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
-    vector = wp.array(dtype=real)
+def _structure(unknowns: int, real: Any, point: Pointwise) -> Any:
+    vector, terms = wp.array(dtype=real), None
+    for term in point.terms[::-1]:
+        numbers, fields = dict.fromkeys(term.numbers, real), dict.fromkeys(term.fields, vector)
+        members = {"mine": struct_of("Coefficients", numbers | fields)}
+        terms = struct_of("Terms", members | ({"others": terms} if terms else {}))
     optional = {
         "coriolis": (point.rotation, vector),
         "forcing": (point.forcing, vector),
@@ -120,46 +116,17 @@ def _structure(unknowns: int, real: Any, point: Pointwise, terms: Any) -> Any:
     return struct_of("Pointwise", members)
 
 
-def _wind_of(register: Register, point: Pointwise, structure: Any, of_terms: Any) -> Any:
-    real, lanes, pair = register.real, register.lanes, register.rows(2)
-    vector, load, mul = wp.array(dtype=real), run_of(register), product_of(register)
-    one, acts = lanes == 1, any(term.wind for term in point.terms)
-    triple = wp.types.vector(3, real)
-
-    @func
-    def wind(c: structure, node: int, size: int, x: vector):
-        r = pair()
-        if wp.static(point.forcing):
-            r[0] = load(c.forcing, node)
-            r[1] = load(c.forcing, size + node)
-        if wp.static(point.rotation):
-            f = load(c.coriolis, node)
-            r[0] = r[0] + mul(f, load(x, size + node))
-            r[1] = r[1] - mul(f, load(x, node))
-        if wp.static(acts):
-            for i in range(node, node + lanes):
-                d = triple(x[i], x[size + i], x[2 * size + i])
-                at = d
-                if wp.static(point.tangent):
-                    at = triple(c.base[i], c.base[size + i], c.base[2 * size + i])
-                rate = of_terms(c.terms, i, at, d)
-                if wp.static(one):
-                    r += rate
-                else:
-                    r[0, i - node] = r[0, i - node] + rate[0]
-                    r[1, i - node] = r[1, i - node] + rate[1]
-        return r
-
-    return wind
-
-
-def _depth_of(
-    unknowns: int, register: Register, point: Pointwise, structure: Any, of_terms: Any
+def _rates_of(
+    kind: str, unknowns: int, register: Register, point: Pointwise, structure: Any
 ) -> Any:
-    real, value, lanes = register.real, register.value, register.lanes
-    vector, load, last = wp.array(dtype=real), run_of(register), unknowns - 1
-    one, acts = lanes == 1, any(term.depth for term in point.terms)
-    triple = wp.types.vector(3, real)
+    """Return the function `wind` or `depth` of a `PointwiseSum`."""
+    real, lanes, is_wind = register.real, register.lanes, kind == "wind"
+    vector, load, mul = wp.array(dtype=real), run_of(register), product_of(register)
+    rows, triple = register.rows(2 if is_wind else 1), wp.types.vector(3, real)
+    of_terms, offset = None, 0 if is_wind else unknowns - 1
+    if acts := any(getattr(term, kind) for term in point.terms):
+        coefficients = structure.vars["terms"].type
+        of_terms = _sum_of_terms(kind, point.terms, real, point.tangent, coefficients)
 
     @func
     def state(c: structure, i: int, size: int, w: vector, x: vector):
@@ -169,10 +136,16 @@ def _depth_of(
             return triple(w[i], w[size + i], x[2 * size + i])
 
     @func
-    def depth(c: structure, node: int, size: int, w: vector, x: vector):
-        r = value(real(0.0))
+    def rates(c: structure, node: int, size: int, w: vector, x: vector):
+        r = rows()
         if wp.static(point.forcing):
-            r = load(c.forcing, last * size + node)
+            r[0] = load(c.forcing, offset * size + node)
+        if wp.static(point.forcing and is_wind):
+            r[1] = load(c.forcing, size + node)
+        if wp.static(point.rotation and is_wind):
+            f = load(c.coriolis, node)
+            r[0] = r[0] + mul(f, load(w, size + node))
+            r[1] = r[1] - mul(f, load(w, node))
         if wp.static(acts):
             for i in range(node, node + lanes):
                 d = state(c, i, size, w, x)
@@ -182,57 +155,52 @@ def _depth_of(
                 if wp.static(point.tangent and unknowns == 1):
                     d = triple(real(0.0), real(0.0), x[i])  # a prescribed wind does not change
                 rate = of_terms(c.terms, i, at, d)
-                if wp.static(one):
+                if wp.static(lanes == 1):
                     r += rate
                 else:
-                    r[i - node] = r[i - node] + rate
+                    r[0, i - node] = r[0, i - node] + rate[0]
+                if wp.static(lanes > 1 and is_wind):
+                    r[1, i - node] = r[1, i - node] + rate[1]
         return r
 
-    return depth
+    return rates
 
 
-def _sum_of_terms(terms: tuple[PointTerm, ...], real: Any, tangent: bool) -> _Terms:
-    """Return the sum of all terms.
+def _sum_of_terms(
+    kind: str, terms: tuple[PointTerm, ...], real: Any, tangent: bool, structure: Any
+) -> Any:
+    """Return the function (c, i, state, direction): rates of all terms, of the wind or the depth.
 
     The structure holds the coefficients of the first term as `mine`, and those of the other terms
     as `others`.
     """
-    vector, pair, triple = wp.array(dtype=real), wp.types.vector(2, real), wp.types.vector(3, real)
-    members = {name: real for name in terms[0].numbers} | {name: vector for name in terms[0].fields}
-    mine = struct_of("Coefficients", members)
-    others = _sum_of_terms(terms[1:], real, tangent) if terms[1:] else None
-    members = {"mine": mine} | ({"others": others.structure} if others else {})
-    structure, more_wind = struct_of("Terms", members), others and others.wind
-    more_depth = others and others.depth
-    wind, depth = (
-        formula and _typed(formula, mine, real) for formula in (terms[0].wind, terms[0].depth)
-    )
+    formula, is_wind, more = getattr(terms[0], kind), kind == "wind", bool(terms[1:])
+    rates, triple = wp.types.vector(2 if is_wind else 1, real), wp.types.vector(3, real)
+    mine, acts, of_others = None, formula is not None, None
+    if acts:
+        mine = _typed(formula, structure.vars["mine"].type, real)
+    if more:
+        others = structure.vars["others"].type
+        of_others = _sum_of_terms(kind, terms[1:], real, tangent, others)
 
     @func
-    def of_wind(c: structure, i: int, x: triple, d: triple):
-        r = pair()
-        if wp.static(wind is not None and tangent):
-            u, v = wind(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
-            r += pair(u, v)
-        elif wp.static(wind is not None):
-            u, v = wind(c.mine, i, x[0], x[1], x[2])
-            r += pair(u, v)
-        if wp.static(others is not None):
-            r += more_wind(c.others, i, x, d)
+    def of_terms(c: structure, i: int, x: triple, d: triple):
+        r = rates()
+        if wp.static(acts and is_wind and tangent):
+            u, v = mine(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
+            r += rates(u, v)
+        elif wp.static(acts and is_wind):
+            u, v = mine(c.mine, i, x[0], x[1], x[2])
+            r += rates(u, v)
+        elif wp.static(acts and tangent):
+            r += rates(mine(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2]))
+        elif wp.static(acts):
+            r += rates(mine(c.mine, i, x[0], x[1], x[2]))
+        if wp.static(more):
+            r += of_others(c.others, i, x, d)
         return r
 
-    @func
-    def of_depth(c: structure, i: int, x: triple, d: triple):
-        r = real(0.0)
-        if wp.static(depth is not None and tangent):
-            r += depth(c.mine, i, x[0], x[1], x[2], d[0], d[1], d[2])
-        elif wp.static(depth is not None):
-            r += depth(c.mine, i, x[0], x[1], x[2])
-        if wp.static(others is not None):
-            r += more_depth(c.others, i, x, d)
-        return r
-
-    return _Terms(structure, of_wind, of_depth)
+    return of_terms
 
 
 def _typed(formula: Callable[..., Any], coefficients: type, real: type) -> wp.Function:

@@ -4,13 +4,12 @@ A term that is not declared here adds no array, no load and no branch to the gen
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import warp as wp
 
 from swe_sphere.kernels.define import struct_of
-from swe_sphere.kernels.metric import Metric, metric_of
+from swe_sphere.kernels.metric import metric_of
 from swe_sphere.kernels.pointwise import PointwiseSum
 from swe_sphere.kernels.simd.memory import load_of
 from swe_sphere.kernels.simd.register import Register, lanes_of
@@ -74,70 +73,39 @@ class Terms:
 NO_TERMS = Terms()
 
 
-@dataclass(frozen=True)
 class KernelTypes:
     """Types and device functions of the kernels on element nodes."""
 
-    np: int
-    real: Any
-    shape: str
-    """Launch shape: "element" (a thread a group of elements) or "node" (one an element node)."""
-    terms: Terms = NO_TERMS
-    point: PointwiseSum | None = None
-    """Pointwise terms that kernels over elements add at nodes inside elements: these nodes need no
-    DSS and are finished there.  None where all results are left for DSS."""
-    steps: bool = False
-    """True where the nodes are stepped (`levels_struct`); else a stage leaves their rates."""
-    whole: bool = True
-    """True where products take whole registers, see `metric_of`."""
+    def __init__(
+        self, np_: int, real: Any, shape: str, terms: Terms = NO_TERMS,
+        point: PointwiseSum | None = None, steps: bool = False, whole: bool = True,
+    ) -> None:  # fmt: skip
+        """Derive the types from the launch shape, the number type and the terms.
 
-    @cached_property
-    def register(self) -> Register:
-        """Numbers that one thread handles side by side."""
-        return Register(self.real, lanes_of(self.real) if self.shape == "element" else 1)
-
-    @cached_property
-    def value(self) -> Any:
-        """Type of a field at a node, of all lanes."""
-        return self.register.value
-
-    @cached_property
-    def index(self) -> Any:
-        """Type of the number of a node, for all lanes."""
-        return self.register.index
-
-    @cached_property
-    def vector(self) -> Any:
-        """Array of numbers on unique nodes."""
-        return wp.array(dtype=self.real)
-
-    @cached_property
-    def local(self) -> Any:
-        """Array (groups, np*np, fields) on element nodes."""
-        return wp.array3d(dtype=self.value)
-
-    @cached_property
-    def done(self) -> Any:
-        """Type of the argument that takes what is finished without DSS."""
-        return levels_struct(self.real) if self.steps else self.vector
-
-    @cached_property
-    def metric(self) -> Metric:
-        """Vectors and derivatives in the reference coordinates of an element."""
-        return metric_of(self.register, self.whole)
-
-    @cached_property
-    def load(self) -> Any:
-        """Warp function (x, offset, node): the numbers of a field at a node."""
-        return load_of(self.register)
-
-    @cached_property
-    def geometry(self) -> Any:
-        """Warp structure with just the arrays and scalars that kernels of these types read.
-
-        Arrays on element nodes have shape (group, np*np, ...), arrays on unique nodes
-        (unknowns*N,).
+        shape: "element" (a thread a group of elements) or "node" (one an element node).
+        point: pointwise terms that kernels over elements add at nodes inside elements; these nodes
+        need no DSS and are finished there.  None where all results are left for DSS.
+        steps: whether the nodes are stepped (`levels_struct`); else a stage leaves their rates.
+        whole: whether products take whole registers, see `metric_of`.
         """
+        self.np, self.real, self.shape, self.terms = np_, real, shape, terms
+        self.point, self.steps = point, steps
+        self.register = Register(real, lanes_of(real) if shape == "element" else 1)
+        """Numbers that one thread handles side by side."""
+        self.value, self.index = self.register.value, self.register.index
+        """Types of a field at a node and of the number of the node, for all lanes."""
+        self.vector, self.local = wp.array(dtype=real), wp.array3d(dtype=self.value)
+        """Arrays of numbers on unique nodes, and (groups, np*np, fields) on element nodes."""
+        self.done = levels_struct(real) if steps else self.vector
+        """Type of the argument that takes what is finished without DSS."""
+        self.metric, self.load = metric_of(self.register, whole), load_of(self.register)
+        """Vectors and derivatives in reference coordinates, and the Warp function (x, offset,
+        node) that returns the numbers of a field at a node."""
+        self.geometry = self._geometry()
+        """Warp structure with just the arrays and scalars that kernels of these types read.  Arrays
+        on element nodes have shape (group, np*np, ...), arrays on unique nodes (unknowns*N,)."""
+
+    def _geometry(self) -> Any:
         terms, value, real, point = self.terms, self.value, self.real, self.point
         on_nodes, is_node, direct = self.vector, self.shape == "node", point is not None
         members: dict[str, Any] = {
@@ -165,3 +133,15 @@ class KernelTypes:
         }
         members |= {name: kind for name, (wanted, kind) in optional.items() if wanted}
         return struct_of("Geometry", members)
+
+
+@dataclass(frozen=True)
+class ElementKernel:
+    """A kernel over elements and the types of its arguments."""
+
+    kernel: wp.Kernel
+    geometry: Any
+    value: Any
+    flux_kernel: wp.Kernel | None = None
+    """(geometry, x): with diffusion in the shape "node" it goes before, over the same threads, and
+    fills `geometry.fluxes`."""

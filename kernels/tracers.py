@@ -24,7 +24,7 @@ def blocks_kernel(real: Any, adds: bool, lanes: int = 1) -> wp.Kernel:
     """Return the kernel that assembles `count` local fields into the blocks from `first` on.
 
     If it `adds`, the result is added to the blocks.  It runs over nodes, or on a CPU over runs of
-    `lanes` nodes, which fill a register: (places (N,), inverse_area (N,), stride, begin, N, count,
+    `lanes` nodes, which fill a register: (begin, places (N,), inverse_area (N,), stride, N, count,
     first, local, stage, out), from the node `begin` on.
     """
     register, vector, stage = Register(real, lanes), wp.array(dtype=real), stage_struct(real)
@@ -33,7 +33,7 @@ def blocks_kernel(real: Any, adds: bool, lanes: int = 1) -> wp.Kernel:
 
     @kernel
     def assemble(
-        places: wp.array(dtype=Contributors), inverse_area: vector, stride: int, begin: int,
+        begin: int, places: wp.array(dtype=Contributors), inverse_area: vector, stride: int,
         size: int, count: int, first: int, local: vector, s: stage, out: vector,
     ):  # fmt: skip
         node = begin + lanes * wp.tid()
@@ -67,8 +67,6 @@ class TracerKernels:
     """(x, bottom, depth, first, N, out): out = hq (1 + b/h)."""
     raised_tangent: wp.Kernel
     """(base, bottom, depth, first, N, x, out): derivative of `raised` at `base` along x."""
-    add: wp.Kernel
-    """(y, first, N, x): x_hq += y."""
 
 
 @functools.cache
@@ -115,10 +113,4 @@ def pointwise_kernels(real: Any) -> TracerKernels:
         lost = base[first + at] * slope / h * x[depth + node]
         out[at] = x[first + at] * (real(1.0) + slope) - lost
 
-    @kernel
-    def add(y: vector, first: int, size: int, x: vector):
-        k, node = wp.tid()
-        at = k * size + node
-        x[first + at] += y[at]
-
-    return TracerKernels(mixing_ratio, follow, correct, raised, raised_tangent, add)
+    return TracerKernels(mixing_ratio, follow, correct, raised, raised_tangent)

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.kernels.define import kernel
-from swe_sphere.kernels.simd.memory import bring_of, entry_of, put_of
+from swe_sphere.kernels.simd.memory import entry_of, put_of
 from swe_sphere.kernels.simd.register import Register
 
 AT_ONCE = 4
@@ -154,27 +154,6 @@ def nearness_kernel(real: Any) -> wp.Kernel:
         out[i] = share * wp.abs(now) - wp.abs(now - then[i])
 
     return nearness
-
-
-@functools.cache
-def packing_kernels(real: Any, in_threads: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """Kernels (x, places (n,), packed (n,)): packed = x[places], and the reverse.
-
-    Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
-    to bring it.
-    """
-    vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
-    bring, bring_back = (bring_of(real, back, in_threads) for back in (False, True))
-
-    @kernel
-    def pack(x: vector, places: numbers, packed: vector):
-        bring(wp.tid(), x, places, packed)
-
-    @kernel
-    def unpack(x: vector, places: numbers, packed: vector):
-        bring_back(wp.tid(), x, places, packed)
-
-    return pack, unpack
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from swe_sphere.kernels.define import kernel
 from swe_sphere.kernels.simd.register import Register
 
 CONTRIBUTORS = 4
@@ -50,21 +51,24 @@ def put_of(register: Register) -> Any:
 
 
 @functools.cache
-def bring_of(real: Any, back: bool, one: bool) -> Any:
-    """Return the Warp function (i, x, places (n,), packed (n,)): packed = x[places].
+def packing_kernel(real: Any, back: bool, in_threads: bool) -> wp.Kernel:
+    """Kernel (x, places (n,), packed (n,)): packed = x[places], or the reverse if `back`.
 
-    `back` is the reverse; `one` brings the i-th number only, and not all from i on.
+    Of n threads, for a GPU, or of one, for a CPU: there a thread for each number takes longer than
+    to bring it.
     """
+    vector, numbers = wp.array(dtype=real), wp.array(dtype=wp.int32)
     to, of = "packed.data[i]", "x.data[places.data[i]]"
     bring_it = f"{of} = {to};" if back else f"{to} = {of};"
 
-    @wp.func_native(bring_it if one else f"for (; i < places.shape[0]; ++i) {bring_it}")
-    def bring(
-        i: int, x: wp.array(dtype=real), places: wp.array(dtype=wp.int32),
-        packed: wp.array(dtype=real),
-    ): ...  # fmt: skip
+    @wp.func_native(bring_it if in_threads else f"for (; i < places.shape[0]; ++i) {bring_it}")
+    def bring(i: int, x: vector, places: numbers, packed: vector): ...
 
-    return bring
+    @kernel
+    def pack(x: vector, places: numbers, packed: vector):
+        bring(wp.tid(), x, places, packed)
+
+    return pack
 
 
 @functools.cache

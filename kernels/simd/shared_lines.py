@@ -6,7 +6,7 @@ different banks.  On a CPU the threads of an element run one after the other, an
 computes the numbers of all.
 """
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -21,32 +21,14 @@ def block_threads(nodes: int) -> int:
     return max(1, MOST_THREADS // nodes) * nodes
 
 
-@dataclass(frozen=True)
-class SharedLines:
-    """Warp functions by which the threads (..., element, node) share two rows a node.
+def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SimpleNamespace:
+    """Return Warp functions by which the threads (..., element, node) share two rows a node.
 
-    There is one room of a name in a kernel, and a thread enters it once: on a CPU the next thread
-    comes when this one has ended.  All threads of a block have to call them, in this order: `room`
-    = `enter`(node); `put`(room, p, first, second) for each p = node + turn, turn < `turns`(node);
-    `meet`(); then any of the line sums.
+    rows: their type, of numbers `real`.  There is one room of a name in a kernel, and a thread
+    enters it once: on a CPU the next thread comes when this one has ended.  All threads of a block
+    have to call them, in this order: `room` = `enter`(node); `put`(room, p, first, second) for each
+    p = node + turn, turn < `turns`(node); `meet`(); then any of the line sums (room, d, i, j).
     """
-
-    enter: Any
-    turns: Any
-    put: Any
-    meet: Any
-    along: Any
-    """(room, d, i, j): sum over m of d[i, m] first[m, j]."""
-    across: Any
-    """(room, d, i, j): sum over m of d[j, m] second[i, m]."""
-    along_transposed: Any
-    """(room, d, i, j): sum over m of d[m, i] first[m, j]."""
-    across_transposed: Any
-    """(room, d, i, j): sum over m of d[m, j] second[i, m]."""
-
-
-def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SharedLines:
-    """Return the functions for rows of that type, of numbers `real`, in the room of that name."""
     size, register = wp.types.type_size_in_bytes, Register(real)
     count = size(rows) // size(real)
     held = f"number {name}[{2 * count * MOST_THREADS}];"
@@ -113,10 +95,13 @@ def shared_lines(rows: Any, real: Any, np_: int, name: str) -> SharedLines:
 
         return shared_sum
 
-    return SharedLines(
-        enter, turns, put, meet,
+    return SimpleNamespace(
+        enter=enter,
+        turns=turns,
+        put=put,
+        meet=meet,
         along=line_sum(0, f"i * {np_} + m", f"m * {np_} + j"),
         across=line_sum(count, f"j * {np_} + m", f"i * {np_} + m"),
         along_transposed=line_sum(0, f"m * {np_} + i", f"m * {np_} + j"),
         across_transposed=line_sum(count, f"m * {np_} + j", f"i * {np_} + m"),
-    )  # fmt: skip
+    )

@@ -15,7 +15,7 @@ from swe_sphere.analysis.grids import Grid
 from swe_sphere.analysis.runs import holding
 from swe_sphere.arrays import Array
 from swe_sphere.io.layout import TOPOLOGY
-from swe_sphere.mesh import Interpolator, Mesh, Sampler
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import frame
 
 FEWEST = 3
@@ -28,7 +28,7 @@ class Points:
     def __init__(self, mesh: Mesh, grid: Grid) -> None:
         self.mesh, self.grid = mesh, grid
         lon, lat = grid.points
-        self._sampler = Sampler(mesh, lon.ravel(), lat.ravel())
+        self._sampler = Interpolator(mesh, lon.ravel(), lat.ravel())
 
     def scalar(self, field: Array) -> Array:
         """A field (..., N) at the points: (..., M, K)."""
@@ -99,10 +99,11 @@ def _turned(
     means: sparse.csr_array, at: Interpolator, units: Array
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Means of the components along east and north of a wind (2 N) in the frames of the nodes."""
-    own = [sparse.diags_array(x) for x in np.concatenate([at.mesh.east.T, at.mesh.north.T])]
+    matrix, units_at_nodes = at.matrix, np.concatenate([at.mesh.east.T, at.mesh.north.T])
+    own = [sparse.diags_array(x) for x in units_at_nodes]
 
     def along(unit: Array) -> sparse.csr_array:
-        parts = [means @ sparse.diags_array(x) @ at.matrix for x in unit.T]
+        parts = [means @ sparse.diags_array(x) @ matrix for x in unit.T]
         blocks = [sum(p @ o for p, o in zip(parts, own[k : k + 3], strict=True)) for k in (0, 3)]
         return sparse.hstack(blocks).tocsr()
 

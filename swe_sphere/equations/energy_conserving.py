@@ -36,14 +36,14 @@ class PoissonTendency:
         own = model.parameters | {"base": self._base}
         operator = TendencyOperator(mesh, terms, model.launch, own, point)
         self._operator = recorded(model.launch, operator)
-        self._average = average_kernel(mesh.real, scene.bottom is not None)
-        self._constants = self._average.structure()
+        self._average, structure = average_kernel(mesh.real, scene.bottom is not None)
+        self._constants = structure()
         self._constants.size, self._constants.gravity = mesh.size, scene.planet.gravity
         if scene.bottom:
             self._constants.bottom = model.parameters["bottom"]
         self._combine = axpby_kernel(mesh.real)
         self._masses = self._mean[model.fluid_size :] if model.tracers is not None else None
-        model.launch.load(self._average.kernel, self._combine)
+        model.launch.load(self._average, self._combine)
 
     @staticmethod
     def fits(model: Model) -> bool:
@@ -61,9 +61,7 @@ class PoissonTendency:
         model, nodes = self._model, self._model.device_mesh.size
         model.set_time(t)
         model.counters["rhs_evaluations"] += 1
-        model.launch(
-            self._average.kernel, nodes, self._constants, first, last, self._mean, self._base
-        )
+        model.launch(self._average, nodes, self._constants, first, last, self._mean, self._base)
         self._operator(self._mean, out)
         tracers = model.tracers
         if tracers is not None:

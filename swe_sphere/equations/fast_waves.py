@@ -26,11 +26,11 @@ class FastWaves:
         self._geometry = mesh.geometry(self._fields.geometry)
         self._divergence = mesh.scratch(1, self._fields.value)
         self._gradient = mesh.scratch(2, self._fields.value)
-        self._kernels = fast_wave_kernels(mesh.real, model.carried is not None)
-        self._add = combine_kernel(mesh.real, 2)
-        model.launch.load(
-            self._fields.transport, self._fields.gradient, self._kernels.drift, self._kernels.kick
+        self._drift_kernel, self._kick_kernel = kernels = fast_wave_kernels(
+            mesh.real, model.carried is not None
         )
+        self._add = combine_kernel(mesh.real, 2)
+        model.launch.load(self._fields.transport, self._fields.gradient, *kernels)
         self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
         if model.carried is not None:
             model.launch.load(self._add)
@@ -62,10 +62,10 @@ class FastWaves:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(
             launch, self._divergence, self._fields.transport, mesh.threads(1), self._geometry, s,
-            rest, self._winds, 1, self._divergence.values,
+            rest, self._winds, 1, self._divergence.values, s,
         )  # fmt: skip
         launch(
-            self._kernels.drift, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
+            self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
             self._divergence.flat, tau, rate, s, kept, self._path,
         )  # fmt: skip
 
@@ -73,9 +73,9 @@ class FastWaves:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
         mesh.sweep(
             launch, self._gradient, self._fields.gradient, mesh.threads(1), self._geometry, s,
-            self._depth, 0, 1, self._gradient.values,
+            self._depth, 0, 1, self._gradient.values, s,
         )  # fmt: skip
         launch(
-            self._kernels.kick, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
+            self._kick_kernel, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,
             mesh.size, self._gradient.flat, self._model.scene.planet.gravity, tau, rate, s,
         )  # fmt: skip

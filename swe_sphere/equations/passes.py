@@ -16,7 +16,6 @@ from swe_sphere.kernels.forward_backward import (
     run_kernels,
 )
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
-from swe_sphere.kernels.pointwise import Pointwise
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.launch import in_runs
@@ -60,10 +59,15 @@ class Passes:
         )
         self._direct, lanes = direct, mesh.lanes if direct else 1
         kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
-        runs = in_runs(kernels_of, lanes, mesh.inner if direct else 0, mesh.size)
-        self._runs = [(made, self._of_point(made, point, parameters), *of) for made, *of in runs]
-        """Kernels that step what elements have not, their geometry, threads and first nodes."""
-        parameters |= {"point": self._runs[0][1].point}
+        span = lanes, mesh.inner if direct else 0, mesh.size
+        self._sum_depth = in_runs(model.launch, lambda n: kernels_of(n).depth, *span)
+        self._sum_wind = self._sum_depth
+        if self._moves:
+            self._sum_wind = in_runs(model.launch, lambda n: kernels_of(n).wind, *span)
+        kind = kernels_of(1).geometry
+        parameters["point"] = fill(kind.vars["point"].type, parameters, point)
+        self._node_geometry = mesh.geometry(kind, parameters)
+        """What the kernels read that step what elements have not."""
         of_fields = field_kernels(np_, self._real, mesh.shape)
         self._local_depth = mesh.scratch(self._masses, of_fields.value)
         self._local_wind = mesh.scratch(2, of_fields.value)
@@ -84,7 +88,6 @@ class Passes:
             self._force = made.kernel
             self._force_geometry = mesh.geometry(made.geometry, parameters)
         wanted = [self._transport, self._force, self._combine, self._add if flux else None]
-        wanted += [kernel for made, *_ in self._runs for kernel in (made.depth, made.wind)]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -119,9 +122,12 @@ class Passes:
             mesh.sweep(
                 model.launch, local, self._transport, mesh.threads(self._masses), self._geometry,
                 wind, self.carried, self._first * size, self._masses, local.values,
-                *([step] if self._direct else []),
+                step if self._direct else out,
             )  # fmt: skip
-        self._sum("depth", self._local_depth.flat, step, self._masses)
+        self._sum_depth(
+            self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
+            self._local_depth.flat, step,
+        )  # fmt: skip
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
@@ -138,21 +144,8 @@ class Passes:
                 self._model.launch, local, self._force, mesh.threads(), self._force_geometry,
                 self.pushed, local.values, done,
             )  # fmt: skip
-        self._sum("wind", self._local_wind.flat, step)
-
-    def _sum(self, name: str, flat: wp.array, step: Any, *count: int) -> None:
-        """DSS of what elements have left, and the step."""
-        mesh = self._mesh
-        for made, geometry, threads, begin in self._runs:
-            self._model.launch(
-                getattr(made, name), threads, geometry, mesh.places(*(count or (2,))), mesh.lanes,
-                begin, *count, flat, step,
-            )  # fmt: skip
-
-    def _of_point(self, made: Any, point: Pointwise, parameters: dict[str, Any]) -> Any:
-        """The geometry of kernels that step, with what the terms of a point read."""
-        own = fill(made.geometry.vars["point"].type, parameters, point)
-        return self._mesh.geometry(made.geometry, parameters | {"point": own})
+        arguments = mesh.places(2), mesh.lanes, self._local_wind.flat, step
+        self._sum_wind(self._node_geometry, *arguments)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
         """Those arguments of a pass as its kernels take them, the same ones for the same."""

@@ -13,7 +13,7 @@ from swe_sphere.equations.effects import Tracers
 from swe_sphere.equations.right_hand_side import Operation, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.kernels import Terms
+from swe_sphere.kernels import Terms, combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.kernels.tracers import pointwise_kernels
 from swe_sphere.mesh import Mesh
@@ -110,7 +110,7 @@ class _Diffusion:
     def __init__(self, tracers: TracerEquations, discrete: DiscreteScene, terms: Terms) -> None:
         mesh, count = discrete.device_mesh, tracers.count
         self._discrete, self._launch = discrete, discrete.launch
-        self._kernels = pointwise_kernels(mesh.real)
+        self._kernels, self._add = pointwise_kernels(mesh.real), combine_kernel(mesh.real, 1)
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
         raised = discrete.scene.bottom is not None
@@ -130,7 +130,7 @@ class _Diffusion:
             field, rate = (room[k : k + self._size] for room in (self._raised, self._rate))
             for operator, _, target in of_field:
                 operations.append(Operation(operator, field, rate if target is None else target))
-        return [*operations, Operation(self._add, source=self._rate)]
+        return [*operations, Operation(self._add_rates, source=self._rate)]
 
     def _raise(self, x: wp.array, out: wp.array) -> None:
         if self._bottom is None:
@@ -142,8 +142,9 @@ class _Diffusion:
         raised = self._kernels.raised_tangent
         self._launch(raised, self._dim, base, self._bottom, *self._offsets, x, out)
 
-    def _add(self, rate: wp.array, out: wp.array) -> None:
-        self._launch(self._kernels.add, self._dim, rate, self._first, self._size, out)
+    def _add_rates(self, rate: wp.array, out: wp.array) -> None:
+        masses = out[self._first : self._first + rate.size]
+        self._launch(self._add, rate.size, masses, rate, 1.0, masses)
 
 
 class MassFlux:

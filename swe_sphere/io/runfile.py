@@ -34,7 +34,7 @@ from swe_sphere.io.layout import (
 )
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.io.zarr_store import StoredDataset, StoredVariable, is_store
-from swe_sphere.mesh import Mesh, Sampler
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Nodal(ABC):
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
-        return evaluate(Sampler(self.mesh, lon, lat), self.frame(time), field)
+        return evaluate(Interpolator(self.mesh, lon, lat), self.frame(time), field)
 
 
 def nearest_time(path: Path, times: Array, time: float | None) -> float:

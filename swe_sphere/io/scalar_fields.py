@@ -11,7 +11,7 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
-from swe_sphere.mesh import Interpolator, Mesh, Sampler
+from swe_sphere.mesh import Interpolator, Mesh
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def derive(fields: Mapping[str, Array], name: str) -> Array:
     return fields[name]
 
 
-def evaluate(interpolator: Interpolator | Sampler, fields: Mapping[str, Array], name: str) -> Array:
+def evaluate(interpolator: Interpolator, fields: Mapping[str, Array], name: str) -> Array:
     """The named field at the points of an interpolator from nodal fields (N,).
 
     Everything made of the wind goes by way of the vector, whose components jump at the poles.

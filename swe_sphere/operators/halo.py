@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.vectors import packing_kernels
+from swe_sphere.kernels.simd.memory import packing_kernel
 from swe_sphere.operators.launch import REMEMBERED, Launcher
 from swe_sphere.operators.replay import between
 from swe_sphere.ranks.communicator import Communicator
@@ -26,7 +26,7 @@ class Buffer:
     def __init__(self, comm: Communicator, array: wp.array, positions: Positions) -> None:
         device, on_cpu = str(array.device), array.device.is_cpu
         places = np.concatenate([*(p.ravel() for p in positions.values()), np.zeros(0, int)])
-        kernels = packing_kernels(array.dtype, not on_cpu)
+        kernels = [packing_kernel(array.dtype, back, not on_cpu) for back in (False, True)]
         Launcher(device, comm).load(*kernels)
         self._there = wp.empty(places.size, dtype=array.dtype, device=device)
         self._here = self._there

@@ -89,8 +89,9 @@ class TallMatrix:
     """
 
     def __init__(self, mesh: DeviceMesh, launch: Launcher, matrix: scipy.sparse.csr_array) -> None:
-        self._launch, self._kernels = launch, tall_kernels(mesh.real, mesh.shape)
-        launch.load(self._kernels.product, self._kernels.parts, self._kernels.total)
+        self._launch, kernels = launch, tall_kernels(mesh.real, mesh.shape)
+        self._product, self._part, self._total = kernels
+        launch.load(*kernels)
         rows, self._few = matrix.shape
         self._groups = -(-rows // mesh.lanes)
         self._at, column, self._values = _grouped(mesh, matrix, shifted=False)
@@ -104,12 +105,11 @@ class TallMatrix:
     def __call__(self, x: Field, out: Field, add: bool = False) -> None:
         """out = M x, or out + M x."""
         self._launch(
-            self._kernels.product, self._groups, self._at, self._columns, self._values, x.flat,
+            self._product, self._groups, self._at, self._columns, self._values, x.flat,
             int(add), out.values,
         )  # fmt: skip
 
     def transposed(self, y: Field, out: Field) -> None:
         """out = M' y; y may be longer than M has rows."""
-        kernels, parts = self._kernels, self._parts
-        self._launch(kernels.parts, self._groups, self._at, self._values, y.values, parts)
-        self._launch(kernels.total, self._few, self._ends, self._listed, parts, out.flat)
+        self._launch(self._part, self._groups, self._at, self._values, y.values, self._parts)
+        self._launch(self._total, self._few, self._ends, self._listed, self._parts, out.flat)

@@ -151,15 +151,23 @@ def _identity(argument: Any) -> object:
 
 
 def in_runs(
-    kernel_of: Callable[[int], Any], lanes: int, begin: int, end: int
-) -> list[tuple[Any, int, int]]:
-    """Kernels that share numbers from `begin` to `end`, with their threads and first numbers.
+    launch: Launcher, kernel_of: Callable[[int], Any], lanes: int, begin: int, end: int
+) -> Callable[..., None]:
+    """Return the function of kernels that share the numbers from `begin` to `end`.
 
-    `kernel_of(lanes)` takes so many in a thread, and `kernel_of(1)` those that are left over.
+    `kernel_of(lanes)` takes so many in a thread, and `kernel_of(1)` those that are left over.  The
+    first argument of either is its first number; the function takes the others.
     """
     whole = begin + (end - begin) // lanes * lanes
     spans = (lanes, begin, whole), (1, whole, end)
-    return [(kernel_of(n), (last - first) // n, first) for n, first, last in spans if first < last]
+    runs = [(kernel_of(n), (b - a) // n, a) for n, a, b in spans if a < b]
+    launch.load(*(kernel for kernel, _, _ in runs))
+
+    def launch_runs(*arguments: Any) -> None:
+        for kernel, threads, first in runs:
+            launch(kernel, threads, first, *arguments)
+
+    return launch_runs
 
 
 def find_device(name: str, local: int = 0) -> str:

@@ -79,12 +79,12 @@ class SchurOperator:
 
     def spread(self, x: wp.array, out: Field) -> None:
         """A nodal vector (N,) of any number type to a field."""
-        kernel = self._passages(x.dtype).spread
+        kernel, _ = self._passages(x.dtype)
         self.launch(kernel, self.dim, self.mesh.nodes, x, out.values)
 
     def collect(self, x: Field, out: wp.array) -> None:
         """A field, with the same bits in all elements of a node, to a nodal vector (N,)."""
-        kernel = self._passages(out.dtype).collect
+        _, kernel = self._passages(out.dtype)
         self.launch(kernel, self.size, self.mesh.of_own, x.flat, out)
 
     def put(self, values: Array, x: Field) -> None:
@@ -189,9 +189,9 @@ class SchurOperator:
 
     def _load_passages(self, given: Any) -> Any:
         """Return the kernels between fields and vectors of the number type `given`."""
-        made = passage_kernels(self.mesh.mesh.np, self.mesh.real, given, self.mesh.shape)
-        self.launch.load(made.spread, made.collect)
-        return made
+        kernels = passage_kernels(self.mesh.mesh.np, self.mesh.real, given, self.mesh.shape)
+        self.launch.load(*kernels)
+        return kernels
 
 
 class SchurMatrix:

@@ -50,11 +50,11 @@ class TendencyOperator:
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(terms.unknowns, value), mesh.places(terms.unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._sums = in_runs(lambda n: made(n).assembly, lanes, begin, mesh.size)
+        self._sum = in_runs(launch, lambda n: made(n).assembly, lanes, begin, mesh.size)
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         self.kernels = [self.compiled.kernel, made(1).assembly, *self._fluxes]
         """The kernels of one node or one group of elements a thread."""
-        launch.load(*self.kernels, *(kernel for kernel, _, _ in self._sums))
+        launch.load(*self.kernels)
 
     def __call__(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the state x; `out` must be another array."""
@@ -64,11 +64,10 @@ class TendencyOperator:
         kernel, arguments = self.compiled.kernel, (self.geometry, x, local.values, out)
         mesh.sweep(launch, local, kernel, mesh.threads(), *arguments)
         wind = x if self._turned is None else self._turned
-        for kernel, threads, begin in self._sums:
-            launch(
-                kernel, threads, self._places, mesh.inverse_area, mesh.lanes, begin, mesh.size,
-                local.flat, self._own, wind, self._stage, out,
-            )  # fmt: skip
+        self._sum(
+            self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
+            self._stage, out,
+        )  # fmt: skip
 
 
 def pointwise_operator(

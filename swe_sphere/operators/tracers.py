@@ -21,10 +21,10 @@ class TracerTransport:
         self.mesh, self.count, self._launch = mesh, count, launch
         self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         assembly_of = partial(blocks_kernel, mesh.real, False)
-        self._assembly = in_runs(assembly_of, mesh.lanes, 0, mesh.size)
+        self._assemble = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._places = mesh.scratch(count, self._kernels.value), mesh.places(count)
-        launch.load(self._kernels.transport, *(kernel for kernel, _, _ in self._assembly))
+        launch.load(self._kernels.transport)
         self._has_tangent = False
 
     def __call__(
@@ -37,13 +37,10 @@ class TracerTransport:
         """
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernels.transport, mesh.stage if stage is None else stage
-        arguments = self._geometry, wind, x, first, count, local.values
+        arguments = self._geometry, wind, x, first, count, local.values, x
         mesh.sweep(self._launch, local, kernel, mesh.threads(count), *arguments)
-        for assemble, threads, begin in self._assembly:
-            self._launch(
-                assemble, threads, self._places, mesh.inverse_area, mesh.lanes, begin, mesh.size,
-                count, to, local.flat, stage, out,
-            )  # fmt: skip
+        numbers = mesh.lanes, mesh.size, count, to
+        self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
@@ -103,11 +100,12 @@ class Limiter:
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
         self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
         self._across = sphere_limiter(mesh.real, mesh.lanes)
-        self._limits = in_runs(self._across.limit_of, mesh.lanes, 0, mesh.size)
+        self._limit_nodes = in_runs(launch, self._across.limit_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local = mesh.scratch(self._count, self._inside.value)
         self._places = mesh.places(self._count)
-        self._add = in_runs(partial(blocks_kernel, mesh.real, True), mesh.lanes, 0, mesh.size)
+        adding = partial(blocks_kernel, mesh.real, True)
+        self._add = in_runs(launch, adding, mesh.lanes, 0, mesh.size)
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -117,8 +115,7 @@ class Limiter:
         if mesh.comm.shared:
             self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
-        kernels = [kernel for kernel, _, _ in (*self._add, *self._limits)]
-        launch.load(self._inside.limit, self._across.sums, self._across.parts, *kernels)
+        launch.load(self._inside.kernel, self._across.sums, self._across.parts)
         self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
@@ -131,14 +128,13 @@ class Limiter:
     def _limit(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
         mesh.sweep(
-            self._launch, self._local, self._inside.limit, mesh.groups, self._geometry, state,
+            self._launch, self._local, self._inside.kernel, mesh.groups, self._geometry, state,
             *self._offsets, self._count, *self._bounds, self._local.values,
         )  # fmt: skip
-        for add, threads, begin in self._add:
-            self._launch(
-                add, threads, self._places, mesh.inverse_area, mesh.lanes, begin, size,
-                self._count, first, self._local.flat, mesh.stage, state,
-            )  # fmt: skip
+        self._add(
+            self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
+            self._local.flat, mesh.stage, state,
+        )  # fmt: skip
         self._limit_sphere(state)
 
     def _limit_sphere(self, state: wp.array) -> None:
@@ -154,8 +150,5 @@ class Limiter:
             self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
         blocks = self._everything.shape[0]
         self._launch(across.parts, self._count, self._everything, blocks, self._part)
-        for limit, threads, begin in self._limits:
-            self._launch(
-                limit, threads, begin, *self._offsets, size, self._count, *self._bounds,
-                self._part, state,
-            )  # fmt: skip
+        arguments = *self._offsets, size, self._count, *self._bounds, self._part, state
+        self._limit_nodes(*arguments)

@@ -16,7 +16,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import Source
 from swe_sphere.io.runfile import Nodal
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
-from swe_sphere.mesh import Sampler
+from swe_sphere.mesh import Interpolator
 from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
@@ -96,7 +96,9 @@ class Drawing:
         self.kind = replace(kind, contours=drawn)
         self.colours = look.colour_map(self.kind)
         self._points = grid.lon.ravel(), grid.lat.ravel()
-        self._sampler = Sampler(source.mesh, *self._points) if isinstance(source, Nodal) else None
+        self._sampler: Interpolator | None = None
+        if isinstance(source, Nodal):
+            self._sampler = Interpolator(source.mesh, *self._points)
         if (look.mesh or look.winds) and not isinstance(source, Nodal):
             raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
 

@@ -9,7 +9,7 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.layout import TRACER
 from swe_sphere.io.scalar_fields import derive
-from swe_sphere.mesh import Mesh, Sampler
+from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.operators.diagnose import divergence, vorticity
 from swe_sphere.planet import DAY
 
@@ -37,7 +37,7 @@ class Exact:
         if field in DERIVATIVES:
             u, v, _ = self._flow(self._mesh.lon, self._mesh.lat, time)
             nodal = DERIVATIVES[field](self._mesh, u, v)
-            found = Sampler(self._mesh, lon, lat)(nodal)
+            found = Interpolator(self._mesh, lon, lat)(nodal)
         elif field.startswith(TRACER):
             found = self._ratio(field.removeprefix(TRACER), lon, lat, time)
         else:

@@ -66,10 +66,8 @@ class Diffusion:
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
         stage_of = partial(diffusive_stage_kernel, mesh.real)
-        self._runs = in_runs(stage_of, mesh.lanes, 0, model.size)
-        """The launches of a stage: kernels, threads and first numbers."""
+        self._combine = in_runs(model.launch, stage_of, mesh.lanes, 0, model.size)
         self._replay = Replay(model.launch)
-        model.launch.load(*(kernel for kernel, _, _ in self._runs))
 
     @property
     def evaluations(self) -> int:
@@ -111,7 +109,3 @@ class Diffusion:
         mu, nu, a, b = (scale * c for c in end)
         c = held * (a + b)
         self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
-
-    def _combine(self, *terms: wp.array | float) -> None:
-        for kernel, threads, begin in self._runs:
-            self._model.launch(kernel, threads, begin, *terms)
