@@ -21,8 +21,11 @@ def list_all() -> None:
     from swe_sphere.steppers import list_steppers
     from swe_sphere.testcases import list_scenes
 
-    _list("Scenes", list_scenes())
-    _list("Steppers", list_steppers())
+    for title, lines in {"Scenes": list_scenes(), "Steppers": list_steppers()}.items():
+        width = max(map(len, lines))
+        typer.echo(f"{title}:")
+        for name, text in lines.items():
+            typer.echo(f"  {name:{width}}  {text}")
 
 
 def compare(
@@ -36,7 +39,8 @@ def compare(
     """Print l1, l2 and linf of A against B."""
     from swe_sphere.io.compare import compare as compare_files
 
-    result = compare_files(a, b, field, _seconds(time), across_scenes)
+    seconds = None if time is None else time * DAY
+    result = compare_files(a, b, field, seconds, across_scenes)
     if as_json:
         typer.echo(json.dumps(result))
         return
@@ -44,17 +48,6 @@ def compare(
     typer.echo(f"{result['field']}{when}")
     for norm in ("l1", "l2", "linf"):
         typer.echo(f"  {norm:5} {result[norm]:.6e}")
-
-
-def _list(title: str, lines: dict[str, str]) -> None:
-    width = max(map(len, lines))
-    typer.echo(f"{title}:")
-    for name, text in lines.items():
-        typer.echo(f"  {name:{width}}  {text}")
-
-
-def _seconds(days: float | None) -> float | None:
-    return None if days is None else days * DAY
 
 
 def regrid(

@@ -103,24 +103,21 @@ class Stopped(SweError):
     exit_status = 130
 
 
-def explain(error: Exception) -> tuple[str, int]:
-    """What to tell the user, in one line, and the exit status."""
-    line, status = _explain(error)
-    return in_one_line(line), status
-
-
 def show_traceback() -> None:
     """Print where the error being handled came from, if the user asked for that."""
     if os.environ.get(DEBUG):
         traceback.print_exc()
 
 
-def _explain(error: Exception) -> tuple[str, int]:
+def explain(error: Exception) -> tuple[str, int]:
+    """Return the message to the user, in one line, and the exit status."""
+    hint, status = f"({DEBUG}=1 shows where)", 1
     if isinstance(error, SweError):
-        return str(error), error.exit_status
-    if isinstance(error, typer.TyperException):
-        return f"{error.format_message()} (see swe-sphere --help)", error.exit_code
-    hint = f"({DEBUG}=1 shows where)"
-    if isinstance(error, MemoryError):
-        return f"not enough memory: take a smaller mesh {hint}", 1
-    return f"unexpected {type(error).__name__}: {error} {hint}", 1
+        line, status = str(error), error.exit_status
+    elif isinstance(error, typer.TyperException):
+        line, status = f"{error.format_message()} (see swe-sphere --help)", error.exit_code
+    elif isinstance(error, MemoryError):
+        line = f"not enough memory: take a smaller mesh {hint}"
+    else:
+        line = f"unexpected {type(error).__name__}: {error} {hint}"
+    return in_one_line(line), status

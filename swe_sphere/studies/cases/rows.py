@@ -46,10 +46,8 @@ class Row:
     @property
     def _fineness(self) -> float:
         """ne, np - 1 or one over the time step: the quantity in which the levels differ."""
-        if self.case.along == "dt":
-            return 1.0 / self.dt
-        config = self.config
-        return float((config.ne or 0) if self.case.along == "ne" else (config.np or 0) - 1)
+        ne, np = self.config.ne or 0, self.config.np or 0
+        return {"ne": ne, "np": np - 1, "dt": 1.0 / self.dt}[self.case.along]
 
     @property
     def config(self) -> RunConfig:

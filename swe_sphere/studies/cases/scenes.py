@@ -34,17 +34,15 @@ State = tuple[Array, Array, Array]
 
 # --- exact solutions
 
-DEGREE = 3
-"""Degree of the spherical harmonic Y = cos³ θ cos 3λ + ... that decays."""
 MEAN = 1000.0
 
 
 def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
     """Spherical harmonics that viscosity and hyperviscosity let decay (exact).
 
-    With Y of degree l = 3, depth 1000 m + 100 m Y and wind 10 m/s a (grad Y + k x grad Y) obey
-    d/dt = -(nu k² + nu4 k⁴) with k² = l (l + 1)/a²; the Laplacian of the wind is Hodge's, whose
-    eigenvalue on gradients and curls of Y is the same.
+    With Y = cos³ θ cos 3λ + ... of degree l = 3, depth 1000 m + 100 m Y and wind
+    10 m/s a (grad Y + k x grad Y) obey d/dt = -(nu k² + nu4 k⁴) with k² = l (l + 1)/a²; the
+    Laplacian of the wind is Hodge's, whose eigenvalue on gradients and curls of Y is the same.
 
     Args:
         nu: viscosity [m2 s-1].
@@ -52,7 +50,7 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
         default: leave the hyperviscosity of the model to its scaling with the mesh, so that the
             error shows whether that is nu4.
     """
-    wavenumber = DEGREE * (DEGREE + 1) / EARTH.radius**2
+    wavenumber = 12 / EARTH.radius**2
     rate = nu * wavenumber + nu4 * wavenumber**2
 
     def exact(lon: Array, lat: Array, t: float) -> State:
@@ -96,15 +94,6 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
     )
 
 
-SPEED = 40.0
-"""Speed of the driven flow at its equator [m s-1]."""
-DEPTH = 3000.0
-DROP = 1000.0
-"""Depth that the driven flow lacks at its poles at the start [m]."""
-GROWTH = 5.0 * DAY
-"""Time in which its depth doubles [s]."""
-
-
 def driven(alpha: float = np.pi / 4.0) -> Scene:
     """Solid-body flow that a forcing of wind and depth keeps up, all of it of first order (exact).
 
@@ -118,21 +107,22 @@ def driven(alpha: float = np.pi / 4.0) -> Scene:
     Args:
         alpha: tilt of the flow's axis [rad].
     """
+    speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
 
     def exact(lon: Array, lat: Array, t: float) -> State:
         east, north = solid_body(lon, lat, alpha)
-        return SPEED * east, SPEED * north, _depth(lon, lat) * (1.0 + t / GROWTH)
+        return speed * east, speed * north, first(lon, lat) * (1.0 + t / doubling)
 
-    def _depth(lon: Array, lat: Array) -> Array:
-        depth: Array = DEPTH - DROP * tilted_latitude(lon, lat, alpha) ** 2
+    def first(lon: Array, lat: Array) -> Array:
+        depth: Array = 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
         return depth
 
     def forcing(lon: Array, lat: Array, t: float) -> State:
-        pull = SPEED**2 - 2.0 * EARTH.gravity * DROP * (1.0 + t / GROWTH)
+        pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
         push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
         east = np.sin(alpha) * np.sin(lon)
         north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
-        return push * east, push * north, _depth(lon, lat) / GROWTH
+        return push * east, push * north, first(lon, lat) / doubling
 
     title, effects = "solid-body flow kept up by a forcing", (*DYNAMICS, Forcing())
     return _exact("driven", title, exact, effects=effects, forcing=forcing)
