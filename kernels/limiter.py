@@ -9,8 +9,6 @@ repeats bit by bit; a tracer within its bounds is left as it is, to the last bit
 """
 
 import functools
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import warp as wp
@@ -90,22 +88,14 @@ def element_limiter(np_: int, real: Any, shape: str) -> ElementKernel:
     return ElementKernel(limit, geometry, value)
 
 
-@dataclass(frozen=True)
-class SphereLimiter:
-    """Kernels for the whole sphere, in the order in which they run."""
-
-    sums: wp.Kernel
-    """Over (count, blocks): excess and room above and below (three numbers) of the nodes from
-    spans[k, block, 0] to spans[k, block, 1], all k, with spans (kinds, blocks, 2)."""
-    parts: wp.Kernel
-    """Over (count,): shares of the room above and below that are filled (two numbers)."""
-    limit_of: Callable[[int], wp.Kernel]
-    """Kernel over runs of so many nodes, from the node `begin` on."""
-
-
 @functools.cache
-def sphere_limiter(real: Any, lanes: int) -> SphereLimiter:
-    """Return the kernels."""
+def sphere_limiter(real: Any, lanes: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """Return the kernels `sums` and `parts` for the whole sphere; `limit_kernel` comes after them.
+
+    `sums`, over (count, blocks): excess and room above and below (three numbers) of the nodes from
+    spans[k, block, 0] to spans[k, block, 1], all k, with spans (kinds, blocks, 2).  `parts`, over
+    (count,): shares of the room above and below that are filled (two numbers).
+    """
     vector, rooms = wp.array(dtype=real), rooms_of(Register(real, lanes))
 
     @kernel
@@ -136,11 +126,12 @@ def sphere_limiter(real: Any, lanes: int) -> SphereLimiter:
         down = wp.max(-total[0], none) / wp.max(total[2], least)
         part[k] = wp.vec2d(wp.min(up, one), wp.min(down, one))
 
-    return SphereLimiter(sums, parts, functools.partial(_limit, real))
+    return sums, parts
 
 
 @functools.cache
-def _limit(real: Any, lanes: int) -> wp.Kernel:
+def limit_kernel(real: Any, lanes: int) -> wp.Kernel:
+    """Return the kernel over runs of so many nodes, from the node `begin` on."""
     register, vector = Register(real, lanes), wp.array(dtype=real)
     load, put, clip = run_of(register), put_of(register), clip_of(register)
 

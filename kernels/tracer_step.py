@@ -24,22 +24,15 @@ LANES = (4, 8)
 """Tracers side by side, few or many."""
 
 
-@dataclass(frozen=True)
-class CrossingKernels:
-    """Kernels over E elements; flux (2N, ...)."""
-
-    contravariant: wp.Kernel
-    """(geometry, flux, out (E, np*np, 2)): the flux across lines of each reference coordinate,
-    times the area element J."""
-    crossings: wp.Kernel
-    """(geometry, flux, air (N,), out (E,)): the largest sum of the two contravariant speeds
-    |d xi / dt| [s-1] of flux / air, in an element whose sides have length 2 in xi."""
-    geometry: Any
-
-
 @functools.cache
-def crossing_kernels(np_: int, real: Any) -> CrossingKernels:
-    """Return the kernels."""
+def crossing_kernels(np_: int, real: Any) -> tuple[wp.Kernel, wp.Kernel, Any]:
+    """Return the kernels `contravariant` and `crossings` over E elements, and their geometry.
+
+    `contravariant` (geometry, flux (2N, ...), out (E, np*np, 2)): the flux across lines of each
+    reference coordinate, times the area element J.  `crossings` (geometry, flux, air (N,), out
+    (E,)): the largest sum of the two contravariant speeds |d xi / dt| [s-1] of flux / air, in an
+    element whose sides have length 2 in xi.
+    """
     t = KernelTypes(np_, real, "node")
     geometry, vector, area = t.geometry, t.vector, t.metric.area
     contravariant_flux = t.metric.contravariant_flux
@@ -67,7 +60,7 @@ def crossing_kernels(np_: int, real: Any) -> CrossingKernels:
             most = wp.max(most, (wp.abs(one) + wp.abs(two)) / room)
         out[e] = most
 
-    return CrossingKernels(contravariant, crossings, geometry)
+    return contravariant, crossings, geometry
 
 
 @functools.cache

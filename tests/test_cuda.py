@@ -26,7 +26,7 @@ from swe_sphere.kernels.coarse import coarse_kernels, sweep_kernel, tall_kernels
 from swe_sphere.kernels.damping import damping_kernels
 from swe_sphere.kernels.forward_backward import combine_levels_kernel, run_kernels
 from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
-from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
+from swe_sphere.kernels.limiter import element_limiter, limit_kernel, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.kernels.tracer_step import divergence_kernel
@@ -93,9 +93,8 @@ def kernels(real: type) -> list[wp.Kernel]:
         blocks_kernel(real, adds=True),
         *vars(pointwise_kernels(real)).values(),
         element_limiter(4, real, "node").kernel,
-        sphere_limiter(real, 1).sums,
-        sphere_limiter(real, 1).parts,
-        sphere_limiter(real, 1).limit_of(1),
+        *sphere_limiter(real, 1),
+        limit_kernel(real, 1),
         divergence_kernel(4, real, 1),
     ]
 

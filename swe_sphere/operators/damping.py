@@ -14,7 +14,6 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.damping import damping_kernels
-from swe_sphere.mesh import Mesh
 from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.launch import Launcher
 
@@ -32,10 +31,15 @@ class Damping:
     def __init__(self, mesh: DeviceMesh, launch: Launcher, rate: Rate, given: Any) -> None:
         self._mesh, self._launch, self._rate = mesh, launch, rate
         self._kernels = damping_kernels(mesh.mesh.np, mesh.real, given, mesh.shape)
-        squares, vectors = _modes(mesh.mesh)
-        self._to_modes = mesh.upload(vectors.T * mesh.mesh.gll_weights)
+        d, weights, basis = mesh.mesh.derivative, mesh.mesh.gll_weights, mesh.mesh.basis
+        squares, vectors = scipy.linalg.eigh(d.T @ np.diag(weights) @ d, np.diag(weights))
+        squares = np.maximum(squares, 0.0)  # eigenvalues of the weak Laplacian on [-1, 1]
+        self._to_modes = mesh.upload(vectors.T * weights)
         self._to_nodes = mesh.upload(vectors)
-        self._wavenumbers = _squared_wavenumbers(mesh.mesh, squares)
+        inverse = np.linalg.inv(np.einsum("eijak,eijbk->eijab", basis, basis)).mean(axis=(1, 2))
+        along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
+        self._wavenumbers: Array = along_1 * squares[:, None] + along_2 * squares
+        """k^2 (E, np, np) [m-2] of the products of the modes of an element."""
         jacobian = mesh.mesh.jacobian[mesh.part.elements]
         self._mass = mesh.on_elements(mesh.mesh.quadrature * jacobian)
         self._ones = mesh.on_elements(np.ones_like(jacobian))
@@ -96,19 +100,3 @@ class Damping:
             self._kernels.joined, mesh.size, mesh.places(1), mesh.inverse_area, local.flat,
             block * mesh.size, out,
         )  # fmt: skip
-
-
-def _modes(mesh: Mesh) -> tuple[Array, Array]:
-    """Eigenvalues (np,) of the weak Laplacian on [-1, 1] and eigenvectors, columns (np, np)."""
-    weights, d = np.diag(mesh.gll_weights), mesh.derivative
-    squares, vectors = scipy.linalg.eigh(d.T @ weights @ d, weights)
-    return np.maximum(squares, 0.0), vectors
-
-
-def _squared_wavenumbers(mesh: Mesh, squares: Array) -> Array:
-    """k^2 (E, np, np) [m-2] of the products of the modes of an element."""
-    metric = np.einsum("eijak,eijbk->eijab", mesh.basis, mesh.basis)
-    inverse = np.linalg.inv(metric).mean(axis=(1, 2))
-    along_1, along_2 = inverse[:, 0, 0, None, None], inverse[:, 1, 1, None, None]
-    wavenumbers: Array = along_1 * squares[:, None] + along_2 * squares
-    return wavenumbers

@@ -27,23 +27,22 @@ class Crossings:
         self.mesh = mesh.like(mesh.real, "node")
         """The mesh with one element in each group."""
         self._launch, self._symbol = launch, symbol(mesh.mesh.derivative, mesh.mesh.gll_weights)
-        self._kernels = crossing_kernels(mesh.mesh.np, mesh.real)
-        self._geometry = self.mesh.geometry(self._kernels.geometry)
+        self._contravariant, self._crossings, kind = crossing_kernels(mesh.mesh.np, mesh.real)
+        self._geometry = self.mesh.geometry(kind)
         elements, real, device = mesh.elements, mesh.real, mesh.device
         self.across = wp.zeros((elements, self.mesh.points, 2), dtype=real, device=device)
         """The flux across lines of the reference coordinates, times the area element."""
         self._most = wp.zeros(elements, dtype=real, device=device)
-        launch.load(self._kernels.contravariant, self._kernels.crossings)
+        launch.load(self._contravariant, self._crossings)
 
     def take(self, flux: wp.array) -> None:
         """Make `across` of a mass flux (2N, ...) [m2 s-1]."""
-        kernel, elements = self._kernels.contravariant, self.mesh.elements
-        self._launch(kernel, elements, self._geometry, flux, self.across)
+        self._launch(self._contravariant, self.mesh.elements, self._geometry, flux, self.across)
 
     def bound(self, flux: wp.array, air: wp.array) -> float:
         """About the spectral radius [s-1], or up to a third more, of q -> div(q flux) / air."""
-        kernel, mesh, elements = self._kernels.crossings, self.mesh, self.mesh.elements
-        self._launch(kernel, elements, self._geometry, flux, air, self._most)
+        mesh, launch = self.mesh, self._launch
+        launch(self._crossings, mesh.elements, self._geometry, flux, air, self._most)
         return self._symbol * float(mesh.comm.of_each(self._most.numpy().max()).max())
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.limiter import element_limiter, sphere_limiter
+from swe_sphere.kernels.limiter import element_limiter, limit_kernel, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.operators.device_mesh import DeviceMesh
@@ -99,8 +99,9 @@ class Limiter:
         self._offsets = (depth, first)
         self._bounds = (mesh.upload(lower), mesh.upload(upper))
         self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
-        self._across = sphere_limiter(mesh.real, mesh.lanes)
-        self._limit_nodes = in_runs(launch, self._across.limit_of, mesh.lanes, 0, mesh.size)
+        self._sums, self._parts = sphere_limiter(mesh.real, mesh.lanes)
+        limit_of = partial(limit_kernel, mesh.real)
+        self._limit_nodes = in_runs(launch, limit_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local = mesh.scratch(self._count, self._inside.value)
         self._places = mesh.places(self._count)
@@ -115,7 +116,7 @@ class Limiter:
         if mesh.comm.shared:
             self._everything = wp.zeros((1, count), dtype=wp.vec3d, device=mesh.device)
         self._part = wp.zeros(self._count, dtype=wp.vec2d, device=mesh.device)
-        launch.load(self._inside.kernel, self._across.sums, self._across.parts)
+        launch.load(self._inside.kernel, self._sums, self._parts)
         self._replay = Replay(launch)
 
     def __call__(self, state: wp.array) -> None:
@@ -139,9 +140,9 @@ class Limiter:
 
     def _limit_sphere(self, state: wp.array) -> None:
         """Fill the room over the sphere with what elements could not keep."""
-        size, across, chunks = self._mesh.size, self._across, self._mesh.chunks
+        size, chunks = self._mesh.size, self._mesh.chunks
         self._launch(
-            across.sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
+            self._sums, (self._count, chunks.count), self._area, state, *self._offsets, size,
             chunks.spans, *self._bounds, self._partial,
         )  # fmt: skip
         if self._everything is not self._partial:
@@ -149,6 +150,6 @@ class Limiter:
             room[:] = self._partial.numpy().reshape(room.shape)
             self._everything.assign(chunks.total(3 * self._count).reshape(1, -1, 3))
         blocks = self._everything.shape[0]
-        self._launch(across.parts, self._count, self._everything, blocks, self._part)
+        self._launch(self._parts, self._count, self._everything, blocks, self._part)
         arguments = *self._offsets, size, self._count, *self._bounds, self._part, state
         self._limit_nodes(*arguments)
