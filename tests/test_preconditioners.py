@@ -68,8 +68,8 @@ class Newton:
     def solve(self, name: str, dt: float, **options: float) -> LinearResult:
         problem = self.problem(name)
         problem.tau = 0.5 * dt
-        if problem.preconditioner is not None:
-            problem.preconditioner.update(self.state, problem.tau)
+        if problem.precondition is not None:
+            problem.precondition.update(self.state, problem.tau)
         problem.linearise(self.state)
         rhs, x = self.model.zeros(), self.model.zeros()
         self.space.axpy(problem.tau, self.rate, rhs)
@@ -390,7 +390,7 @@ def test_spurious_waves_are_as_slow_as_their_envelope(np_: int) -> None:
 def test_computational_modes_pay_on_a_stretched_mesh(monkeypatch) -> None:
     system = newton(8, 4.0)
     (counts,) = system.counts("helmholtz", [3600.0])
-    system.problem("helmholtz").preconditioner.load_state_dict({})
+    system.problem("helmholtz").precondition.load_state_dict({})
     size = 3 * (6 * 8**2 + 2) - 8
     stiff = 1e30 * sp.eye_array(size, format="csr")
     monkeypatch.setattr(coarse, "_without_small", lambda modes: stiff)

@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS, Stepper
-from swe_sphere.steppers.motion import SHARE, Motion
+from swe_sphere.steppers.stage_solver import SHARE, Motion
 from swe_sphere.testcases import get_scene
 
 LONG, SHORT = 900.0, 120.0

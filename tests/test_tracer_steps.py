@@ -16,8 +16,13 @@ from swe_sphere.operators.diagnose import divergence
 from swe_sphere.operators.tracer_step_operator import Crossings, TracerStep, symbol
 from swe_sphere.simulation.planning import time_plan
 from swe_sphere.steppers import STEPPERS, Stepper
-from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
-from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth, tracer_limit
+from swe_sphere.steppers.tracer_steps import (
+    LONGEST,
+    CarriedTracers,
+    CarriedWithDepth,
+    stages_for,
+    tracer_limit,
+)  # fmt: skip
 from swe_sphere.testcases import get_scene
 
 from .test_tracers import CONSTANT, wave, with_tracers

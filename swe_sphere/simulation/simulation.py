@@ -437,7 +437,7 @@ class Simulation:
             "days_planned": self.days,
             "dt_wanted": self._plan and self._plan.wanted,
             "out": None if self.config.out is None else str(self.config.out),
-            **({} if cuts is None else {"cuts": [str(cut) for cut in cuts]}),
+            **({} if cuts is None else {"cuts": list(cuts)}),
         }
         return Summary(outcome.status, outcome.reason, outcome.exit_status, numbers)
 

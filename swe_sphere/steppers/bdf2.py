@@ -4,15 +4,14 @@ import warp as wp
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.dirk import TRBDF2
-from swe_sphere.steppers.newton_stages import NewtonStages
-from swe_sphere.steppers.variable_stepper import VariableStepper
+from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 EXPECTED = 0.3
 """Part of the last change of slope that the guess expects again.  Slow flow would have all of it,
 but so it would double the noise of waves that steps do not resolve."""
 
 
-class BDF2(VariableStepper):
+class BDF2(ImplicitStepper):
     """BDF2: second order, one solve a step, damps fast waves; started by TR-BDF2.
 
     Variable steps: with w the ratio of the step to the one before,
@@ -23,18 +22,15 @@ class BDF2(VariableStepper):
     style = ("#516CF6", "^")
     default_tolerance = 1e-2
     memory = "state", "previous"
-    solver: NewtonStages
     error_constant = 2.0 / 9.0  # for equal steps (Hairer, Norsett & Wanner 1993, III.2)
 
     def allocate(self) -> None:
-        """Make room for the state before, and the method that takes the first step."""
         if self.diffusion_apart:
             raise ConfigError("bdf2: diffusion apart would be of first order: take it whole")
         self.previous, self._rhs = self.model.zeros(), self.model.zeros()
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """Solve for the state one step of dt [s] after `state`, at t [s]."""
         motion = self.solver.motion
         if motion.last_dt == 0.0:
             return self._start_up(t, dt, out)
@@ -45,11 +41,9 @@ class BDF2(VariableStepper):
         self.space.copy(self.state, out)
         self.space.axpby(-w, self.previous, 1.0 + w, out)
         self.space.axpy(0.5 * EXPECTED * dt * (dt + motion.last_dt), motion.bend, out)
-        result = self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
-        return None if result.converged else result.message
+        return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 
     def accept(self, dt: float) -> None:
-        """Make `new` the present state, and the present one that before it."""
         self.space.copy(self.state, self.previous)
         super().accept(dt)
 

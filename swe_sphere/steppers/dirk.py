@@ -7,15 +7,15 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.steppers.newton_stages import NewtonStages
 from swe_sphere.steppers.stability import error_constant, tableau
-from swe_sphere.steppers.variable_stepper import VariableStepper
+from swe_sphere.steppers.stepper import read_methods
+from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
 
 
-class DiagonallyImplicit(VariableStepper):
+class DiagonallyImplicit(ImplicitStepper):
     """Stages X_i = x + dt sum_j a_ij K_j, solved one after the other; x_new = x + dt sum_j b_j K_j.
 
     The slope K_i of an implicit stage is the one its solved equation implies, so that the step is
@@ -24,7 +24,6 @@ class DiagonallyImplicit(VariableStepper):
     """
 
     memory = "state", "slopes"  # those of the last step
-    solver: NewtonStages
     a: ClassVar[tuple[tuple[float, ...], ...]]
     """Rows of the tableau up to the diagonal."""
     b: ClassVar[tuple[float, ...]]
@@ -41,11 +40,10 @@ class DiagonallyImplicit(VariableStepper):
             cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:
-        """Make room for the slopes of two steps."""
-        stages = range(len(self.b))
-        self._stack, self.slopes = self.space.stack(len(stages)), self.space.stack(len(stages))
-        self._slopes = [self._stack[i] for i in stages]
-        self._guesses = [self.slopes[i] for i in stages]
+        stages = len(self.b)
+        self._stack, self.slopes = self.space.stack(stages), self.space.stack(stages)
+        self._slopes = [self._stack[i] for i in range(stages)]
+        self._guesses = [self.slopes[i] for i in range(stages)]
         self._rhs, self._attempted = self.model.zeros(), 0.0
 
     def begin(self, slope: wp.array) -> None:
@@ -54,7 +52,6 @@ class DiagonallyImplicit(VariableStepper):
             self.space.copy(slope, guess)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """Solve the stages of a step of dt [s] from `state`, at t [s], to `out`."""
         for i, row in enumerate(self.a):
             earlier, gamma = dt * np.array(row[:i]), dt * row[i]
             stage_time = t + dt * sum(row)
@@ -63,9 +60,8 @@ class DiagonallyImplicit(VariableStepper):
                 self.model.tendency(self._rhs, stage_time, self._slopes[i])
                 continue
             self._guess(i, gamma, out)
-            result = self.solver.solve(gamma, stage_time, self._rhs, out)
-            if not result.converged:
-                return result.message
+            if fault := self.solver.solve(gamma, stage_time, self._rhs, out):
+                return fault
             self.implied_slope(out, self._rhs, gamma, self._slopes[i])
         self._finish(dt, out)
         return None
@@ -96,37 +92,11 @@ class DiagonallyImplicit(VariableStepper):
         return self.space.norm(self._rhs)
 
     def accept(self, dt: float) -> None:
-        """Make `new` the present state, and keep the slopes for the guesses of the next step."""
         super().accept(dt)
         self.space.copy(self._stack, self.slopes)
 
 
-class ImplicitEuler(DiagonallyImplicit):
-    """Implicit Euler: first order, damps everything fast."""
-
-    name, order = "implicit-euler", 1
-    style = ("#707070", "X")
-    default_tolerance = 1e-2
-    a = ((1.0,),)
-    b = (1.0,)
-
-
-class CrankNicolson(DiagonallyImplicit):
-    """Crank-Nicolson (trapezoidal rule): second order, no damping."""
-
-    name, order = "crank-nicolson", 2
-    style = ("#52356E", "<")
-    a = ((0.0,), (0.5, 0.5))
-    b = (0.5, 0.5)
-
-
-class ImplicitMidpoint(DiagonallyImplicit):
-    """Implicit midpoint rule: second order, symplectic, no damping."""
-
-    name, order = "implicit-midpoint", 2
-    style = ("#CC79A7", ">")
-    a = ((0.5,),)
-    b = (1.0,)
+ImplicitEuler, CrankNicolson, ImplicitMidpoint, SDIRK3, ESDIRK4 = read_methods(DiagonallyImplicit)
 
 
 class TRBDF2(DiagonallyImplicit):
@@ -156,52 +126,3 @@ class TRBDF2(DiagonallyImplicit):
         problem.linearise(self.state)
         converged = self.solver.solve_linear(self._rhs, damped, rtol=ROUGH, guess=False).converged
         return min(difference, self.space.norm(damped)) if converged else difference
-
-
-class SDIRK3(DiagonallyImplicit):
-    """Singly diagonally implicit, three stages, third order, L-stable (Alexander 1977)."""
-
-    name, order = "sdirk3", 3
-    style = ("#B6B668", (4, 1, 0))
-    followed = 0.75
-    _g = 0.435866521508459
-    _b1, _b2 = -1.5 * _g**2 + 4.0 * _g - 0.25, 1.5 * _g**2 - 5.0 * _g + 1.25
-    a = ((_g,), (0.5 * (1.0 - _g), _g), (_b1, _b2, _g))
-    b = (_b1, _b2, _g)
-
-
-class ESDIRK4(DiagonallyImplicit):
-    """First stage explicit, six stages, fourth order, L-stable, stiffly accurate.
-
-    The implicit part of ARK4(3)6L[2]SA (Kennedy & Carpenter 2003,
-    doi:10.1016/S0168-9274(02)00138-1, appendix C).
-    """
-
-    name, order = "esdirk4", 4
-    style = ("#83C3A3", "*")
-    estimate_order = 4
-    default_tolerance = 1e-4
-    followed = 0.75
-    a = (
-        (0.0,),
-        (1 / 4, 1 / 4),
-        (8611 / 62500, -1743 / 31250, 1 / 4),
-        (5012029 / 34652500, -654441 / 2922500, 174375 / 388108, 1 / 4),
-        (
-            15267082809 / 155376265600,
-            -71443401 / 120774400,
-            730878875 / 902184768,
-            2285395 / 8070912,
-            1 / 4,
-        ),
-        (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211, 1 / 4),
-    )
-    b = a[-1]
-    embedded = (
-        4586570599 / 29645900160,
-        0.0,
-        178811875 / 945068544,
-        814220225 / 1159782912,
-        -3700637 / 11593932,
-        61727 / 225920,
-    )

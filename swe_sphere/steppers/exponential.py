@@ -11,6 +11,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
 from swe_sphere.steppers.stage_solver import StageSolver
+from swe_sphere.steppers.stepper import read_methods
 from swe_sphere.steppers.variable_stepper import VariableStepper
 
 STAGE = 0.75
@@ -42,17 +43,8 @@ class ExponentialMultistep(VariableStepper):
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:
-        super().__init__(model, dt, tolerance)
-
-    def make_solver(
-        self, tolerance: float | None, preconditioner: str, krylov_block: int
-    ) -> StageSolver:
-        """The rule for the tolerance of `KrylovExponential`, which takes no other options."""
-        return StageSolver(self.model, self.solver_tolerance(tolerance))
-
-    def allocate(self) -> None:
-        """Make room for states and slopes of the steps before, and for the sources."""
-        model, space, past = self.model, self.space, len(self.weights[0]) if self.weights else 0
+        super().__init__(model, dt, StageSolver(model, self.solver_tolerance(tolerance)))
+        space, past = self.space, len(self.weights[0]) if self.weights else 0
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
         terms = max(3, 1 + len(self.weights))
         self._krylov, self._sources = KrylovExponential(space, terms), Sources(space, terms)
@@ -69,24 +61,20 @@ class ExponentialMultistep(VariableStepper):
         self._known, self._spacing = 0, 0.0
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all that a bitwise exact restart needs."""
         return super().state_dict() | {"past": np.array([self._known, self._spacing])}
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Resume from the result of `state_dict` after that many steps."""
         super().load_state_dict(state, steps)
         if "past" not in state:
             raise ConfigError(f"the restart data do not fit stepper {self.name}: past")
         self._known, self._spacing = int(state["past"][0]), float(state["past"][1])
 
     def arrays(self) -> dict[str, wp.array]:
-        """The state, and states and slopes of the steps before."""
         states = {f"state_{i}": array for i, array in enumerate(self._states, 1)}
         slopes = {f"slope_{i}": array for i, array in enumerate(self._slopes, 1)}
         return {"state": self.state} | states | slopes
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """Write the state one step dt [s] after `state`, at t [s], to `out`."""
         self.model.tendency(self.state, t, self._slope)
         self._jacobian.update(self.state, t)
         self._prepare_sources(t, dt)
@@ -96,7 +84,6 @@ class ExponentialMultistep(VariableStepper):
         return self._one_step(t, dt, out)
 
     def accept(self, dt: float) -> None:
-        """Make `new` the present state, and the present one that before it."""
         for arrays, value in ((self._states, self.state), (self._slopes, self._slope)):
             if arrays:
                 arrays.insert(0, arrays.pop())
@@ -171,32 +158,4 @@ def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:
     return found
 
 
-class EPI2(ExponentialMultistep):
-    """EPI2: second order, one step: the exponential Rosenbrock-Euler method."""
-
-    name, order, courant = "epi2", 2, 0.5
-    style = ("#3D92F0", "H")
-
-
-class EPI3(ExponentialMultistep):
-    """EPI3: third order, two steps, the linear part exactly."""
-
-    name, order, courant = "epi3", 3, 0.5
-    style = ("#3D0CBD", (5, 1, 0))
-    weights = ((2 / 3,),)
-
-
-class EPI4(ExponentialMultistep):
-    """EPI4: fourth order, three steps, the linear part exactly."""
-
-    name, order = "epi4", 4
-    style = ("#85CDE5", (7, 1, 0))
-    weights = ((-3 / 10, 3 / 40), (32 / 5, -11 / 10))
-
-
-class EPI5(ExponentialMultistep):
-    """EPI5: fifth order, four steps, the linear part exactly."""
-
-    name, order, courant = "epi5", 5, 0.15
-    style = ("#7D5581", (8, 1, 0))
-    weights = ((-4 / 5, 2 / 5, -4 / 45), (12.0, -9 / 2, 8 / 9), (3.0, 0.0, -1 / 3))
+EPI2, EPI3, EPI4, EPI5 = read_methods(ExponentialMultistep)

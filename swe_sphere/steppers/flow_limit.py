@@ -14,7 +14,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.solvers.gravity_waves import advection_rate
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_step
+from swe_sphere.steppers.stability import TOLERANCE, Complex, largest_eigenvalue, largest_step
 from swe_sphere.steppers.stepper import Stepper
 
 INTERVALS = 18
@@ -104,17 +104,13 @@ class FlowLimited(Stepper):
         that turns by itself, at `turning` [s-1].
         """
         share, turn = (rate / wave if wave > 0.0 else 0.0 for rate in (wind, turning))
-        parts = PARTS if share > 0.0 else np.zeros(1)
+        cases = [(1.0 - share, part * share) for part in (PARTS if share > 0.0 else (0.0,))]
+        cases += [(0.0, share), (0.0, turn)]
 
         def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-            waves, winds = (1.0 - share) * z_wave, share * z_wave
-            cases = [(waves, part * winds) for part in parts]
-            cases += [(0.0 * waves, carried) for carried in (winds, turn * z_wave)]
-            grown = [
-                np.abs(np.linalg.eigvals(cls.propagator(share, c, u, z_dissipation))).max(axis=-1)
-                for c, u in cases
-            ]
-            largest: NDArray[np.float64] = np.max(grown, axis=0)
+            z, loss = z_wave[..., None], z_dissipation[..., None]
+            steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
+            largest: NDArray[np.float64] = np.max([largest_eigenvalue(s) for s in steps], axis=0)
             return largest
 
         return largest_step(
@@ -122,12 +118,11 @@ class FlowLimited(Stepper):
         )
 
     @classmethod
-    def propagator(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> Complex:
+    def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """(..., n, n) change of the levels of h' sqrt(g/H), and then of u, of a wave by a step.
 
-        With dh/dt = -(z_wind h + z_wave u) / dt + z_dissipation h / dt, and so for u.
+        With dh/dt = -(wind h + wave u) / dt + loss h / dt, and so for u; wave, wind and loss are
+        arrays (..., 1), `share` the part of the wind in the speed of waves.
         """
         raise NotImplementedError
 
@@ -148,8 +143,3 @@ def wind_share(model: Model, state: wp.array) -> float:
     speed, waves = np.hypot(u, v), np.sqrt(model.scene.planet.gravity * np.maximum(h, 0.0))
     winds, both = ((each[mesh.nodes] * k).max() for each in (speed, speed + waves))
     return float(winds / both) if both > 0.0 else 0.0
-
-
-def columns(*z: Complex) -> tuple[Complex, ...]:
-    """The eigenvalues in one shape, with an axis for the levels behind."""
-    return tuple(each[..., None] for each in np.broadcast_arrays(*z))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.passes import Passes
-from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, columns, wind_share
+from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, wind_share
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
 
@@ -143,23 +143,15 @@ class ForwardBackward(SplitExplicit):
         self._passes.prepare(levels, self._masses, self._winds)
 
     @classmethod
-    def propagator(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> Complex:
+    def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """(..., 6, 6) change of three levels of (h' sqrt(g/H), u) by a step, see `FlowLimited`."""
         mine = cls.weights_in(share)
         mass, turn = (np.array(mine.extrapolation(b)) for b in (mine.mass, mine.wind))
-        wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
-        step = np.zeros((*wave.shape[:-1], 6, 6), complex)
-        step[..., (1, 2, 4, 5), (0, 1, 3, 4)] = 1.0
-        new, first = step[..., 0, :], np.array([1.0, 0.0, 0.0])
-        new[..., :3] = (1.0 + loss) * first - wind * mass
-        new[..., 3:] = -wave * turn
-        pushed = mine.depth[0] * new
-        pushed[..., :2] += mine.depth[1:]
-        step[..., 3, :] = -wave * pushed
-        step[..., 3, 3:] += (1.0 + loss) * first - wind * turn
-        return step
+        h, u = np.eye(6).reshape(2, 3, 6)
+        new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
+        pushed = mine.depth[0] * new + mine.depth[1:] @ h[:2]
+        speed = (1.0 + loss) * u[0] - wind * (turn @ u) - wave * pushed
+        return np.stack(np.broadcast_arrays(new, *h[:2], speed, *u[:2]), axis=-2)
 
 
 class ForwardBackwardRK3(SplitExplicit):
@@ -220,17 +212,11 @@ class ForwardBackwardRK3(SplitExplicit):
         self.state, self._stage = self._stage, self.state
 
     @classmethod
-    def propagator(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> Complex:
+    def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
-        wave, wind, loss = columns(z_wave, z_wind, z_dissipation)
-        depth, speed = (np.zeros((*wave.shape[:-1], 2), complex) for _ in range(2))
-        depth[..., 0] = speed[..., 1] = 1.0
-        h, u, h0, u0 = depth, speed, depth, speed
+        start_h, start_u = h, u = np.eye(2, dtype=complex)
         for fraction, (a_new, a_now, a_last) in zip(cls.fractions, cls._rows(), strict=True):
-            rate = -(wind * h + wave * u) + loss * h0
-            new = h0 + fraction * rate
-            mixed = a_new * new + a_now * h0 + a_last * h
-            h, u = new, u0 + fraction * (-(wind * u + wave * mixed) + loss * u0)
+            new = start_h + fraction * (loss * start_h - wind * h - wave * u)
+            mixed = a_new * new + a_now * start_h + a_last * h
+            h, u = new, start_u + fraction * (loss * start_u - wind * u - wave * mixed)
         return np.stack([h, u], axis=-2)

@@ -9,18 +9,21 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.linear_result import Operator
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.newton_stages import NewtonStages
+from swe_sphere.steppers.newton_stages import StageProblem
 from swe_sphere.steppers.stability import error_constant
 from swe_sphere.steppers.stage_solver import energy_weights
-from swe_sphere.steppers.variable_stepper import VariableStepper
+from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))
 B = (0.5, 0.5)
 C = (0.5 - _ROOT / 6.0, 0.5 + _ROOT / 6.0)
+INVERSE = np.linalg.inv(np.array(A))
+AHEAD = (np.array(C) + 1.0 - C[0]) / (C[1] - C[0])
+EXTRAPOLATION = np.stack([1.0 - AHEAD, AHEAD], axis=1)
+"""Slopes (2,) of the next step from those of this one, by the line through them."""
 DIAGONAL = (A[0][0], A[1][1] - A[1][0] * A[0][1] / A[0][0])
 """Of the lower triangle LD in A = L D U: 1/4 and 1/3."""
 
@@ -39,12 +42,11 @@ class ForwardElimination(Preconditioner):
         self._space, self._parts, self._work = space, parts, model.zeros()
 
     def costs(self) -> dict[str, float]:
-        """What both have taken, each set-up and application being one of a stage."""
+        """Counts of both, each set-up and application being one of a stage."""
         first, second = (part.costs() for part in self._parts)
         return {name: cost + second[name] for name, cost in first.items()}
 
     def setup(self, state: wp.array, tau: float) -> None:
-        """Prepare for the time step tau [s] at a state (n,)."""
         for part, diagonal in zip(self._parts, DIAGONAL, strict=True):
             part.update(state, diagonal * tau)
 
@@ -58,19 +60,17 @@ class ForwardElimination(Preconditioner):
         self._parts[1](self._work, out[n:])
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What the set-ups in use were made for."""
         numbered = enumerate(part.state_dict() for part in self._parts)
         return {f"{name}_{i}": value for i, mine in numbered for name, value in mine.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Make those set-ups again."""
         for i, part in enumerate(self._parts):
             end = f"_{i}"
             mine = {k.removesuffix(end): v for k, v in state.items() if k.endswith(end)}
             part.load_state_dict(mine)
 
 
-class CoupledStages:
+class CoupledStages(StageProblem):
     """X_i - x - dt sum_j a_ij F(X_j) = 0 for the pair of stages in one vector (2n,).
 
     Jacobian products are exact, each stage has its own: that keeps Newton quadratic at any step.
@@ -83,14 +83,9 @@ class CoupledStages:
         weights = np.tile(energy_weights(model), 2) / 2.0
         self.space = VectorSpace(weights, mesh=model.device_mesh)
         parts = [made for _ in C if (made := make_preconditioner(preconditioner, model))]
-        pair = ForwardElimination(model, single, parts) if parts else None
-        self.preconditioner = pair
-        self.precondition: Operator | None = pair
+        self.precondition = ForwardElimination(model, single, parts) if parts else None
         self._slopes = single.stack(len(C))
         self._jacobians = [model.jacobian() for _ in C]
-        self.time, self.tau = 0.0, 0.0
-        self.rhs: wp.array = None
-        """The state from which the step is taken."""
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out_i = X_i - x - dt sum_j a_ij F(X_j)."""
@@ -101,7 +96,6 @@ class CoupledStages:
             self._single.axpy(-1.0, self.rhs, mine)
 
     def linearise(self, x: wp.array) -> None:
-        """Fix the stages at which the derivatives are taken."""
         for jacobian, stage, c in zip(self._jacobians, split(x), C, strict=True):
             jacobian.update(stage, self.time + c * self.tau)
 
@@ -114,7 +108,6 @@ class CoupledStages:
             self._single.combine(directions[i], self._slopes, -self.tau * np.array(A[i]), mine)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
-        """The state before, and each stage, which has the sources of depth more."""
         sources = np.array([self._model.mean_source(self.time + c * self.tau) for c in C])
         gains = self.tau * np.array(A) @ sources
         return [(self.rhs, stage, float(gain)) for stage, gain in zip(split(x), gains, strict=True)]
@@ -126,7 +119,7 @@ def split(pair: wp.array) -> tuple[wp.array, wp.array]:
     return pair[:n], pair[n:]
 
 
-class GaussLegendre(VariableStepper):
+class GaussLegendre(ImplicitStepper):
     """Gauss-Legendre, two coupled stages: fourth order, symplectic, no damping.
 
     The step is consistent with the solved stages: x_new = x + sqrt(3) (X_2 - X_1), which is
@@ -140,11 +133,9 @@ class GaussLegendre(VariableStepper):
     error_constant = error_constant(np.array(A), np.array(B), order)
 
     equations = CoupledStages
-    solver: NewtonStages
     memory = "state", "slopes"  # those of the last step
 
     def allocate(self) -> None:
-        """Make room for the stages, and the slopes of the step before."""
         self.slopes, self._pair = self.space.stack(len(C)), self.solver.problem.space.zeros()
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
@@ -155,13 +146,11 @@ class GaussLegendre(VariableStepper):
             self.space.copy(slope, self.slopes[i])
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """Solve both stages of a step of dt [s] from `state`, at t [s], to `out`."""
         stages = split(self._pair)
-        for stage, row in zip(stages, dt * np.array(A) @ _EXTRAPOLATION, strict=True):
+        for stage, row in zip(stages, dt * np.array(A) @ EXTRAPOLATION, strict=True):
             self.space.combine(self.state, self.slopes, row, stage)
-        result = self.solver.solve(dt, t, self.state, self._pair)
-        if not result.converged:
-            return result.message
+        if fault := self.solver.solve(dt, t, self.state, self._pair):
+            return fault
         for stage in stages:
             self.space.axpy(-1.0, self.state, stage)
         self.space.combine(self.state, self._changes, (-_ROOT, _ROOT), out)
@@ -169,19 +158,7 @@ class GaussLegendre(VariableStepper):
 
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guess of the next step."""
-        for i, row in enumerate(_INVERSE / dt):
+        for i, row in enumerate(INVERSE / dt):
             self.space.copy(self._changes[0], self.slopes[i])
             self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self.slopes[i])
         super().accept(dt)
-
-
-_INVERSE = np.linalg.inv(np.array(A))
-
-
-def _extrapolation() -> NDArray[np.float64]:
-    """Slopes (2,) of the next step from those of this one, by the line through them."""
-    ahead = (np.array(C) + 1.0 - C[0]) / (C[1] - C[0])
-    return np.stack([1.0 - ahead, ahead], axis=1)
-
-
-_EXTRAPOLATION = _extrapolation()

@@ -10,7 +10,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels.vectors import leapfrog_kernel
 from swe_sphere.steppers.combinations import Combiner
 from swe_sphere.steppers.runge_kutta import RK4
-from swe_sphere.steppers.stability import Complex
+from swe_sphere.steppers.stability import Complex, largest_eigenvalue
 from swe_sphere.steppers.stepper import Stepper
 
 
@@ -74,28 +74,24 @@ class Leapfrog(Stepper):
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """1 with the filter."""
         strength = options.get("strength")
         filtered = cls.default_strength if strength is None else strength
         return 1 if filtered else super().order_in(model, **options)
 
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
-        """Largest amplification factors of the scheme with its usual filter."""
         return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
 
 
 def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:
     """Largest growth with the filter of the scheme x+ = old x- + new x.
 
-    That is the larger eigenvalue of the map (x-, x) -> (x + share D, x+ - (1 - share) D), with the
-    filter's D = strength / 2 (x- - 2 x + x+): of the matrix ((a, b), (c, d)).
+    Its levels are rows of weights of (x-, x), which a step with the filter's displacement
+    D = strength / 2 (x- - 2 x + x+) takes to (x + share D, x+ - (1 - share) D).
     """
     half, share = 0.5 * Leapfrog.default_strength, Leapfrog.default_share
-    of_past, of_present = half * (1.0 + old), half * (new - 2.0)
-    a, b = share * of_past, 1.0 + share * of_present
-    c, d = old - (1.0 - share) * of_past, new - (1.0 - share) * of_present
-    mean = 0.5 * (a + d)
-    root = np.sqrt(mean**2 - (a * d - b * c))
-    growth: NDArray[np.float64] = np.maximum(np.abs(mean + root), np.abs(mean - root))
-    return growth
+    past, present = np.eye(2)
+    future = np.stack(np.broadcast_arrays(old, new), axis=-1)
+    moved = half * (past - 2.0 * present + future)
+    step = np.stack([present + share * moved, future - (1.0 - share) * moved], axis=-2)
+    return largest_eigenvalue(step)

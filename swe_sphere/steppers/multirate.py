@@ -15,10 +15,10 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
 from swe_sphere.steppers.combinations import Combiner
-from swe_sphere.steppers.flow_limit import FlowLimited, columns, strongest_advection, wind_share
-from swe_sphere.steppers.stability import Complex, tableau
+from swe_sphere.steppers.flow_limit import FlowLimited, strongest_advection, wind_share
+from swe_sphere.steppers.stability import Complex, Rows, tableau
+from swe_sphere.steppers.stepper import read_methods
 
-Rows = tuple[tuple[float, ...], ...]
 Matrix = NDArray[np.float64]
 
 STAGES = 3
@@ -126,27 +126,20 @@ class InfinitesimalStep(FlowLimited):
         return replace(found, wind=min(slow, found.wave))
 
     @classmethod
-    def propagator(
-        cls, share: float, z_wave: Complex, z_wind: Complex, z_dissipation: Complex
-    ) -> Complex:
+    def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """(..., 2, 2) change of (h' sqrt(g/H), u) of a wave by a step, see `FlowLimited`."""
         alpha, beta, gamma = cls._matrices()
-        z, wind, loss = columns(z_wave, z_wind, z_dissipation)
-        x = np.broadcast_to(np.eye(2, dtype=complex), (*z.shape[:-1], 2, 2))
-        nothing = np.zeros_like(x)
-        changes: list[Complex] = []
-        slopes: list[Complex] = []
-        for i, steps in enumerate(substep_counts(beta, float(np.abs(z).max()))):
-            d = beta[i].sum()
-            stage = x + changes[-1] if changes else x
-            slopes.append((loss - wind)[..., None] * stage - z[..., None] * stage[..., ::-1, :])
-            parts = list(zip(alpha[i], beta[i, 1:] / d, gamma[i] / d, changes, strict=False))
-            mean: Complex = sum((m * each for _, m, _, each in parts), nothing)
-            moved: Complex = sum((a * each for a, _, _, each in parts), -mean)
-            rate = sum((g * each for _, _, g, each in parts), nothing)
-            rate = rate + sum(b / d * each for b, each in zip(beta[i], slopes, strict=False))
-            changes.append(mean + _waves(z, moved, rate, d, steps))
-        return x + changes[-1]
+        x, z, damped = np.eye(2), wave[..., None], (loss - wind)[..., None]
+        changes, slopes = np.zeros((2, STAGES, *wave.shape[:-1], 2, 2), complex)
+        for i, steps in enumerate(substep_counts(beta, float(np.abs(wave).max()))):
+            d, stage = beta[i].sum(), x + changes[i - 1]  # the last one is 0 before its stage
+            slopes[i] = damped * stage - z * stage[..., ::-1, :]
+            mean = np.tensordot(beta[i, 1:] / d, changes[:-1], 1)
+            moved = np.tensordot(alpha[i], changes, 1) - mean
+            rate = np.tensordot(gamma[i] / d, changes, 1) + np.tensordot(beta[i] / d, slopes, 1)
+            changes[i] = mean + _waves(wave, moved, rate, d, steps)
+        after: Complex = x + changes[-1]
+        return after
 
 
 def substep_counts(beta: Matrix, angle: float) -> list[int]:
@@ -166,36 +159,4 @@ def _waves(z: Complex, moved: Complex, rate: Complex, duration: float, steps: in
     return np.stack([h, u], axis=-2)
 
 
-class MIS2(InfinitesimalStep):
-    """Split-explicit: three stages, gravity waves in short steps inside of them; second order.
-
-    It amplifies what a wind carries by a little at any step: automatic steps are so short that it
-    is 1e-4 a step, no longer than those of `rk4`, which is cheaper.
-    """
-
-    name, order = "mis2", 2
-    style = ("#9AD396", (11, 1, 0))
-    alpha = ((0.536946566710,), (0.480892968551, 0.500561163566))
-    beta = (
-        (0.126848494553,),
-        (-0.784838278826, 1.37442675268),
-        (-0.0456727081749, -0.00875082271190, 0.524775788629),
-    )
-    gamma = ((0.652465126004,), (-0.0732769849457, 0.144902430420))
-
-
-class MIS3C(InfinitesimalStep):
-    """Split-explicit: the same, but of third order where all is slow, and stable in moderate winds.
-
-    What it leaves of the waves is of second order whatever their sub-steps.
-    """
-
-    name, order = "mis3c", 2
-    style = ("#2350FD", (12, 1, 0))
-    alpha = ((0.589557277145,), (0.544036601551, 0.565511042564))
-    beta = (
-        (0.397525189225,),
-        (-0.227036463644, 0.624528794618),
-        (-0.00295238076840, -0.270971764284, 0.671323159437),
-    )
-    gamma = ((0.142798786398,), (-0.0428918957402, 0.0202720980282))
+MIS2, MIS3C = read_methods(InfinitesimalStep)

@@ -1,6 +1,6 @@
 """The Newton-Krylov solver of implicit stages: problem, preconditioner and conserved masses."""
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -11,7 +11,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult, Problem
+from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.newton_steps import FollowedNonlinearity
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
@@ -25,35 +25,20 @@ NEWTON_ITERATIONS = 12
 FORCING = FollowedNonlinearity(first=0.02)
 
 
-class Stages(Problem, Protocol):
-    """Equations of one or more stages, for an implicit step tau [s] at a time [s]."""
-
-    space: VectorSpace
-    preconditioner: Preconditioner | None
-    tau: float
-    time: float
-    rhs: wp.array
-
-    def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
-        """States that share the mass of a solution x: (source, state, more mean depth [m])."""
-        ...
-
-
 class StageProblem:
     """x - tau F(x, t) = rhs with exact Jacobian products."""
 
     slopes: ClassVar[float] = 1.0
     """Factor of tau F in the residual."""
+    tau, time = 0.0, 0.0
+    rhs: wp.array = None
 
     def __init__(self, model: Model, space: VectorSpace, preconditioner: str) -> None:
         self._model, self.space = model, space
-        self.preconditioner = make_preconditioner(preconditioner, model)
-        self.precondition = self.preconditioner
+        self.precondition: Preconditioner | None = make_preconditioner(preconditioner, model)
         self._slope, self._operator = model.zeros(), model.jacobian()
         self._add = combine_kernel(model.device_mesh.real, 2)
         model.launch.load(self._add)
-        self.tau, self.time = 0.0, 0.0
-        self.rhs: wp.array = None
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out = x - tau F(x) - rhs."""
@@ -74,7 +59,7 @@ class StageProblem:
         self.space.axpby(1.0, d, -self.tau, out)
 
     def masses(self, x: wp.array) -> list[tuple[wp.array, wp.array, float]]:
-        """Right-hand side and solution, which has the sources of depth more."""
+        """States that share the mass of a solution x: (source, state, more mean depth [m])."""
         return [(self.rhs, x, self.slopes * self.tau * self._model.mean_source(self.time))]
 
 
@@ -89,10 +74,10 @@ class NewtonStages(StageSolver):
 
     def __init__(
         self, model: Model, tolerance: float, preconditioner: str, krylov_block: int,
-        equations: type[Any] = StageProblem,
+        equations: type[StageProblem] = StageProblem,
     ) -> None:  # fmt: skip
         super().__init__(model, tolerance)
-        self.problem: Stages = equations(model, self.space, preconditioner)
+        self.problem = equations(model, self.space, preconditioner)
         space = self.problem.space
         # a large basis pays at large advective Courant numbers; it has the same size on any number
         # of ranks, so that they agree when to restart
@@ -109,25 +94,23 @@ class NewtonStages(StageSolver):
         self._known = self.newton.nonlinearity
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
-        """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
-        if self.problem.preconditioner is not None:
-            self.problem.preconditioner.load_state_dict({})
+        if self.problem.precondition is not None:
+            self.problem.precondition.load_state_dict({})
         self.newton.nonlinearity = 0.0 if self.model.scene.linear else None
         return super().start(state, t, dt)
 
     def aim(self, state: wp.array, error_constant: float, order: int, dt: float) -> None:
-        """Set the tolerance for a step, see `StageSolver.aim`."""
         super().aim(state, error_constant, order, dt)
         self._known = self.newton.nonlinearity
 
     def reject(self) -> None:
-        """Forget what the solves of the present step have shown."""
         self.newton.nonlinearity = self._known
 
-    def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> NewtonResult:
+    def solve(self, tau: float, t: float, rhs: wp.array, x: wp.array) -> str | None:
         """Solve the problem for the implicit step tau [s] at the time t [s] from the guess x.
 
-        The solution replaces x, and has the masses of the exact one.
+        The solution replaces x, and has the masses of the exact one.  Returns why the solve failed,
+        if it did.
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs
@@ -136,10 +119,11 @@ class NewtonStages(StageSolver):
         result = self.newton.solve(problem, x, tau * self.motion.rate, self.worthless())
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
-        if result.converged:
-            for masses in problem.masses(x):
-                self.restore_mass(*masses)
-        return result
+        if not result.converged:
+            return result.message
+        for masses in problem.masses(x):
+            self.restore_mass(*masses)
+        return None
 
     def solve_linear(self, rhs: wp.array, x: wp.array, **goal: Any) -> LinearResult:
         """Solve the linearised problem from the guess x, as exactly as `goal` says."""
@@ -156,9 +140,9 @@ class NewtonStages(StageSolver):
 
     def prepare(self, tau: float) -> None:
         """Bring the preconditioner to the state of the step and tau [s]."""
-        if self.problem.preconditioner is not None:
+        if self.problem.precondition is not None:
             point = self.model.point_of_tangent(self.state)
-            self.problem.preconditioner.update(point, self.prepared_for or tau)
+            self.problem.precondition.update(point, self.prepared_for or tau)
 
     def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
         """Give x the masses of the right-hand side, and as much mean depth [m] more as `gain`.
@@ -182,21 +166,18 @@ class NewtonStages(StageSolver):
         return found
 
     def costs(self) -> dict[str, float]:
-        """Counts of the preconditioner, and seconds of its set-ups."""
-        made = self.problem.preconditioner
+        made = self.problem.precondition
         return {} if made is None else made.costs()
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What an exact restart needs, with the set-up of the preconditioner in use."""
-        made, known = self.problem.preconditioner, self.newton.nonlinearity
+        made, known = self.problem.precondition, self.newton.nonlinearity
         in_use = {} if made is None else made.state_dict()
         learnt = {"nonlinearity": np.array(-1.0 if known is None else known)}
         return super().state_dict() | in_use | learnt
 
     def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
-        """Resume from the result of `state_dict`."""
         super().load_state_dict(state)
         known = float(state["nonlinearity"])
         self.newton.nonlinearity = known if known >= 0.0 else None
-        if self.problem.preconditioner is not None:
-            self.problem.preconditioner.load_state_dict(state)
+        if self.problem.precondition is not None:
+            self.problem.precondition.load_state_dict(state)

@@ -42,7 +42,6 @@ class RosenbrockW(DiagonallyImplicit):
     """For linear equations the method is a diagonally implicit one with this tableau."""
 
     def allocate(self) -> None:
-        """Make room for the slopes of two steps, and for dF/dt."""
         super().allocate()
         self._point, self._drift = self.model.zeros(), self.model.zeros()
         self._has_drift = not self.model.scene.autonomous
@@ -62,7 +61,6 @@ class RosenbrockW(DiagonallyImplicit):
             self.space.scale(float(part), guess)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        """Solve the linear stages of a step of dt [s] from `state`, at t [s], to `out`."""
         problem = self.solver.problem
         problem.tau = self.gamma * dt
         self.solver.prepare(problem.tau)

@@ -12,7 +12,7 @@ from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.combinations import Mixer
 from swe_sphere.steppers.stability import Complex, runge_kutta_growth, tableau
-from swe_sphere.steppers.stepper import Stepper
+from swe_sphere.steppers.stepper import Stepper, read_methods
 
 
 class _Stage(NamedTuple):
@@ -86,31 +86,4 @@ class RungeKutta(Stepper):
         return runge_kutta_growth(np.array(cls.b), (a, z_wave + z_dissipation))
 
 
-class RK4(RungeKutta):
-    """Classical Runge-Kutta: four stages, fourth order; stable to 2.83 times the leapfrog limit."""
-
-    name, order = "rk4", 4
-    style = ("#0072B2", "o")
-    a = ((1 / 2,), (0, 1 / 2), (0, 0, 1))
-    b = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-
-
-class SSPRK3(RungeKutta):
-    """Strong-stability-preserving Runge-Kutta: three stages, third order (Shu & Osher 1988)."""
-
-    name, order = "ssprk3", 3
-    style = ("#56B4E9", "p")
-    a = ((1,), (1 / 4, 1 / 4))
-    b = (1 / 6, 1 / 6, 2 / 3)
-
-
-class KG5(RungeKutta):
-    """Kinnmark & Gray: five stages, third order, the longest explicit steps for waves.
-
-    Guerra & Ullrich 2016 (doi:10.5194/gmd-9-2007-2016), eq. 56; after Kinnmark & Gray 1984.
-    """
-
-    name, order = "kg5", 3
-    style = ("#0C0CE9", "h")
-    a = ((1 / 5,), (0, 1 / 5), (0, 0, 1 / 3), (0, 0, 0, 2 / 3))
-    b = (1 / 4, 0, 0, 0, 3 / 4)
+RK4, SSPRK3, KG5 = read_methods(RungeKutta)

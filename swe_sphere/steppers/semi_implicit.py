@@ -7,17 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.kernels.vectors import leapfrog_kernel
-from swe_sphere.steppers.imex_limit import explicit_spectrum, implicit_explicit_step
-from swe_sphere.steppers.imex_runge_kutta import ARK2
+from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
 from swe_sphere.steppers.stability import Complex
-from swe_sphere.steppers.stage_solver import WaveSolver
-from swe_sphere.steppers.stepper import Stepper
 
 
-class SemiImplicit(Stepper):
+class SemiImplicit(ImexStepper):
     """Semi-implicit leapfrog, Robert-Asselin-Williams filter: one right-hand side and one solve.
 
     (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
@@ -27,8 +23,7 @@ class SemiImplicit(Stepper):
     tolerance leaves a hundredth of the error in time in williamson5 after 5 days.
     """
 
-    name, order, family = "semi-implicit", 2, "imex"
-    solver: WaveSolver
+    name, order = "semi-implicit", 2
     memory = "state", "previous", "guess"  # the last change of depth
     levels = "state", "previous"
     diffusion_steps = 2
@@ -40,16 +35,13 @@ class SemiImplicit(Stepper):
     def __init__(
         self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"
     ) -> None:
-        super().__init__(model, dt)
-        self.solver = WaveSolver(model, self.solver_tolerance(tolerance), coriolis, self.name)
-        self.counters, self.space = self.solver.counters, self.solver.space
+        super().__init__(model, dt, tolerance, coriolis)
         self._starter = ARK2(model, dt, solver=self.solver)
         self.previous, self._slope, self._linear, self._change, self._difference = (
             model.zeros() for _ in range(5)
         )
-        real, n = model.device_mesh.real, model.device_mesh.size
-        self.guess, self._depth = wp.zeros(n, dtype=real, device=model.device), slice(2 * n, 3 * n)
-        self._kernel = leapfrog_kernel(real)
+        self.guess = wp.zeros_like(self._change[self._depth])
+        self._kernel = leapfrog_kernel(model.device_mesh.real)
         model.launch.load(self._kernel)
 
     def begin(self, slope: wp.array) -> None:
@@ -97,20 +89,11 @@ class SemiImplicit(Stepper):
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
-        """1 with the filter."""
         return 1 if Leapfrog.default_strength else super().order_in(model, **options)
 
     @classmethod
-    def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of the explicit part: see `explicit_spectrum`."""
-        return explicit_spectrum(model, state, t)
-
-    @classmethod
-    def stable_dt(cls, wave: float, dissipation: float = 0.0) -> float:
-        """Largest step [s] that amplifies no mode: see `implicit_explicit_step`."""
-
-        def growth(z_implicit: Complex, z_wave: Complex, z_loss: Complex) -> NDArray[np.float64]:
-            old = (1.0 + z_implicit + 2.0 * z_loss) / (1.0 - z_implicit)
-            return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
-
-        return implicit_explicit_step(growth, wave, dissipation)
+    def split_growth(
+        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
+    ) -> NDArray[np.float64]:
+        old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
+        return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))

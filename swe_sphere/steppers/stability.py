@@ -1,4 +1,4 @@
-"""Largest stable steps from amplification factors."""
+"""Largest stable steps from amplification factors, and the tableaus that these follow from."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Complex = NDArray[np.complex128]
+Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
 
 
@@ -34,13 +35,9 @@ def largest_step(
     def stable(dt: float) -> bool:
         return bool(growth(dt * z_wave, dt * z_dissipation).max() <= 1.0 + tolerance)
 
-    *tried, high = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
-    low = 0.0
-    for dt in tried[1:]:
-        if not stable(dt):
-            high = dt
-            break
-        low = dt
+    tried = reach / (wave + dissipation) * np.linspace(0.0, 1.0, looks + 1)
+    first = next((i for i in range(1, looks) if not stable(tried[i])), looks)
+    low, high = tried[first - 1], tried[first]
     while high - low > 1e-4 * high:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)
@@ -74,4 +71,10 @@ def runge_kutta_growth(
     )
     stages = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
     growth: NDArray[np.float64] = np.abs(1.0 + sum(stacked) * (stages @ b))
+    return growth
+
+
+def largest_eigenvalue(step: Complex) -> NDArray[np.float64]:
+    """Largest modulus of the eigenvalues of matrices (..., n, n)."""
+    growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
     return growth

@@ -1,9 +1,12 @@
 """What every stepper does: it moves its state forward by one step at a time."""
 
+import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable
 from contextlib import nullcontext
-from typing import Any, ClassVar, Literal, get_args
+from fractions import Fraction
+from importlib.resources import files
+from typing import Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 import warp as wp
@@ -286,6 +289,27 @@ class Stepper(Trajectory, ABC):
         size = self.state.shape
         others = {name: array for name, array in self.arrays().items() if name != "state"}
         return [] if self.levels else [k for k, x in others.items() if x.shape[-1:] == size]
+
+
+S = TypeVar("S", bound=Stepper)
+
+
+def read_methods(family: type[S]) -> list[type[S]]:
+    """Define the methods of a family in methods.toml, classes with the attributes in a table."""
+    tables = tomllib.loads((files(__package__) / "methods.toml").read_text())[family.__name__]
+    return [
+        type(name, (family,), {"__module__": family.__module__, "__doc__": table.pop("doc").strip()}
+             | {key: _constant(value) for key, value in table.items()})
+        for name, table in tables.items()
+    ]  # fmt: skip
+
+
+def _constant(value: Any) -> Any:
+    """Convert lists to tuples, and fractions in strings to numbers."""
+    if isinstance(value, list):
+        return tuple(map(_constant, value))
+    is_fraction = isinstance(value, str) and "/" in value
+    return float(Fraction(value)) if is_fraction else value
 
 
 class CheckedReplay(Replay):

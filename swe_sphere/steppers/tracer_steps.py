@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.arnoldi import largest_modulus
 from swe_sphere.equations.model import Model
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
 from swe_sphere.operators.tracer_step_operator import Crossings, TracerStep
@@ -18,7 +18,6 @@ from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stepper import Stepper, Trajectory
-from swe_sphere.steppers.tracer_stages import LONGEST, stages_for
 
 FLOW = "flow_"
 """In front of names of what the flow's stepper remembers."""
@@ -26,6 +25,41 @@ PARTS = 2
 """Parts that a tracer step has at the start, at most; it has more where the wind grows."""
 MARGIN = 1.1
 """By how much the spectral radius may exceed what the one at the start makes us expect."""
+_REACH: dict[float, tuple[float, ...]] = {
+    2.8: (1 / 4, 1 / 3, 1 / 2, 1.0),
+    4.6: (0.16904917667410368, 0.13380303671748228, 1 / 4, 1 / 3, 1 / 2, 1.0),
+    6.2: (
+        0.12480976664540724, 0.07662096184186656, 0.16667480464512058, 0.17018634951480482,
+        1 / 4, 1 / 3, 1 / 2, 1.0,
+    ),
+    7.9: (
+        0.09907015380844966, 0.04926610891320422, 0.12406549675252491, 0.10608279520348493,
+        0.1659580170045138, 0.1832494363935329, 1 / 4, 1 / 3, 1 / 2, 1.0,
+    ),
+}  # fmt: skip
+"""Stages by how far they reach: the largest stable tau times the spectral radius of A.
+
+They are the f_i in m_i = m_0 + f_i tau A m_(i-1): explicit stages for waves alone, of fourth order,
+and stable for nearly as long as there are any; `benchmarks/tracer_stages.py` derives the numbers.
+"""
+LONGEST = max(_REACH)
+MOST_PARTS = 1000
+"""So many even out that a wind has grown beyond all bounds."""
+
+
+def stages_for(reach: float) -> tuple[int, tuple[float, ...]]:
+    """Into how many equal parts to divide a step of that reach, and the stages of each.
+
+    Raises Unstable for so many that no step would ever end, and for a reach that is NaN.
+    """
+    if not reach <= MOST_PARTS * LONGEST:
+        raise Unstable(
+            f"tracers would take {reach / LONGEST:.4g} parts in a step, more than {MOST_PARTS}: the"
+            " solution blows up; take a smaller dt or smaller tracer-steps"
+        )
+    parts = max(1, math.ceil(reach / LONGEST))
+    # rounded, the product may fall short of what it was divided from
+    return parts, next((f for far, f in _REACH.items() if parts * far >= reach), _REACH[LONGEST])
 
 
 def why_not(model: Model, kind: type[Stepper]) -> str | None:
@@ -43,42 +77,35 @@ def why_not(model: Model, kind: type[Stepper]) -> str | None:
 class TransportRate:
     """Spectral radius [s-1] of tracer transport, from speeds across elements.
 
-    They bound it, and are too large by a part that hangs on the flow: Arnoldi iteration tells it at
-    the start of the scene.
+    They bound it, and are too large by a part that depends on the flow: Arnoldi iteration finds it
+    at the start of the scene.
     """
 
     def __init__(self, model: Model) -> None:
-        crossings = Crossings(model.device_mesh, model.launch)
-        ones = model.device_mesh.upload(np.ones(model.device_mesh.size))
+        mesh = model.device_mesh
+        self.crossings = Crossings(mesh, model.launch)
         model.set_time(0.0)
         wind = model.parameters.get("wind", model.initial_state())
-        self.crossings, bound = crossings, crossings.bound(wind, ones)
-        self.start = _radius(model, wind, bound)
-        """At the start of the scene [s-1]."""
+        bound = self.crossings.bound(wind, mesh.upload(np.ones(mesh.size)))
+        transport = TracerTransport(mesh, model.launch, 1)
+        x, out = (mesh.upload(np.zeros(mesh.size)) for _ in "xy")
+
+        def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
+            x.assign(mesh.restrict(d))
+            transport(wind, x, 0, out, 0)
+            rates: NDArray[np.float64] = mesh.collect(out).astype(np.float64)
+            return rates
+
+        start, found = np.random.default_rng(0).standard_normal(model.mesh.size), None
+        if bound > 0.0:
+            found = largest_modulus(product, start, 1e-2, mesh.comm)
+        self.start = bound if found is None else min(found, bound)
+        """At the start of the scene [s-1], from above."""
         self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
 
     def __call__(self, flux: wp.array, air: wp.array) -> float:
-        """That of q -> div(q flux) / air [s-1]."""
+        """Return the radius [s-1] of q -> div(q flux) / air."""
         return self._share * self.crossings.bound(flux, air)
-
-
-def _radius(model: Model, wind: wp.array, bound: float) -> float:
-    """Spectral radius [s-1] of div(m V), from above."""
-    if bound == 0.0:
-        return 0.0
-    transport = TracerTransport(model.device_mesh, model.launch, 1)
-    mesh = model.device_mesh
-    x, out = (mesh.upload(np.zeros(mesh.size)) for _ in "xy")
-
-    def product(d: NDArray[np.floating]) -> NDArray[np.float64]:
-        x.assign(mesh.restrict(d))
-        transport(wind, x, 0, out, 0)
-        rates: NDArray[np.float64] = mesh.collect(out).astype(np.float64)
-        return rates
-
-    start = np.random.default_rng(0).standard_normal(model.mesh.size)
-    found = largest_modulus(product, start, 1e-2, mesh.comm)
-    return bound if found is None else min(found, bound)
 
 
 def tracer_limit(model: Model) -> float:
@@ -102,22 +129,20 @@ class TracerSteps(Trajectory, ABC):
         assert model.tracers is not None
         self.every, self._length = every, every * dt / self.pieces
         self.diffusion = Diffusion(model, every * dt) if model.diffusive else None
-        size, depth = model.device_mesh.size, model.tracers.depth
-        self._old, rate = (model.device_mesh.upload(np.zeros(size)) for _ in "or")
-        self._block = self.state[depth : depth + size]
+        mesh, tracers = model.device_mesh, model.tracers
+        self._old, rate = (mesh.upload(np.zeros(mesh.size)) for _ in "or")
+        self._block = self.state[tracers.depth : tracers.depth + mesh.size]
         self._air = self._old, rate
-        self._flux = model.device_mesh.upload(np.zeros(2 * size))
+        self._flux = mesh.upload(np.zeros(2 * mesh.size))
         self._rate = TransportRate(model)
-        tracers = model.tracers.count, model.tracers.first
         self._transport = TracerStep(
-            model.device_mesh, model.launch, self._rate.crossings, *tracers
+            mesh, model.launch, self._rate.crossings, tracers.count, tracers.first
         )
-        self._add = combine_kernel(model.device_mesh.real, 1)
+        self._add = combine_kernel(mesh.real, 1)
         model.launch.load(self._add)
         self.counters["tracer_stages"] = 0
 
     def step(self) -> None:
-        """Move `state` forward by all those steps."""
         first = self.steps // self.every % 2 == 1
         if self.diffusion and first:
             self.diffusion.act(self.state)
@@ -167,13 +192,11 @@ class CarriedTracers(TracerSteps):
         super().__init__(model, scheme.dt, every)
         first = model.fluid_size
         self._fluid, self._crossed = slice(0, first), slice(first, first + self._flux.size)
-        self._nothing = model.device_mesh.upload(np.zeros(self._flux.size))
-        self._residual: _Residual | None = None
-        if model.diffusive or scheme.family == "imex":
-            self._residual = _Residual(model)
+        self._nothing = wp.zeros_like(self._flux)
+        has_residual = model.diffusive or scheme.family == "imex"
+        self._residual = _Residual(model) if has_residual else None
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
         flow = self.scheme.model.zeros()
         wp.copy(flow, state, count=self._fluid.stop)
@@ -196,19 +219,16 @@ class CarriedTracers(TracerSteps):
         wp.copy(self.state, self.scheme.state, count=self._fluid.stop)
 
     def costs(self) -> dict[str, float]:
-        """Those of the flow's stepper, and the stages of the tracers."""
         return self.scheme.costs() | super().costs()
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all that a bitwise exact restart needs."""
         flow = {f"{FLOW}{name}": array for name, array in self.scheme.state_dict().items()}
         return super().state_dict() | flow
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many steps."""
         super().load_state_dict(state, steps)
-        flow = {name: array for name, array in state.items() if name.startswith(FLOW)}
-        self.scheme.load_state_dict({k.removeprefix(FLOW): v for k, v in flow.items()}, steps)
+        flow = {k.removeprefix(FLOW): v for k, v in state.items() if k.startswith(FLOW)}
+        self.scheme.load_state_dict(flow, steps)
 
 
 class _Residual:
@@ -248,12 +268,12 @@ class CarriedWithDepth(TracerSteps):
         """scheme: whose steps would be of dt [s]."""
         self.name, self.order = scheme.name, min(2, scheme.order)  # type: ignore[misc]
         super().__init__(model, dt, every)
-        mesh, n = model.device_mesh, model.device_mesh.size
-        self._stage, self._slope, self._part, self._mean, ones = (
-            mesh.upload(np.zeros(n)) for _ in range(5)
+        mesh = model.device_mesh
+        self._stage, self._slope, self._part, self._mean = (
+            mesh.upload(np.zeros(mesh.size)) for _ in range(4)
         )
-        ones.fill_(1.0)
-        self._ones, self._transport_depth = ones, TracerTransport(mesh, model.launch, 1)
+        self._ones = mesh.upload(np.ones(mesh.size))
+        self._transport_depth = TracerTransport(mesh, model.launch, 1)
         self._make_flux, self._plain = flux_kernel(mesh.real), mesh.stage
         model.launch.load(self._make_flux)
 

@@ -1,7 +1,7 @@
-"""The base of methods that take steps of any length, with a solver of their equations."""
+"""The bases of methods that take steps of any length, with a solver of their equations."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
@@ -21,50 +21,18 @@ MOST_STEP_PARTS = 64
 class VariableStepper(Stepper):
     """A stepper that takes steps of any length by `solve_step`, with a solver of their equations.
 
-    A step of dt that cannot be solved is taken in parts.  `tolerance`: see `StageSolver`; `solver`:
-    the one of another stepper of the same model, to share it with its options.
+    A step of dt that cannot be solved is taken in parts.
     """
 
     family: ClassVar[Family] = "implicit"
     diffusion_apart = False
-    equations: ClassVar[type[Any]] = StageProblem
-    """The equations of an implicit stage."""
     solver: StageSolver
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-        diffusion: str = "whole",
-        krylov_block: int = 1,
-        solver: StageSolver | None = None,
-    ) -> None:
-        if diffusion not in DIFFUSION:
-            raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
-        self.diffusion_apart = diffusion == "apart"
+    def __init__(self, model: Model, dt: float, solver: StageSolver) -> None:
         super().__init__(model, dt)
-        self.solver = solver or self.make_solver(tolerance, preconditioner, krylov_block)
-        self.counters, self.space = self.solver.counters, self.solver.space
+        self.solver, self.counters, self.space = solver, solver.counters, solver.space
         self.new: wp.array = self.model.zeros()
         """The state after the step last attempted."""
-        self.allocate()
-
-    def make_solver(
-        self, tolerance: float | None, preconditioner: str, krylov_block: int
-    ) -> StageSolver:
-        """The solver with those options."""
-        return NewtonStages(
-            self.model,
-            self.solver_tolerance(tolerance),
-            preconditioner,
-            krylov_block,
-            self.equations,
-        )
-
-    def allocate(self) -> None:
-        """Make the arrays of the method, which has its model and solver already."""
 
     def advance(self) -> None:
         """Take a step of dt, or as many equal parts of it as its solver needs.
@@ -116,6 +84,41 @@ class VariableStepper(Stepper):
         """Make `new`, a step of dt [s] on, the present state, and remember how fast it moved."""
         self.solver.motion.accept(self.state, self.new, dt)
         self.space.copy(self.new, self.state)
+
+
+class ImplicitStepper(VariableStepper):
+    """A stepper with a Newton-Krylov solver of its equations.
+
+    `tolerance`: see `StageSolver`; `solver`: the one of another stepper of the same model, to share
+    it with its options.
+    """
+
+    equations: ClassVar[type[StageProblem]] = StageProblem
+    """The equations of an implicit stage."""
+    solver: NewtonStages
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float,
+        tolerance: float | None = None,
+        preconditioner: str = "helmholtz",
+        diffusion: str = "whole",
+        krylov_block: int = 1,
+        solver: NewtonStages | None = None,
+    ) -> None:
+        if diffusion not in DIFFUSION:
+            raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
+        self.diffusion_apart = diffusion == "apart"
+        solver = solver or NewtonStages(
+            model.inviscid if self.diffusion_apart else model, self.solver_tolerance(tolerance),
+            preconditioner, krylov_block, self.equations,
+        )  # fmt: skip
+        super().__init__(model, dt, solver)
+        self.allocate()
+
+    def allocate(self) -> None:
+        """Make the arrays of the method, which has its model and solver already."""
 
     def error_estimate(self) -> float:
         """Norm [m s-1] of the error of the step last attempted, if `estimate_order` is not None."""
