@@ -55,6 +55,10 @@ class ImexStepper(Stepper):
         self.counters, self.space = self.solver.counters, self.solver.space
         n = model.device_mesh.size
         self._depth = slice(2 * n, 3 * n)
+        self.allocate()
+
+    def allocate(self) -> None:
+        """Make the arrays of the method, which has its model and solver already."""
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
@@ -104,12 +108,8 @@ class ImexRungeKutta(ImexStepper):
             implicit = tableau(cls.implicit, len(cls.b))
             cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
 
-    def __init__(
-        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit",
-        solver: WaveSolver | None = None,
-    ) -> None:  # fmt: skip
-        super().__init__(model, dt, tolerance, coriolis, solver)
-        stages, mesh = len(self.b), model.device_mesh
+    def allocate(self) -> None:
+        model, mesh, dt, stages = self.model, self.model.device_mesh, self.dt, len(self.b)
         stack = self.space.stack(2 * stages)
         self._full = [stack[i] for i in range(stages)]
         self._linear = [stack[stages + i] for i in range(stages)]

@@ -54,6 +54,8 @@ class Trajectory:
     order: ClassVar[int]
     memory: ClassVar[tuple[str, ...]] = ("state",)
     """Arrays that a method must keep between steps, by name; they are written to checkpoints."""
+    solver: StageSolver | None = None
+    """Solver of the equations in a step; None: it solves none."""
 
     def __init__(self, model: Model, dt: float) -> None:
         """dt: time step [s]."""
@@ -82,7 +84,7 @@ class Trajectory:
 
     def costs(self) -> dict[str, float]:
         """Counts of the steps so far, and seconds where the name says so."""
-        return dict(self.counters)
+        return dict(self.counters) | ({} if self.solver is None else self.solver.costs())
 
     def arrays(self) -> dict[str, wp.array]:
         """The arrays in `memory`, by name."""
@@ -91,23 +93,29 @@ class Trajectory:
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Copies of all arrays that a bitwise exact restart needs, in the precision of the run.
 
-        They are those of the whole mesh, on all ranks that share it.
+        They are those of the whole mesh, on all ranks that share it, and those of the solver.
         """
         mesh = self.model.device_mesh
         arrays = {name: mesh.collect(array).copy() for name, array in self.arrays().items()}
-        return arrays | {"origin": np.array(self._origin)}
+        solver = {} if self.solver is None else self.solver.state_dict()
+        return arrays | {"origin": np.array(self._origin)} | solver
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
         """Resume from the result of `state_dict` after that many steps.
 
         Raises ConfigError when the arrays are those of another stepper or of another size.
         """
-        mesh = self.model.device_mesh
+        mesh, misfit = self.model.device_mesh, f"the restart data do not fit stepper {self.name}"
         for name, array in self.arrays().items():
             if name not in state or not mesh.matches(state[name], array):
-                raise ConfigError(f"the restart data do not fit stepper {self.name}: {name}")
+                raise ConfigError(f"{misfit}: {name}")
             wp.copy(array, mesh.scatter(state[name]))
         self._origin, self.steps = float(state["origin"]), steps
+        if self.solver is not None:
+            try:
+                self.solver.load_state_dict(state)
+            except KeyError as lacking:
+                raise ConfigError(f"{misfit}: {lacking.args[0]}") from None
 
 
 class Stepper(Trajectory, ABC):
@@ -150,8 +158,6 @@ class Stepper(Trajectory, ABC):
     """Default of the option `tolerance`, where a method solves equations."""
     error_constant: ClassVar[float]
     """C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1) of a step."""
-    solver: StageSolver | None = None
-    """Solver of the equations in a step; None: it solves none."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -180,16 +186,13 @@ class Stepper(Trajectory, ABC):
             self._replay = CheckedReplay(self) if custom else Replay(model.launch, model.counters)
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s].
-
-        Raises ConfigError where `memory` or `levels` name what is no array.
-        """
-        self._check_names()
+        self.check_names()
         super().start(state, t)
         if self.solver is not None:
             self.begin(self.solver.start(self.state, t, self.dt))
 
-    def _check_names(self) -> None:
+    def check_names(self) -> None:
+        """Raise ConfigError where `memory` or `levels` name what is no array."""
         for names in (self.memory, self.levels):
             if not isinstance(names, tuple) or not all(
                 isinstance(getattr(self, str(name), None), wp.array) for name in names
@@ -203,7 +206,6 @@ class Stepper(Trajectory, ABC):
         """Make the first guesses of a method with a solver from the slope at the start."""
 
     def step(self) -> None:
-        """Move `state` forward by dt."""
         apart, limiter = self._apart, self.model.limiter
         with users_code(), nullcontext() if self.solver is None else one_thread():
             if apart is not None and self.steps % 2:
@@ -257,38 +259,9 @@ class Stepper(Trajectory, ABC):
         apart = cls.diffusion_apart or options.get("diffusion") == "apart"
         return min(cls.order, cls.diffusion_order) if model.diffusive and apart else cls.order
 
-    def costs(self) -> dict[str, float]:
-        """Counts of the steps so far, and seconds where the name says so."""
-        return super().costs() | ({} if self.solver is None else self.solver.costs())
-
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Copies of all arrays that a bitwise exact restart needs, those of the solver included."""
-        return super().state_dict() | ({} if self.solver is None else self.solver.state_dict())
-
-    def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Resume from the result of `state_dict` after that many steps.
-
-        Raises ConfigError when the arrays are those of another stepper or of another size.
-        """
-        super().load_state_dict(state, steps)
-        if self.solver is not None:
-            try:
-                self.solver.load_state_dict(state)
-            except KeyError as lacking:
-                raise ConfigError(
-                    f"the restart data do not fit stepper {self.name}: {lacking.args[0]}"
-                ) from None
-
     def solver_tolerance(self, tolerance: float | None) -> float:
         """The tolerance of the solver, or the default of the method."""
         return self.default_tolerance if tolerance is None else tolerance
-
-    def undeclared_levels(self) -> list[str]:
-        """Names of arrays in `memory` that may be earlier states, if a class has no `levels`."""
-        self._check_names()
-        size = self.state.shape
-        others = {name: array for name, array in self.arrays().items() if name != "state"}
-        return [] if self.levels else [k for k, x in others.items() if x.shape[-1:] == size]
 
 
 S = TypeVar("S", bound=Stepper)

@@ -182,9 +182,12 @@ class CarriedTracers(TracerSteps):
     """
 
     def __init__(self, model: Model, scheme: Stepper, every: int) -> None:
-        if undeclared := scheme.undeclared_levels():
+        scheme.check_names()
+        arrays, shape = scheme.arrays().items(), scheme.state.shape
+        others = [k for k, array in arrays if k != "state" and array.shape[-1:] == shape]
+        if others and not scheme.levels:
             raise ConfigError(
-                f"tracer-steps: {scheme.name} remembers {', '.join(undeclared)}: its"
+                f"tracer-steps: {scheme.name} remembers {', '.join(others)}: its"
                 " `levels` have to say which of them are states of times before"
             )
         self.scheme = scheme
