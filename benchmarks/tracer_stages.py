@@ -1,4 +1,4 @@
-"""The coefficients of `swe_sphere/steppers/tracer_stages.py`, derived anew.
+"""The coefficients of `swe_sphere/steppers/tracer_steps.py`, derived anew.
 
 A step of dm/dt = A m in s stages m_i = m_0 + f_i tau A m_(i-1) multiplies an eigenvector with the
 eigenvalue i w by P(i w tau), P(z) = 1 + f_s z (1 + f_(s-1) z (1 + ...)), f_s = 1.  P agrees with

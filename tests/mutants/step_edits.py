@@ -7,7 +7,7 @@ from mutants.kinds import Tested
 __all__ = ["STEP_EDITS"]
 
 STEPPERS = "swe_sphere/steppers"
-MOTION, BDF2 = f"{STEPPERS}/motion.py", f"{STEPPERS}/bdf2.py"
+MOTION, BDF2 = f"{STEPPERS}/stage_solver.py", f"{STEPPERS}/bdf2.py"
 
 _TRUNCATION = "test_motion.py::test_solver_is_given_a_part_of_what_the_step_is_wrong_by"
 _MIDPOINT, _OF_BDF2 = (f"{_TRUNCATION}[implicit-midpoint]",), (f"{_TRUNCATION}[bdf2]",)
@@ -112,8 +112,8 @@ VARIABLE_STEP = _edits(
         "Gauss-Legendre: slopes of the outer step",
         f"{STEPPERS}/gauss.py",
         _GUESSES,
-        "enumerate(_INVERSE / dt)",
-        "enumerate(_INVERSE / self.dt)",
+        "enumerate(INVERSE / dt)",
+        "enumerate(INVERSE / self.dt)",
     ),
     ("distance of slopes", MOTION, _RATES, "apart = 0.5 * (dt + self.last_dt)", "apart = dt"),
     (
