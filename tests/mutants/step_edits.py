@@ -120,15 +120,15 @@ VARIABLE_STEP = _edits(
         "the last step of the motion lost in restarts",
         MOTION,
         _RATES,
-        "self.rate, self.last_dt, *frequencies = numbers",
-        "self.rate, _, *frequencies = numbers",
+        "self.rate, self.last_dt, first, second = saved",
+        "self.rate, _, first, second = saved",
     ),
     (
         "the last step of BDF2 lost in restarts",
         MOTION,
         _RESTART,
-        "self.rate, self.last_dt, *frequencies = numbers",
-        "self.rate, _, *frequencies = numbers",
+        "self.rate, self.last_dt, first, second = saved",
+        "self.rate, _, first, second = saved",
     ),
 )
 
