@@ -9,7 +9,7 @@ from implicit_common import Section
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing
+from swe_sphere.solvers.newton import FollowedNonlinearity, Forcing
 from swe_sphere.steppers import dirk, get_stepper, newton_stages
 from swe_sphere.testcases import get_scene
 

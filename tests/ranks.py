@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from swe_sphere import Simulation
 from swe_sphere.ranks.communicator import MpiCommunicator, world
 from swe_sphere.solvers import vector_space
-from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import newton_stages
 
 
@@ -40,11 +39,7 @@ def as_gpu(reached):
     """
     return [
         (MpiCommunicator, "reaches", lambda self, device: reached),
-        (
-            vector_space,
-            "HostVectors",
-            lambda weights, real, mesh: DeviceVectors(weights, real, "cpu", mesh),
-        ),
+        (vector_space, "HostSpace", vector_space.DeviceSpace),
     ]
 
 

@@ -13,7 +13,7 @@ from support import EXPONENTIAL, advance, make_scene, random_state, relative
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.solvers.krylov_basis import WINDOW, ShortBasis
+from swe_sphere.solvers.krylov_basis import WINDOW, KrylovBasis
 from swe_sphere.solvers.krylov_exponential import ExponentialResult, KrylovExponential, Sources
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
@@ -134,7 +134,7 @@ def test_basis_is_orthogonal_in_its_window_and_gives_products_back() -> None:
     a, size = matrix("any"), 12
     weights = np.random.default_rng(0).uniform(0.5, 2.0, N)
     space = VectorSpace(weights)
-    basis, apply = ShortBasis(space, size + 1), operator(a)
+    basis, apply = KrylovBasis(space, size + 1, short=True), operator(a)
     basis.rows[0].assign(np.arange(1.0, N + 1.0))
     basis.start(space.norm(basis.rows[0]))
     for k in range(size):

@@ -13,8 +13,7 @@ import warp as wp
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import Operator, Status
-from swe_sphere.solvers.newton import NewtonKrylov, NewtonResult
-from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing
+from swe_sphere.solvers.newton import FollowedNonlinearity, Forcing, NewtonKrylov, NewtonResult
 from swe_sphere.solvers.vector_space import VectorSpace
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -135,7 +134,7 @@ def constant(eta: float) -> Forcing:
 def test_history_and_counts_tell_what_was_done() -> None:
     problem = bratu()
     result, u = solve(problem, np.zeros(SIDE**2), rtol=1e-8)
-    residuals = result.residuals
+    residuals = result.history
     assert len(residuals) == result.newton_iterations + 1
     assert len(result.forcing) == len(result.krylov) == len(result.lengths)
     assert result.krylov_iterations == sum(result.krylov) == problem.calls["jacobian"]
@@ -149,7 +148,7 @@ def test_history_and_counts_tell_what_was_done() -> None:
 def test_convergence_is_quadratic_when_the_systems_are_solved_well() -> None:
     problem = bratu()
     result, _ = solve(problem, np.zeros(SIDE**2), rtol=1e-9, forcing=constant(1e-11))
-    r = np.array(result.residuals)
+    r = np.array(result.history)
     orders = np.log(r[2:] / r[1:-1]) / np.log(r[1:-1] / r[:-2])
     assert orders[-1] == pytest.approx(2.0, abs=0.1)
     loose, _ = solve(problem, np.zeros(SIDE**2), rtol=1e-9, forcing=constant(0.1))
@@ -342,5 +341,5 @@ def test_counts_do_not_depend_on_units() -> None:
     plain, u = solve(plain_problem, np.zeros(SIDE**2), rtol=1e-9)
     scaled, y = solve(scaled_problem, np.zeros(SIDE**2), weights=s**-2, rtol=1e-9)
     assert plain.krylov == scaled.krylov
-    assert scaled.residuals[:-1] == pytest.approx(plain.residuals[:-1], rel=1e-6)
+    assert scaled.history[:-1] == pytest.approx(plain.history[:-1], rel=1e-6)
     assert y / s == pytest.approx(u, rel=1e-7)

@@ -15,7 +15,6 @@ from swe_sphere.operators.launch import Launcher
 from swe_sphere.operators.replay import Replay, between
 from swe_sphere.simulation.observers import HealthCheck
 from swe_sphere.solvers import vector_space
-from swe_sphere.solvers.vector_operations import DeviceVectors
 from swe_sphere.steppers import get_stepper
 from swe_sphere.steppers.stepper import STEPPERS
 from swe_sphere.testcases import get_scene
@@ -99,14 +98,10 @@ def test_diffusion_and_limiter_are_recorded_too(diffusive, name, monkeypatch):
     assert evaluations == others
 
 
-def on_device(weights, real, mesh):
-    return DeviceVectors(weights, real, "cpu")
-
-
 @pytest.mark.parametrize("name", [*REPEATED, "epi3", "bdf2", "rosenbrock-w"])
 def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
     """With the vectors of GPUs; but for the set-up of a preconditioner, which is the host's."""
-    monkeypatch.setattr(vector_space, "HostVectors", on_device)
+    monkeypatch.setattr(vector_space, "HostSpace", vector_space.DeviceSpace)
     stepper = get_stepper(name)(plain, 200.0)
     stepper.start(plain.initial_state())
     stepper.step()
@@ -120,7 +115,7 @@ def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
 
 
 def test_looking_at_the_health_reads_no_state(monkeypatch):
-    monkeypatch.setattr(vector_space, "HostVectors", on_device)
+    monkeypatch.setattr(vector_space, "HostSpace", vector_space.DeviceSpace)
     sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
     sim.begin()
     check, numpy = HealthCheck(sim.snapshot, sim.plan, sim.stable_dt), wp.array.numpy

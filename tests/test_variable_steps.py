@@ -64,7 +64,7 @@ def test_guesses_are_solutions_where_the_state_moves_straight_on(name: str, monk
 
     def watched(problem, x, scale, floor):
         result = solve(problem, x, scale, floor)
-        wrong.append(result.residuals[0] / scale)
+        wrong.append(result.history[0] / scale)
         return result
 
     monkeypatch.setattr(stepper.solver.newton, "solve", watched)

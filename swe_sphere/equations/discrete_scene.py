@@ -1,8 +1,6 @@
 """A scene on a mesh and a device: the coefficients and fields of its effects."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,8 +8,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects import Effect, PointwiseEffect
-from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.scene_checks import is_finite
+from swe_sphere.equations.scene import Scene, is_finite
 from swe_sphere.equations.scene_functions import fitted
 from swe_sphere.errors import ConfigError, shown
 from swe_sphere.files.user_file import guarded
@@ -23,127 +20,117 @@ from swe_sphere.ranks.communicator import Communicator
 SHAPES = ("element", "node")
 
 
-@dataclass(frozen=True, eq=False)
 class DiscreteScene:
     """The scene, where its nodes are, and its coefficients and fields on the device.
 
-    Every model and right-hand side of the scene shares these arrays.
+    Arguments and errors as for `Model`.
     """
 
-    mesh: Mesh
-    scene: Scene
-    device_mesh: DeviceMesh
-    launch: Launcher
-    counters: dict[str, int] = field(
-        default_factory=lambda: {"rhs_evaluations": 0, "tangent_evaluations": 0}
-    )
-    """Evaluations so far."""
-
-    @cached_property
-    def fluid(self) -> tuple[str, ...]:
-        """Names of the blocks (N,) of wind and depth in a state."""
-        return ("h",) if self.scene.wind else ("u", "v", "h")
-
-    @property
-    def fluid_size(self) -> int:
-        """Length of wind and depth in a state."""
-        return len(self.fluid) * self.device_mesh.size
+    def __init__(
+        self, mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None,
+        comm: Communicator,
+    ) -> None:  # fmt: skip
+        if precision not in REALS:
+            raise ConfigError(f"precision is float64 or float32, not {precision!r}")
+        device = find_device(device, comm.local)
+        if comm.shared:
+            wp.set_device(device)  # which MPI takes to be the rank's own
+        shape = shape or ("element" if device == "cpu" else "node")
+        if shape not in SHAPES:
+            raise ConfigError(f"the launch shape is element or node, not {shape!r}")
+        self.mesh, self.scene, self.comm = mesh, scene, comm
+        self.device, self.shape, self.precision = device, shape, precision
+        self.launch = Launcher(device, comm, mesh.np**2)
+        self.device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
+        self.counters = {"rhs_evaluations": 0, "tangent_evaluations": 0}
+        self.fluid = ("h",) if scene.wind else ("u", "v", "h")
+        """Names of the blocks (N,) of wind and depth in a state; tracers come behind them."""
+        self.fluid_size = len(self.fluid) * self.device_mesh.size
+        self.bottom, self.coriolis = _on_nodes(scene.bottom, mesh), _on_nodes(scene.coriolis, mesh)
+        self.parameters = parameters = _parameters(scene, self.device_mesh)
+        """Coefficients and fields of the effects, on the device."""
+        self.wind, self.forcing = (
+            PrescribedFields(self.device_mesh, formula, parameters.get(name), blocks, steady)
+            for name, formula, blocks, steady in (
+                ("wind", scene.wind, "uv", scene.steady_wind),
+                ("forcing", scene.forcing, self.fluid, scene.steady_forcing),
+            )
+        )
+        self.set_time(0.0)  # a function that fails does so before anything is computed
+        self._rooms: dict[str, wp.array] = {}
 
     def zeros(self, size: int) -> wp.array:
         """Return zeros (size,) in the number type of the run."""
-        return wp.zeros(size, dtype=self.device_mesh.real, device=self.device_mesh.device)
+        return wp.zeros(size, dtype=self.device_mesh.real, device=self.device)
 
-    @cached_property
-    def laplacian(self) -> wp.array:
-        """Room for the Laplacian of wind and depth, which all right-hand sides share."""
-        return self.zeros(self.fluid_size)
+    def room(self, name: str) -> wp.array:
+        """Room for a field of wind and depth that all models which share arrays use in turns."""
+        if name not in self._rooms:
+            self._rooms[name] = self.zeros(self.fluid_size)
+        return self._rooms[name]
 
-    @cached_property
-    def difference(self) -> wp.array:
-        """Room for the difference of wind and depth from the base, shared likewise."""
-        return self.zeros(self.fluid_size)
+    def set_time(self, t: float) -> None:
+        """Bring the prescribed wind and the forcing to time t [s]."""
+        self.wind.set_time(t)
+        self.forcing.set_time(t)
 
-    @cached_property
-    def wind(self) -> "PrescribedFields":
-        """The prescribed wind, if there is one."""
-        return PrescribedFields(self, "wind", "uv", self.scene.steady_wind)
 
-    @cached_property
-    def forcing(self) -> "PrescribedFields":
-        """The prescribed rates of change, if there are any."""
-        return PrescribedFields(self, "forcing", self.fluid, self.scene.steady_forcing)
+def _on_nodes(formula: Callable[[Array, Array], Array] | None, mesh: Mesh) -> Array:
+    """The field (N,) on the nodes, zeros where the scene has none."""
+    return np.zeros(mesh.size) if formula is None else formula(mesh.lon, mesh.lat)
 
-    @cached_property
-    def bottom(self) -> Array:
-        """Height of the bottom (N,) [m]."""
-        return self._on_nodes(self.scene.bottom)
 
-    @cached_property
-    def coriolis(self) -> Array:
-        """Coriolis parameter (N,) [s-1]."""
-        return self._on_nodes(self.scene.coriolis)
+def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
+    """Coefficients and fields of the effects, by the names that the kernels have for them."""
+    mesh, size = on.mesh, on.size
+    parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
+    if scene.bottom:
+        # Bottoms are measured from the mean surface of the initial state, exact in float32.
+        # Gradients do not notice, but h + b is then a small number that does not lose the digits
+        # of a float32: a lake at rest stays at rest bit for bit.
+        bottom = scene.bottom(mesh.lon, mesh.lat)
+        surface = scene.initial(mesh.lon, mesh.lat)[2] + bottom
+        level = float(np.float32(np.average(surface, weights=mesh.area)))
+        parameters["bottom"] = on.scatter(bottom - level)
+    if scene.coriolis:
+        parameters["coriolis"] = on.scatter(scene.coriolis(mesh.lon, mesh.lat))
+    if scene.wind:
+        parameters["wind"] = on.upload(np.zeros(2 * size))
+    if scene.forcing:
+        parameters["forcing"] = on.upload(np.zeros((1 if scene.wind else 3) * size))
+    if scene.base:
+        parameters["base"] = on.scatter(np.concatenate(scene.base(mesh.lon, mesh.lat)))
+    for effect in scene.effects:
+        mine = _coefficients(scene, effect, on)
+        parameters |= {effect.name: mine} if isinstance(effect, PointwiseEffect) else mine
+    return parameters
 
-    @cached_property
-    def parameters(self) -> dict[str, Any]:
-        """Coefficients and fields of the effects, by the names that the kernels have for them."""
-        mesh, scene, upload = self.device_mesh, self.scene, self.device_mesh.scatter
-        parameters: dict[str, Any] = {"gravity": scene.planet.gravity}
-        if scene.bottom:
-            parameters["bottom"] = upload(self.bottom - self._surface_level())
-        if scene.coriolis:
-            parameters["coriolis"] = upload(self.coriolis)
-        if scene.wind:
-            parameters["wind"] = mesh.upload(np.zeros(2 * mesh.size))
-        if scene.forcing:
-            parameters["forcing"] = mesh.upload(np.zeros(self.fluid_size))
-        if scene.base:
-            parameters["base"] = upload(np.concatenate(scene.base(self.mesh.lon, self.mesh.lat)))
-        for effect in scene.effects:
-            mine = self._coefficients(effect)
-            parameters |= {effect.name: mine} if isinstance(effect, PointwiseEffect) else mine
-        return parameters
 
-    def _coefficients(self, effect: Effect) -> dict[str, Any]:
-        """What the terms of an effect read, fields on the device."""
-        mesh, label = self.mesh, f"{self.scene.name}: coefficients of {effect.name}"
-        found = dict(guarded(label, effect.coefficients, mesh))
-        if isinstance(effect, PointwiseEffect) and effect.needs is not None:
-            found[effect.needs] = getattr(self.scene, effect.needs)(mesh.lon, mesh.lat)
-        for name, value in found.items():
-            if np.ndim(value):
-                field = fitted(f"{label}: {name}", value, mesh.lon, mesh.lat)
-                found[name] = self.device_mesh.scatter(field)
-            elif not is_finite(value):
-                raise ConfigError(f"{label}: {name} must be finite, not {shown(value)}")
-        return found
-
-    def _on_nodes(self, formula: Callable[[Array, Array], Array] | None) -> Array:
-        """The field on the nodes, zeros where the scene has none."""
-        mesh = self.mesh
-        return np.zeros(mesh.size) if formula is None else formula(mesh.lon, mesh.lat)
-
-    def _surface_level(self) -> float:
-        """Mean surface height of the initial state [m], exact in float32.
-
-        Bottoms are measured from there.  Gradients do not notice, but h + b is then a small number
-        that does not lose the digits of a float32: a lake at rest stays at rest bit for bit.
-        """
-        _, _, depth = self.scene.initial(self.mesh.lon, self.mesh.lat)
-        return float(np.float32(np.average(depth + self.bottom, weights=self.mesh.area)))
+def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any]:
+    """What the terms of an effect read, fields on the device."""
+    mesh, label = on.mesh, f"{scene.name}: coefficients of {effect.name}"
+    found = dict(guarded(label, effect.coefficients, mesh))
+    if isinstance(effect, PointwiseEffect) and effect.needs is not None:
+        found[effect.needs] = getattr(scene, effect.needs)(mesh.lon, mesh.lat)
+    for name, value in found.items():
+        if np.ndim(value):
+            found[name] = on.scatter(fitted(f"{label}: {name}", value, mesh.lon, mesh.lat))
+        elif not is_finite(value):
+            raise ConfigError(f"{label}: {name} must be finite, not {shown(value)}")
+    return found
 
 
 class PrescribedFields:
     """Fields on the device that are evaluated on the host, and only when the time changes."""
 
     def __init__(
-        self, discrete: DiscreteScene, name: str, blocks: Sequence[str], steady: bool
-    ) -> None:
-        """name: of the scene's function, and of the parameter with the blocks (N,) of its results,
+        self, on: DeviceMesh, formula: Any, target: wp.array | None, blocks: Sequence[str],
+        steady: bool,
+    ) -> None:  # fmt: skip
+        """formula: the scene's function; target: the parameter with the blocks (N,) of its results,
         if there is one; steady: once is enough."""
-        self._discrete, self._blocks = discrete, blocks
-        self._formula = getattr(discrete.scene, name)
-        self._target: wp.array | None = discrete.parameters.get(name)
-        self.steady = steady or self._target is None
+        self._on, self._formula, self._target, self._blocks = on, formula, target, blocks
+        self.steady = steady or target is None
         """Whether they are the same at all times."""
         self._time: float | None = None
         self.mean_of_depth = 0.0
@@ -154,32 +141,10 @@ class PrescribedFields:
         if self._target is None or t == self._time:
             return
         if self._time is None or not self.steady:
-            wp.copy(self._target, self._discrete.device_mesh.scatter(self._evaluate(t)))
+            mesh = self._on.mesh
+            fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
+            if "h" in fields:
+                self.mean_of_depth = float(np.average(fields["h"], weights=mesh.area))
+            values = np.concatenate([fields[name] for name in self._blocks])
+            wp.copy(self._target, self._on.scatter(values))
         self._time = t
-
-    def _evaluate(self, t: float) -> Array:
-        mesh = self._discrete.mesh
-        fields = dict(zip("uvh", self._formula(mesh.lon, mesh.lat, t), strict=False))
-        if "h" in fields:
-            self.mean_of_depth = float(np.average(fields["h"], weights=mesh.area))
-        return np.concatenate([fields[name] for name in self._blocks])
-
-
-def discretise(
-    mesh: Mesh, scene: Scene, device: str, precision: str, shape: str | None, comm: Communicator
-) -> DiscreteScene:
-    """Return a scene on a mesh and a device; arguments and errors as for `Model`."""
-    if precision not in REALS:
-        raise ConfigError(f"precision is float64 or float32, not {precision!r}")
-    device = find_device(device, comm.local)
-    if comm.shared:
-        wp.set_device(device)  # which MPI takes to be the rank's own
-    shape = shape or ("element" if device == "cpu" else "node")
-    if shape not in SHAPES:
-        raise ConfigError(f"the launch shape is element or node, not {shape!r}")
-    launch = Launcher(device, comm, mesh.np**2)
-    device_mesh = DeviceMesh(mesh, device, REALS[precision], shape, comm)
-    discrete = DiscreteScene(mesh, scene, device_mesh, launch)
-    for prescribed in (discrete.wind, discrete.forcing):
-        prescribed.set_time(0.0)  # a function that fails does so before anything is computed
-    return discrete

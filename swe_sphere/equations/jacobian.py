@@ -11,6 +11,8 @@ from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.kernels import combine_kernel
 
+Tendency = Callable[[wp.array, float, wp.array], None]
+
 
 class ExactJacobian:
     """The product by kernels of the derivatives of all terms."""
@@ -39,24 +41,15 @@ class DifferenceJacobian:
     their own: it costs about what the exact product does, but has only half the digits.
     """
 
-    def __init__(
-        self,
-        discrete: DiscreteScene,
-        blocks: Sequence[str],
-        tendency: Callable[[wp.array, float, wp.array], None],
-    ) -> None:
-        """blocks: names of the blocks (N,) of a state; tendency: (x, t, out)."""
-        real, launch, size = discrete.device_mesh.real, discrete.launch, discrete.device_mesh.size
-        self._blocks, self._launch, self._tendency = list(blocks), launch, tendency
+    def __init__(self, model: DiscreteScene, names: Sequence[str], tendency: Tendency) -> None:
+        """names: of the blocks (N,) of a state; tendency: (x, t, out)."""
+        self._model, self._names, self._tendency = model, list(names), tendency
+        real, size = model.device_mesh.real, len(names) * model.device_mesh.size
         self._one, self._two = combine_kernel(real, 1), combine_kernel(real, 2)
-        self._base, self._slope, self._moved, self._zero = (
-            discrete.zeros(len(blocks) * size) for _ in range(4)
-        )
-        self._root = float(np.sqrt(np.finfo(discrete.device_mesh.numpy_real).eps))
-        self._comm, self._counters = discrete.device_mesh.comm, discrete.counters
-        self._time, self._sizes = 0.0, np.ones(len(blocks))
-        self._gravity = discrete.scene.planet.gravity
-        launch.load(self._one, self._two)
+        self._base, self._slope, self._moved, self._zero = (model.zeros(size) for _ in range(4))
+        self._root = float(np.sqrt(np.finfo(model.device_mesh.numpy_real).eps))
+        self._time, self._sizes = 0.0, np.ones(len(names))
+        model.launch.load(self._one, self._two)
 
     def update(self, state: wp.array, t: float) -> Self:
         """Take the derivative at a copy of the state and at time t [s]; costs a right-hand side."""
@@ -67,20 +60,20 @@ class DifferenceJacobian:
 
     def __call__(self, direction: wp.array, out: wp.array) -> None:
         """Write J direction to `out`, another array; costs one right-hand side."""
-        self._counters["tangent_evaluations"] += 1
+        self._model.counters["tangent_evaluations"] += 1
         relative = float((self._largest(direction) / self._sizes).max())
         if relative == 0.0:
             out.zero_()
             return
-        e, launch, size = self._root / relative, self._launch, self._base.size
+        e, launch, size = self._root / relative, self._model.launch, self._base.size
         launch(self._one, size, self._base, direction, e, self._moved)
         self._tendency(self._moved, self._time, out)
         launch(self._two, size, self._zero, out, 1.0 / e, self._slope, -1.0 / e, out)
 
     def _largest(self, state: wp.array) -> Array:
         """Return the largest modulus of each field."""
-        mine = np.abs(state.numpy()).reshape(len(self._blocks), -1).max(axis=1)
-        return np.asarray(np.max(self._comm.tell_all(mine), axis=0), dtype=np.float64)
+        mine = np.abs(state.numpy()).reshape(len(self._names), -1).max(axis=1)
+        return np.asarray(np.max(self._model.comm.tell_all(mine), axis=0), dtype=np.float64)
 
     def _sizes_of(self, state: wp.array) -> Array:
         """Return for each field the size that changes of it are compared with.
@@ -89,10 +82,11 @@ class DifferenceJacobian:
         tracer with no mass it is a mixing ratio of 1.
         """
         sizes = self._largest(state)
-        depth = sizes[self._blocks.index("h")] or 1.0
+        names, gravity = self._names, self._model.scene.planet.gravity
+        depth = sizes[names.index("h")] or 1.0
         sizes[sizes == 0.0] = depth
-        if "u" in self._blocks:
-            sizes[:2] = max(sizes[:2].max(), np.sqrt(self._gravity * depth))
+        if "u" in names:
+            sizes[:2] = max(sizes[:2].max(), np.sqrt(gravity * depth))
         return sizes
 
 

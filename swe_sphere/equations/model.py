@@ -1,5 +1,6 @@
 """A scene on a mesh and a device: its states and its right-hand sides."""
 
+import copy
 from dataclasses import replace
 from functools import cached_property
 
@@ -7,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.discrete_scene import DiscreteScene, discretise
+from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.jacobian import DifferenceJacobian, ExactJacobian, Jacobian
 from swe_sphere.equations.right_hand_side import (
     COMPONENTS,
@@ -31,7 +32,7 @@ LEAST_DEPTH = 1e-30
 """A depth below this [m] is none: one over it does not fit into every number of a run."""
 
 
-class Model:
+class Model(DiscreteScene):
     """Tendencies of the shallow-water equations with exactly the effects of one scene.
 
     A state is a flat Warp array: N eastward winds, N northward winds [m s-1] and N depths [m], or
@@ -52,38 +53,23 @@ class Model:
         shape: str | None = None,
         jacobian: str = "exact",
         comm: Communicator | None = None,
-        discrete: DiscreteScene | None = None,
-        carries_flux: bool = False,
     ) -> None:
-        """discrete: of another model, whose device, arrays, kernels and counters this one shares.
-
-        `scene` may lack effects of that model's scene.  carries_flux: states have the flux of mass
-        that carries tracers in the place of the tracers.
-        """
         if jacobian not in JACOBIANS:
             raise ConfigError(f"the Jacobian is exact or difference, not {jacobian!r}")
-        if discrete is None:
-            discrete = discretise(mesh, scene, device, precision, shape, comm or Communicator())
-        self.mesh, self.scene, self.discrete, self._jacobian = mesh, scene, discrete, jacobian
-        self.device_mesh, self.launch = discrete.device_mesh, discrete.launch
-        self.device, self.shape = self.device_mesh.device, self.device_mesh.shape
-        self.precision = str(self.device_mesh.numpy_real)
-        self.comm = self.device_mesh.comm
-        """The ranks that share the mesh."""
-        self.fluid_size = discrete.fluid_size
-        """Length of wind and depth in a state; tracers come behind them."""
-        self.bottom, self.coriolis = discrete.bottom, discrete.coriolis
-        self.parameters = discrete.parameters
-        """Coefficients and fields of the effects, on the device."""
-        self.counters = discrete.counters
+        super().__init__(mesh, scene, device, precision, shape, comm or Communicator())
+        self._jacobian = jacobian
+        self._carry(flux=False)
+
+    def _carry(self, flux: bool) -> None:
+        """Let states have tracers behind wind and depth, or the flux of mass that carries them."""
         self.tracers: TracerEquations | None = None
         self.carried: TracerEquations | MassFlux | None = None
         """What a state carries behind wind and depth."""
-        if carries_flux:
-            self.carried = MassFlux(discrete)
-        elif scene.tracers:
-            self.carried = self.tracers = TracerEquations(discrete, scene)
-        self.names = (*discrete.fluid, *(self.carried.names if self.carried else ()))
+        if flux:
+            self.carried = MassFlux(self)
+        elif self.scene.tracers:
+            self.carried = self.tracers = TracerEquations(self)
+        self.names = (*self.fluid, *(self.carried.names if self.carried else ()))
         """Names of the blocks (N,) of a state."""
         self.size = len(self.names) * self.device_mesh.size
         if not self.diffusive:  # else a stepper may want it without diffusion
@@ -102,7 +88,7 @@ class Model:
     @property
     def repeats(self) -> bool:
         """Whether a right-hand side is the same launches at all times, with nothing in between."""
-        return self.discrete.wind.steady and self.discrete.forcing.steady
+        return self.wind.steady and self.forcing.steady
 
     @property
     def dissipative(self) -> bool:
@@ -135,16 +121,20 @@ class Model:
         return self._alike(self.scene, True)
 
     def _alike(self, scene: Scene, carries_flux: bool) -> "Model":
-        return Model(
-            self.mesh, scene, jacobian=self._jacobian, discrete=self.discrete,
-            carries_flux=carries_flux,
-        )  # fmt: skip
+        """A model with fewer effects, or other fields behind the fluid."""
+        other = copy.copy(self)
+        for name, attribute in vars(Model).items():
+            if isinstance(attribute, cached_property):
+                vars(other).pop(name, None)
+        other.scene = scene
+        other._carry(carries_flux)
+        return other
 
     # --- states
 
-    def zeros(self) -> wp.array:
-        """A state of zeros."""
-        return self.discrete.zeros(self.size)
+    def zeros(self, size: int | None = None) -> wp.array:
+        """A state of zeros, or zeros (size,)."""
+        return super().zeros(self.size if size is None else size)
 
     def state_from(self, u: Array, v: Array, h: Array, **tracers: Array) -> wp.array:
         """State from winds [m s-1], depth [m] and mixing ratios by name, each (N,).
@@ -202,15 +192,15 @@ class Model:
         may be the result.  base: a state at which the tangent is taken; its array is kept.
         fluid_only: the rates of wind and depth alone, also for vectors of nothing else.
         """
-        step, discrete = None, self.discrete
+        step = None
         if stage is not None:
             step = stage_struct(self.device_mesh.real)()
             step.on, (step.start, step.tau) = True, stage
-        operations = fluid_operations(discrete, self.scene, component, base, step)
+        operations = fluid_operations(self, component, base, step)
         if self.carried is not None and not fluid_only:
             operations += self.carried.operations(component, base, step)
         counter, names = COMPONENTS[component]
-        fields = (getattr(discrete, name) for name in names)
+        fields = (getattr(self, name) for name in names)
         return RightHandSide(
             operations=tuple(operations),
             prescribed=tuple(each for each in fields if not each.steady),
@@ -253,13 +243,13 @@ class Model:
     def diffusion_radius(self) -> float:
         """Largest damping rate of viscosity and hyperviscosity [s-1], the same for all states."""
         diffusion = self.right_hand_side("diffusive", fluid_only=True).at_start
-        return spectral_radius(self.discrete, self.initial_state(), diffusion, reach=1.0)
+        return spectral_radius(self, self.initial_state(), diffusion, reach=1.0)
 
     def jacobian(self) -> Jacobian:
         """Return a Jacobian to be kept and brought to one state after the other by `update`."""
         if self._jacobian == "difference" or not all(e.differentiable for e in self.scene.effects):
-            return DifferenceJacobian(self.discrete, self.names, self.tendency)
-        needed = self.tracers is not None or needs_base(self.discrete, self.scene)
+            return DifferenceJacobian(self, self.names, self.tendency)
+        needed = self.tracers is not None or needs_base(self)
         base = self.zeros() if needed else None
         return ExactJacobian(self.right_hand_side("tangent", base=base), base)
 
@@ -271,23 +261,16 @@ class Model:
         """Extent of the spectrum of the Jacobian at a state, which limits explicit steps [s-1]."""
         waves = self.right_hand_side("conservative", fluid_only=True, counted=False)
         dissipation = self.fluid_dissipation if self.dissipative else None
-        return estimate_spectrum(self.discrete, state, lambda x, out: waves(x, t, out), dissipation)
+        return estimate_spectrum(self, state, lambda x, out: waves(x, t, out), dissipation)
 
     def point_of_tangent(self, state: wp.array) -> wp.array:
         """Where the Jacobian is taken: at the state, but of linearised dynamics at their base."""
         return self.parameters.get("base", state)
 
-    # --- what changes in time
-
-    def set_time(self, t: float) -> None:
-        """Bring the prescribed wind and the forcing to time t [s]."""
-        self.discrete.wind.set_time(t)
-        self.discrete.forcing.set_time(t)
-
     def mean_source(self, t: float) -> float:
         """Mean of the prescribed rate of change of depth at time t [m s-1], which moves mass."""
-        self.discrete.forcing.set_time(t)
-        return self.discrete.forcing.mean_of_depth
+        self.forcing.set_time(t)
+        return self.forcing.mean_of_depth
 
 
 def _check_depth(name: str, flow: State, mesh: Mesh) -> None:

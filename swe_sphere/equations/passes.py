@@ -6,8 +6,8 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.equations.effect_terms import element_terms, pointwise_terms
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
 from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.kernels.forward_backward import (
     carrying_kernel,
@@ -18,7 +18,7 @@ from swe_sphere.kernels.forward_backward import (
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.kernels.simd.stages import levels_struct
 from swe_sphere.kernels.vectors import combine_kernel
-from swe_sphere.operators.launch import in_runs
+from swe_sphere.operators.launch import REMEMBERED, in_runs
 from swe_sphere.operators.tendency import fill
 
 Levels = tuple[wp.array, ...]
@@ -151,6 +151,8 @@ class Passes:
         """Those arguments of a pass as its kernels take them, the same ones for the same."""
         key = (tau, *(x.ptr for x in (*levels, out)), *weights, *mixes)
         if key not in self._steps:
+            if len(self._steps) >= REMEMBERED:
+                self._steps.clear()
             now, past = levels
             given = {"now": now, "past": past, "out": out, "tau": tau, "weights": weights}
             given |= {"mixes": mixes, "carried": self.carried, "pushed": self.pushed}

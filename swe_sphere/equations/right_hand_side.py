@@ -1,18 +1,25 @@
-"""Right-hand sides: fixed sequences of operators, built from a component, a stage and a base."""
+"""Right-hand sides: fixed sequences of operators, from a component, a stage and a base.
 
-from __future__ import annotations
+Their kernels are compiled with the terms of the effects of a scene.
+"""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import warp as wp
 
 from swe_sphere.equations.discrete_scene import DiscreteScene, PrescribedFields
-from swe_sphere.equations.effect_terms import compiling_formulas, element_terms, pointwise_terms
+from swe_sphere.equations.effects import Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene
+from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms, combine_kernel
-from swe_sphere.kernels.pointwise import NO_POINTWISE, Pointwise
+from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import Replay
 from swe_sphere.operators.tendency import pointwise_operator
@@ -75,8 +82,8 @@ class RightHandSide:
         """Evaluate at the state x and the time t [s]; `out` must be another array."""
         if self.counter is not None:
             self.counters[self.counter] += 1
-        for fields in self.prescribed:
-            fields.set_time(t)
+        for prescribed in self.prescribed:
+            prescribed.set_time(t)
         self.replay((x.ptr, out.ptr), self._operate, x, out)
 
     def _operate(self, x: wp.array, out: wp.array) -> None:
@@ -89,35 +96,38 @@ class RightHandSide:
 
 
 def fluid_operations(
-    discrete: DiscreteScene, scene: Scene, component: str, base: wp.array | None, stage: Any
+    model: DiscreteScene, component: str, base: wp.array | None, stage: Any
 ) -> list[Operation]:
     """Return the operations on wind and depth of a component.
 
-    scene: the effects that act, of those of the discrete scene; base: of a tangent, as for
-    `RightHandSide`; stage: a `stage_struct`, or None.
+    base: of a tangent, as for `RightHandSide`; stage: a `stage_struct`, or None.
     """
-    terms = element_terms(scene, component)
-    point = pointwise_terms(scene, component, discrete.parameters)
-    own_base = discrete.parameters.get("base")
-    if own_base is None:
-        given = {} if base is None else {"base": base}
-        return term_operations(discrete, terms, point, given, stage)
-    if component == "tangent":
-        return term_operations(discrete, terms, point, {}, stage)
-    difference = discrete.difference
-    subtract = Operation(_difference_to(discrete, own_base), target=difference)
-    return [subtract, *term_operations(discrete, terms, point, {}, stage, source=difference)]
+    terms = element_terms(model.scene, component)
+    point = pointwise_terms(model.scene, component, model.parameters)
+    steady_base = model.parameters.get("base")
+    if steady_base is None or component == "tangent":
+        given = {} if base is None or steady_base is not None else {"base": base}
+        return term_operations(model, terms, point, given, stage)
+    launch, combine = model.launch, combine_kernel(model.device_mesh.real, 1)
+    launch.load(combine)
+
+    def subtract(x: wp.array, out: wp.array) -> None:
+        launch(combine, out.size, x, steady_base, -1.0, out)
+
+    difference = model.room("difference")
+    operations = term_operations(model, terms, point, {}, stage, source=difference)
+    return [Operation(subtract, target=difference), *operations]
 
 
-def needs_base(discrete: DiscreteScene, scene: Scene) -> bool:
+def needs_base(model: DiscreteScene) -> bool:
     """Whether the tangent depends on the state at which it is taken."""
-    terms = element_terms(scene, "tangent")
-    point = pointwise_terms(scene, "tangent", discrete.parameters)
-    return "base" not in discrete.parameters and (terms.gradient or point.needs_base)
+    terms = element_terms(model.scene, "tangent")
+    point = pointwise_terms(model.scene, "tangent", model.parameters)
+    return "base" not in model.parameters and (terms.gradient or point.needs_base)
 
 
 def term_operations(
-    discrete: DiscreteScene,
+    model: DiscreteScene,
     terms: Terms,
     point: Pointwise = NO_POINTWISE,
     given: Mapping[str, Any] | None = None,
@@ -126,19 +136,19 @@ def term_operations(
 ) -> list[Operation]:
     """Return the operations of compiled terms; hyperviscosity takes a Laplacian first.
 
-    given: parameters in the place of those of the discrete scene.
+    given: parameters in the place of those of the model.
     """
-    mesh, launch = discrete.device_mesh, discrete.launch
-    parameters = discrete.parameters | dict(given or {})
+    mesh, launch = model.device_mesh, model.launch
+    parameters = model.parameters | dict(given or {})
     operations: list[Operation] = []
     if terms.biharmonic:
-        laplacian = parameters["laplacian"] = discrete.laplacian
+        laplacian = parameters["laplacian"] = model.room("laplacian")
         raised = terms.bottom and not terms.tangent
         once = Terms(wind=terms.wind, bottom=raised, diffusion=True, still=True)
-        first = TendencyOperator(mesh, once, launch, discrete.parameters | {"nu": 1.0})
+        first = TendencyOperator(mesh, once, launch, model.parameters | {"nu": 1.0})
         operations.append(Operation(first, source, laplacian))
     operator: Operator
-    with compiling_formulas(discrete.scene, point):
+    with compiling_formulas(model.scene, point):
         if terms.dynamics or terms.diffuses:
             operator = TendencyOperator(mesh, terms, launch, parameters, point, stage)
         else:
@@ -146,12 +156,91 @@ def term_operations(
     return [*operations, Operation(operator, source)]
 
 
-def _difference_to(discrete: DiscreteScene, base: wp.array) -> Operator:
-    """Return what writes x - base."""
-    launch, combine = discrete.launch, combine_kernel(discrete.device_mesh.real, 1)
-    launch.load(combine)
+def element_terms(scene: Scene, component: str) -> Terms:
+    """Return the terms with derivatives, for the kernels over elements."""
+    flags = _flags(scene, component)
+    return Terms(**{field.name: True for field in fields(Terms) if field.name in flags})
 
-    def subtract(x: wp.array, out: wp.array) -> None:
-        launch(combine, out.size, x, base, -1.0, out)
 
-    return subtract
+def pointwise_terms(scene: Scene, component: str, parameters: Mapping[str, Any]) -> Pointwise:
+    """Return the terms without derivatives, which are added by DSS.
+
+    parameters: the coefficients of each effect, by its name.
+    """
+    flags = _flags(scene, component)
+    tangent = "tangent" in flags
+    effects = [e for e in _acting(scene, component) if isinstance(e, PointwiseEffect)]
+    return Pointwise(
+        rotation="rotation" in flags and "wind" not in flags,
+        forcing="forcing" in flags,
+        terms=tuple(_point_term(e, parameters[e.name], tangent) for e in effects),
+        tangent=tangent,
+    )
+
+
+def _acting(scene: Scene, component: str) -> list[Effect]:
+    """Return the effects in a component (see `COMPONENTS`)."""
+    acts: Mapping[str, Callable[[Effect], bool]] = {
+        "all": lambda effect: True,
+        "conservative": lambda effect: not effect.dissipation,
+        "dissipative": lambda effect: effect.dissipation,
+        "diffusive": lambda effect: effect.diffuses,
+        "tangent": lambda effect: not effect.constant,
+    }
+    return [*filter(acts[component], scene.effects)]
+
+
+def _flags(scene: Scene, component: str) -> set[str]:
+    flags = {flag for effect in _acting(scene, component) for flag in effect.terms}
+    flags |= {flag for effect in scene.effects for flag in effect.everywhere}
+    own = {"dissipative": {"still"}, "diffusive": {"still"}, "tangent": {"tangent"}}
+    return flags | own.get(component, set())
+
+
+def _point_term(effect: PointwiseEffect, known: Mapping[str, Any], tangent: bool) -> PointTerm:
+    """Return the formulas of an effect, with the names of the coefficients that they read."""
+    wind, depth = effect.derivatives if tangent else effect.tendencies
+    read = {name for f in (wind, depth) if f is not None for name in f.__code__.co_names}
+    numbers = tuple(name for name in known if name in read and np.ndim(known[name]) == 0)
+    arrays = tuple(name for name in known if name in read and name not in numbers)
+    return PointTerm(effect.name, wind, depth, numbers, arrays, _read_around(wind, depth))
+
+
+def _read_around(*formulas: Callable[..., Any] | None) -> tuple[object, ...]:
+    """Return what formulas, and functions of Warp in them, read from the code around them."""
+    found: dict[tuple[str, str], object] = {}
+    waiting = [formula for formula in formulas if formula is not None]
+    while waiting:
+        formula = waiting.pop()
+        around = inspect.getclosurevars(formula)
+        for name, value in {**around.globals, **around.nonlocals}.items():
+            place = formula.__module__, name
+            if isinstance(value, wp.Function) and value.func is not None and place not in found:
+                waiting.append(value.func)
+            found[place] = value
+    return tuple((*place, type(found[place]), _hashable(found[place])) for place in sorted(found))
+
+
+def _hashable(value: object) -> object:
+    try:
+        hash(value)
+    except TypeError:
+        return str(value)  # of vectors and matrices of Warp: their numbers
+    return value
+
+
+@contextmanager
+def compiling_formulas(scene: Scene, point: Pointwise) -> Iterator[None]:
+    """Raise ConfigError for formulas of effects that Warp cannot compile."""
+    try:
+        yield
+    except Exception as error:
+        if not point.terms:
+            raise
+        names = ", ".join(term.name for term in point.terms)
+        *_, cause = str(error).strip("'").replace("\\n", "\n").splitlines()
+        places = re.findall(r'function "\w+" at (.*?):(\d+)', str(error))
+        where = "".join(f" ({Path(file).name}, line {line})" for file, line in places[-1:])
+        raise ConfigError(
+            f"{scene.name}: the formulas of {names} cannot be compiled: {cause.lstrip(';')}{where}"
+        ) from error

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+import math
+import operator
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
+from numbers import Real
 from typing import Any, get_type_hints
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.effects import EFFECTS, Effect
-from swe_sphere.equations.scene_checks import check_kinds, check_scene
-from swe_sphere.equations.scene_fields import (
-    Parameter,
-    Rates,
-    Scalar,
-    SceneFields,
-    State,
-    UnsteadyState,
-    UnsteadyTracers,
-    Wind,
-)  # fmt: skip
+from swe_sphere.equations.effects import EFFECTS, Effect, PointwiseEffect
 from swe_sphere.equations.scene_functions import checked_functions
-from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.planet import Planet
+from swe_sphere.errors import ConfigError, shown, unknown_name
+from swe_sphere.planet import EARTH, Planet
 from swe_sphere.settings.values import SCENE, STEPPER, by_owner, convert, read_settings
 
 __all__ = [
@@ -30,9 +23,39 @@ __all__ = [
     "Wind",
 ]  # fmt: skip
 
+Scalar = Callable[[Array, Array], Array]
+"""(lon, lat) [rad] -> one value a point."""
+State = Callable[[Array, Array], tuple[Array, Array, Array]]
+"""(lon, lat) [rad] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+UnsteadyState = Callable[[Array, Array, float], tuple[Array, Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1], fluid depth [m]."""
+Rates = Callable[[Array, Array, float], tuple[Array, Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> rates of change of the winds [m s-2] and of depth [m s-1]."""
+UnsteadyTracers = Callable[[Array, Array, float], Mapping[str, Array]]
+"""(lon, lat, t) [rad, rad, s] -> mixing ratios by name."""
+Wind = Callable[[Array, Array, float], tuple[Array, Array]]
+"""(lon, lat, t) [rad, rad, s] -> eastward wind, northward wind [m s-1]."""
+Parameter = float | bool | str
+"""Value of a scene parameter: a number (also a whole one), a switch, a word or a path."""
+
+MOST_ELEMENTS = 10**6
+"""More along an edge of the cube are a slip of the pen."""
+LONGEST_DAYS = 1e9
+"""A run that is longer is one, too [days]."""
+
+KINDS: Mapping[str, type] = {
+    "name": str, "title": str, "reference": str, "report": str, "error_field": str,
+    "effects": tuple, "planet": Planet, "steady_wind": bool, "steady_forcing": bool,
+    "sheds_waves": bool, "parameters": Mapping,
+}  # fmt: skip
+"""Attributes of a scene that are neither numbers nor functions."""
+
+FIELDS = ("bottom", "coriolis", "equilibrium")
+"""Functions of a scene that an effect without derivatives may read."""
+
 
 @dataclass(frozen=True)
-class Scene(SceneFields):
+class Scene:
     """One test case: where it starts, what acts, and what is known of the answer.
 
     All functions take arrays of equal shape and return arrays of that shape, or numbers, which hold
@@ -57,6 +80,52 @@ class Scene(SceneFields):
             number is out of range.
     """
 
+    name: str
+    effects: tuple[Effect, ...]
+    initial: State
+    title: str = ""
+    """Title of files and pages; empty: the name."""
+    reference: str = ""
+    """The paper, with its DOI."""
+    report: str = ""
+    """What is worth reporting, in words."""
+    ne: int = 16
+    """Recommended number of elements along the edge of a cube face."""
+    np: int = 4
+    """Recommended number of nodes along the edge of an element."""
+    dt: float | None = None
+    """Recommended time step [s], stable for rk4 at this ne and np; None: chosen by the stepper."""
+    days: float = 5.0
+    """Recommended length of the run [days]."""
+    planet: Planet = EARTH
+    exact: UnsteadyState | None = None
+    bottom: Scalar | None = None
+    """Height of the bottom [m]; there if and only if the scene has orography."""
+    coriolis: Scalar | None = None
+    """Coriolis parameter [s-1], only with rotation; None: that of the planet, 2 Ω sin θ."""
+    wind: Wind | None = None
+    """The wind, if and only if it is prescribed."""
+    steady_wind: bool = False
+    """Whether the prescribed wind is the same at all times, so that it need be evaluated once."""
+    forcing: Rates | None = None
+    """Rates of change whatever the state is; there if and only if the scene has forcing."""
+    steady_forcing: bool = False
+    """Whether the forcing is the same at all times, so that it need be evaluated once."""
+    base: State | None = None
+    """The flow that the dynamics are linearised about, if and only if they are."""
+    equilibrium: Scalar | None = None
+    """Depth [m] that relaxation pulls to, if and only if there is relaxation."""
+    tracers: Mapping[str, Scalar] | None = None
+    """Initial mixing ratios by name, in any unit; there if and only if the scene has tracers."""
+    exact_tracers: UnsteadyTracers | None = None
+    """What is known of the tracers at later times; NaN at those where nothing is."""
+    error_field: str = "h"
+    """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
+    sheds_waves: bool = False
+    """Whether the start sheds gravity waves, so that depth alone does not rank steppers."""
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    """The scene parameters (alpha, ...) this scene was made with."""
+
     def __post_init__(self) -> None:
         check_kinds(self)
         object.__setattr__(self, "title", self.title or self.name)
@@ -64,15 +133,15 @@ class Scene(SceneFields):
         given = getattr(self.coriolis, "function", self.coriolis)
         if rotates and (given is None or getattr(given, "__func__", None) is Planet.coriolis):
             object.__setattr__(self, "coriolis", self.planet.coriolis)
-        check_scene(self)
-        for name, function in checked_functions(self).items():
+        check_values(self)
+        for name, function in checked_functions(vars(self)).items():
             object.__setattr__(self, name, function)
 
     @property
     def autonomous(self) -> bool:
         """Whether the tendency depends on the state alone and not on time."""
-        changing_wind = self.wind is not None and not self.steady_wind
-        return not changing_wind and (self.forcing is None or self.steady_forcing)
+        steady_wind = self.wind is None or self.steady_wind
+        return steady_wind and (self.forcing is None or self.steady_forcing)
 
     @property
     def linear(self) -> bool:
@@ -102,10 +171,10 @@ class Scene(SceneFields):
         if len(kept) < len(self.effects):
             swapped = tuple(effect if e.name == effect.name else e for e in self.effects)
             return replace(self, effects=swapped)
-        needed: dict[str, Any] = {}
-        if effect.needs == "equilibrium" and self.equilibrium is None:
-            needed = {"equilibrium": partial(_initial_depth, self.initial)}
-        return replace(self, effects=(*self.effects, effect), **needed)
+        equilibrium = self.equilibrium
+        if effect.needs == "equilibrium" and equilibrium is None:
+            equilibrium = partial(_initial_depth, self.initial)
+        return replace(self, effects=(*self.effects, effect), equilibrium=equilibrium)
 
     def check_answers(self, lon: Array, lat: Array) -> None:
         """ConfigError now, and not when errors are first taken, if what is exact cannot be had."""
@@ -123,8 +192,7 @@ class Scene(SceneFields):
         """
         effect = self.effect(name)
         if effect is None:
-            has = ", ".join(each.name for each in self.effects)
-            raise ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
+            raise self.lacks(name)
         changes: dict[str, Any] = {"effects": tuple(e for e in self.effects if e.name != name)}
         if effect.needs:
             changes |= {effect.needs: None}
@@ -133,6 +201,11 @@ class Scene(SceneFields):
         elif not effect.dissipation:
             changes |= {"exact": None}
         return replace(self, **changes)
+
+    def lacks(self, name: str) -> ConfigError:
+        """The error for an effect that the scene does not have."""
+        has = ", ".join(effect.name for effect in self.effects)
+        return ConfigError(f"{self.name} has no effect {name!r}; it has {has}")
 
 
 def _initial_depth(initial: State, lon: Array, lat: Array) -> Array:
@@ -170,8 +243,7 @@ def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
         raise unknown_name("effect", name, {effect.name: 0 for effect in scene.effects} | EFFECTS)
     cls = EFFECTS[name] if present is None else type(present)
     if present is None and not cls.dissipation:
-        has = ", ".join(effect.name for effect in scene.effects)
-        raise ConfigError(f"{scene.name} has no effect {name!r}; it has {has}")
+        raise scene.lacks(name)
     values = {} if present is None else {key: getattr(present, key) for key in cls.parameters()}
     kinds = get_type_hints(cls)
     for key, value in given.items():
@@ -179,7 +251,127 @@ def _configured(scene: Scene, name: str, given: Mapping[str, object]) -> Effect:
             has = ", ".join(cls.parameters()) or "no parameters"
             raise ConfigError(f"effect {name!r} has no parameter {key!r}; it has {has}")
         values[key] = convert(f"{name}.{key}", kinds[key], value, finite=False)
-    for field in fields(cls):
-        if field.name not in values and field.default is MISSING:
-            raise ConfigError(f"effect {name!r} needs {name}.{field.name}=…")
+    for each in fields(cls):
+        if each.name not in values and each.default is MISSING:
+            raise ConfigError(f"effect {name!r} needs {name}.{each.name}=…")
     return cls(**values)
+
+
+def check_kinds(scene: Scene) -> None:
+    """Raise ConfigError for the first attribute of the wrong type."""
+    for fault in _wrong_kinds(scene):
+        raise ConfigError(f"{scene.name}: {fault}")
+
+
+def check_values(scene: Scene) -> None:
+    """Raise ConfigError for the first thing that is wrong, after `check_kinds`."""
+    if not scene.name.strip():
+        raise ConfigError("name: give the scene a name")
+    for name in ("name", "title", "reference", "report"):  # which are written into files and tables
+        if not "".join(getattr(scene, name).split()).isprintable():
+            raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")
+    for faults in (_wrong_effects, _wrong_tracers, _wrong_numbers):
+        for fault in faults(scene):
+            raise ConfigError(f"{scene.name}: {fault}")
+
+
+def _wrong_kinds(scene: Scene) -> Iterator[str]:
+    for name, kind in KINDS.items():
+        value = getattr(scene, name)
+        if not isinstance(value, kind):
+            yield f"{name} must be a {kind.__name__.lower()}, not {shown(value)}"
+    effects: tuple[object, ...] = scene.effects
+    for effect in effects:
+        if not isinstance(effect, Effect):
+            hint = "; write Rotation(), not Rotation" if isinstance(effect, type) else ""
+            yield f"{shown(effect)} among its effects is none{hint}"
+        elif not isinstance(getattr(effect, "name", None), str):
+            yield f"give the effect {type(effect).__name__} a name"
+    parameters: Mapping[Any, Any] = scene.parameters
+    for key, value in parameters.items():
+        if not (isinstance(key, str) and isinstance(value, bool | int | float | str)):
+            yield f"parameters are numbers, switches or words by name, not {key!r}: {shown(value)}"
+
+
+def _wrong_effects(scene: Scene) -> Iterator[str]:
+    """An effect and the function it calls for come together or not at all."""
+    names = [effect.name for effect in scene.effects]
+    if len(set(names)) < len(names):
+        yield f"an effect is listed twice: {', '.join(names)}"
+    needed = {effect.needs for effect in scene.effects}
+    for name, cls in EFFECTS.items():
+        there = cls.needs is not None and getattr(scene, cls.needs) is not None
+        if there and cls.needs not in needed:
+            yield f"{cls.needs!r} is given without effect {name!r}"
+        if name in names and cls.needs is not None and not there:
+            yield f"effect {name!r} needs the function {cls.needs!r}"
+    for effect in scene.effects:
+        yield from (effect.excludes[other] for other in names if other in effect.excludes)
+        if isinstance(effect, PointwiseEffect):
+            yield from _wrong_formulas(scene, effect)
+
+
+def _wrong_formulas(scene: Scene, effect: PointwiseEffect) -> Iterator[str]:
+    """Faults of an effect that may be the user's own."""
+    label = f"effect {effect.name!r}"
+    if EFFECTS.get(effect.name, type(effect)) is not type(effect):
+        yield f"{label} has the name of one of the package; choose another"
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", effect.name) or effect.name in (SCENE, STEPPER):
+        yield f"{label}: a name is of small letters, digits and -"
+    if effect.needs not in (None, *FIELDS):
+        yield f"{label} needs {shown(effect.needs)}, which is none of {', '.join(FIELDS)}"
+    if effect.needs is not None and getattr(scene, effect.needs) is None:
+        yield f"{label} needs the function {effect.needs!r}"
+    wind, depth = effect.tendencies
+    if wind is None and depth is None:
+        yield f"{label} has neither a wind_tendency nor a depth_tendency"
+    if scene.wind is not None and depth is None:
+        yield f"{label} acts on the wind, which is prescribed"
+    if scene.base is not None and not effect.differentiable:
+        yield f"{label} has no derivative, which linearised dynamics are made of"
+
+
+def _wrong_tracers(scene: Scene) -> Iterator[str]:
+    """Names of tracers become names of variables in files."""
+    tracers: object = scene.tracers
+    if tracers is None:
+        if scene.exact_tracers is not None:
+            yield "'exact_tracers' is given without tracers"
+    elif not isinstance(tracers, Mapping):
+        yield f"tracers are functions by name, not {shown(tracers)}"
+    elif not tracers:
+        yield "tracers are called for, but there is none"
+    else:
+        for name in tracers:
+            if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name)):
+                yield f"a tracer is named by letters, digits and _, not {name!r}"
+
+
+def _wrong_numbers(scene: Scene) -> Iterator[str]:
+    if scene.error_field not in ("h", "surface"):
+        yield "error_field is 'h' or 'surface'"
+    for name, value in (("ne", scene.ne), ("np", scene.np)):
+        try:
+            whole = -1 if isinstance(value, bool) else operator.index(value)
+        except TypeError:
+            whole = -1
+        if not 1 <= whole <= MOST_ELEMENTS:
+            yield f"{name} must be a whole number from 1 to {MOST_ELEMENTS}, not {shown(value)}"
+    positive = {"days": scene.days, "radius": scene.planet.radius, "gravity": scene.planet.gravity}
+    for name, number in (positive | ({} if scene.dt is None else {"dt": scene.dt})).items():
+        if not (is_finite(number) and number > 0.0):
+            yield f"{name} must be finite and positive, not {shown(number)}"
+    if scene.days > LONGEST_DAYS:
+        yield f"days must be at most {LONGEST_DAYS:g}, not {scene.days}"
+    if not is_finite(scene.planet.rotation):
+        yield f"rotation must be finite, not {scene.planet.rotation!r}"
+
+
+def is_finite(value: object) -> bool:
+    """Whether the value is a finite number; a switch is none, nor is one too large for a float."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False

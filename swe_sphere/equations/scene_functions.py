@@ -1,5 +1,4 @@
-"""The functions of a scene, checked whenever they are evaluated: whoever calls one gets arrays that
-fit, of whatever the user wrote."""
+"""The functions of a scene, checked whenever they are evaluated: callers get arrays that fit."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.scene_fields import SceneFields
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import guarded
 
@@ -28,26 +26,28 @@ NUMBERS = "fiub"
 """Kinds of numpy's types that are real numbers, or switches that stand for 0 and 1."""
 
 
-def checked_functions(scene: SceneFields) -> dict[str, Any]:
-    """The functions of the scene by the names of its attributes, each made to check its results.
+def checked_functions(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The functions of a scene by the names of its attributes, each made to check its results.
+
+    given: the attributes of the scene by name.
 
     Raises:
         ConfigError: what should be a function is none.
     """
+    scene, tracers, exact = given["name"], given["tracers"], given["exact_tracers"]
     functions: dict[str, Any] = {
-        name: _Function(f"{scene.name}: {name}", function, returns, may_be_nan=name == "exact")
+        name: _Function(f"{scene}: {name}", given[name], returns, may_be_nan=name == "exact")
         for name, returns in RETURNS.items()
-        if (function := getattr(scene, name)) is not None or name == "initial"
+        if given[name] is not None or name == "initial"
     }
-    if scene.tracers is not None:
+    if tracers is not None:
         functions["tracers"] = {
-            name: _Function(f"{scene.name}: tracer {name}", function)
-            for name, function in scene.tracers.items()
+            name: _Function(f"{scene}: tracer {name}", function)
+            for name, function in tracers.items()
         }
-        if scene.exact_tracers is not None:
-            functions["exact_tracers"] = _TracerFunction(
-                f"{scene.name}: exact_tracers", scene.exact_tracers, (*scene.tracers,), True
-            )
+    if exact is not None:
+        label = f"{scene}: exact_tracers"
+        functions["exact_tracers"] = _Function(label, exact, (*tracers,), True, True)
     return functions
 
 
@@ -66,6 +66,8 @@ class _Function:
     """Of the fields that it returns; empty: just one."""
     may_be_nan: bool = False
     """Whether NaN stands for what is not known."""
+    by_name: bool = False
+    """Whether it returns fields by name, some or all of them, instead of a tuple."""
 
     def __post_init__(self) -> None:
         function = self.function.function if isinstance(self.function, _Function) else self.function
@@ -79,36 +81,31 @@ class _Function:
     def _evaluated(self, lon: Array, lat: Array, *time: float) -> Any:
         with np.errstate(all="ignore"):  # what comes of it is checked
             result = self.function(lon, lat, *time)
-        return self._fitted(result, *np.broadcast_arrays(lon, lat))
-
-    def _fitted(self, result: Any, lon: Array, lat: Array) -> Any:
+        lon, lat = np.broadcast_arrays(lon, lat)
         if not self.names:
-            return self._field("", result, lon, lat)
-        fields = [*result] if isinstance(result, Iterable) else None
-        if fields is None or len(fields) != len(self.names):
-            found = f"{type(result).__name__}" if fields is None else f"{len(fields)} of them"
-            raise ConfigError(
-                f"{self.label} must return {len(self.names)} fields"
-                f" ({', '.join(self.names)}), not {found}"
-            )
-        named = zip(self.names, fields, strict=True)
-        return tuple(self._field(f" {name}", field, lon, lat) for name, field in named)
+            return fitted(self.label, result, lon, lat, self.may_be_nan)
+        named, listed = self._named(result), ", ".join(self.names)
+        if isinstance(named, str):
+            what = "fields by the names of tracers" if self.by_name else f"{len(self.names)} fields"
+            raise ConfigError(f"{self.label} must return {what} ({listed}), not {named}")
+        fields = {
+            name: fitted(f"{self.label} {name}", field, lon, lat, self.may_be_nan)
+            for name, field in named.items()
+        }
+        return fields if self.by_name else tuple(fields.values())
 
-    def _field(self, name: str, values: Any, lon: Array, lat: Array) -> Array:
-        return fitted(f"{self.label}{name}", values, lon, lat, self.may_be_nan)
-
-
-class _TracerFunction(_Function):
-    """Of all tracers: what it returns is fields by the names of tracers."""
-
-    def _fitted(self, result: Any, lon: Array, lat: Array) -> dict[str, Array]:
-        if not isinstance(result, Mapping) or set(result) - set(self.names):
-            found = list(result) if isinstance(result, Mapping) else type(result).__name__
-            raise ConfigError(
-                f"{self.label} must return fields by the names of tracers"
-                f" ({', '.join(self.names)}), not {found}"
-            )
-        return {name: self._field(f" {name}", result[name], lon, lat) for name in result}
+    def _named(self, result: Any) -> dict[str, Any] | str:
+        """The fields by name, or what was found in their place."""
+        kind = type(result).__name__
+        if self.by_name:
+            if not isinstance(result, Mapping):
+                return kind
+            return str(list(result)) if set(result) - set(self.names) else dict(result)
+        if not isinstance(result, Iterable):
+            return kind
+        fields = [*result]
+        unfit = len(fields) != len(self.names)
+        return f"{len(fields)} of them" if unfit else dict(zip(self.names, fields, strict=True))
 
 
 def fitted(label: str, original: Any, lon: Array, lat: Array, may_be_nan: bool = False) -> Array:

@@ -27,7 +27,7 @@ class Spectrum:
 
 
 def estimate_spectrum(
-    discrete: DiscreteScene,
+    model: DiscreteScene,
     state: wp.array,
     waves: Operator,
     dissipation: Operator | None = None,
@@ -38,59 +38,59 @@ def estimate_spectrum(
     [F(u+d) - F(u-d)]/2, exact for a d of any size where F is a quadratic polynomial of the state;
     else d is small.  Raises ConfigError where the right-hand side is not finite.
     """
-    wave = spectral_radius(discrete, state, waves, _reach(discrete, dissipative=False))
+    wave = spectral_radius(model, state, waves, _reach(model, dissipative=False))
     damping = 0.0
     if dissipation is not None:
-        reach = _reach(discrete, dissipative=True)
-        damping = spectral_radius(discrete, state, dissipation, reach)
-    discrete.launch.forget()
+        reach = _reach(model, dissipative=True)
+        damping = spectral_radius(model, state, dissipation, reach)
+    model.launch.forget()
     return Spectrum(wave, damping)
 
 
-def _reach(discrete: DiscreteScene, dissipative: bool) -> float:
+def _reach(model: DiscreteScene, dissipative: bool) -> float:
     """Size of the differences, relative to the state."""
-    effects = [e for e in discrete.scene.effects if e.dissipation == dissipative]
+    effects = [e for e in model.scene.effects if e.dissipation == dissipative]
     if all(effect.degree is not None and effect.degree <= 2 for effect in effects):
         return 1.0
-    return float(np.cbrt(np.finfo(discrete.device_mesh.numpy_real).eps))
+    return float(np.cbrt(np.finfo(model.device_mesh.numpy_real).eps))
 
 
 def spectral_radius(
-    discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
+    model: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> float:
     """Largest modulus of the eigenvalues [s-1] of an operator's derivative, to about 1 %.
 
     reach: size of the differences, relative to the state; any where the operator is quadratic.
     Raises ConfigError where it is not finite.
     """
-    product = _scaled_product(discrete, state, operator, reach)
-    start = np.random.default_rng(0).standard_normal(len(discrete.fluid) * discrete.mesh.size)
+    product = _scaled_product(model, state, operator, reach)
+    start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = largest_modulus(product, start, TOLERANCE, discrete.device_mesh.comm)
+        found = largest_modulus(product, start, TOLERANCE, model.device_mesh.comm)
     if found is None:
         return _power_iteration(product, start)
     if not np.isfinite(found):
         raise ConfigError(
-            f"{discrete.scene.name}: the equations overflow at the start: its fields or the"
+            f"{model.scene.name}: the equations overflow at the start: its fields or the"
             " coefficients of its effects are too large, or too small to divide by"
         )
     return found
 
 
 def _scaled_product(
-    discrete: DiscreteScene, state: wp.array, operator: Operator, reach: float
+    model: DiscreteScene, state: wp.array, operator: Operator, reach: float
 ) -> Product:
     """J d with depth in units of the wind, h sqrt(g/H), so that waves have equal parts of both.
 
     Of several ranks each works on its own nodes, and gets all of the product.
     """
-    mesh = discrete.device_mesh
-    fluid = state[: discrete.fluid_size]
+    mesh = model.device_mesh
+    fluid = state[: model.fluid_size]
     base = fluid.numpy().astype(np.float64)
     scale = np.ones(base.size)
-    scale[-mesh.size :] = _unit_of_depth(discrete, fluid)
+    scale[-mesh.size :] = _unit_of_depth(model, fluid)
     size = reach * (mesh.comm.of_each(np.abs(base / scale).max()).max() or 1.0)
-    moved, plus, minus = (discrete.zeros(discrete.fluid_size) for _ in range(3))
+    moved, plus, minus = (model.zeros(model.fluid_size) for _ in range(3))
     room = np.empty(base.size)
 
     def product(d: NDArray[np.floating]) -> Array:
@@ -109,13 +109,13 @@ def _scaled_product(
     return product
 
 
-def _unit_of_depth(discrete: DiscreteScene, fluid: wp.array) -> float:
+def _unit_of_depth(model: DiscreteScene, fluid: wp.array) -> float:
     """sqrt(H/g) with H the mean depth, where wind is stepped too; else 1."""
-    if discrete.scene.wind is not None:
+    if model.scene.wind is not None:
         return 1.0
-    depth = discrete.device_mesh.collect(fluid[-discrete.device_mesh.size :])
-    mean = np.average(depth.astype(np.float64), weights=discrete.mesh.area)
-    return float(np.sqrt(mean / discrete.scene.planet.gravity))
+    depth = model.device_mesh.collect(fluid[-model.device_mesh.size :])
+    mean = np.average(depth.astype(np.float64), weights=model.mesh.area)
+    return float(np.sqrt(mean / model.scene.planet.gravity))
 
 
 def _power_iteration(product: Product, d: Array, steps: int = 40) -> float:

@@ -8,9 +8,8 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.discrete_scene import DiscreteScene
-from swe_sphere.equations.effect_terms import element_terms
 from swe_sphere.equations.effects import Tracers
-from swe_sphere.equations.right_hand_side import Operation, term_operations
+from swe_sphere.equations.right_hand_side import Operation, element_terms, term_operations
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms, combine_kernel
@@ -38,20 +37,19 @@ class TracerEquations:
     constant then too.  Sources of fluid bring no tracer with them.
     """
 
-    def __init__(self, discrete: DiscreteScene, scene: Scene) -> None:
-        """scene: the effects that act, of those of the discrete scene."""
-        self._discrete, self._scene = discrete, scene
-        self.first = discrete.fluid_size
+    def __init__(self, model: DiscreteScene) -> None:
+        self._model = model
+        self.first = model.fluid_size
         """Offset of the first tracer in a state vector."""
-        self.depth = self.first - discrete.device_mesh.size
+        self.depth = self.first - model.device_mesh.size
         """Offset of the depth."""
-        self.names = tuple(f"hq_{name}" for name in discrete.scene.tracers or ())
+        self.names = tuple(f"hq_{name}" for name in model.scene.tracers or ())
         """Names of the blocks (N,)."""
         self.count = len(self.names)
-        self._wind: wp.array | None = discrete.parameters.get("wind")
-        self._transport = TracerTransport(discrete.device_mesh, discrete.launch, self.count)
-        terms = element_terms(scene, "dissipative")
-        self._diffusion = _Diffusion(self, discrete, terms) if terms.diffuses else None
+        self._wind: wp.array | None = model.parameters.get("wind")
+        self._transport = TracerTransport(model.device_mesh, model.launch, self.count)
+        terms = element_terms(model.scene, "dissipative")
+        self._diffusion = _Diffusion(self, model, terms) if terms.diffuses else None
 
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:
         """Return the operations on tracers of a component, see `RightHandSide`.
@@ -85,19 +83,19 @@ class TracerEquations:
 
     def mixing_ratio(self) -> MixingRatio:
         """Return new room for the mixing ratios of a state."""
-        discrete = self._discrete
+        model = self._model
         offsets = self.count, self.depth, self.first
-        return MixingRatio(discrete.device_mesh, discrete.launch, *offsets)
+        return MixingRatio(model.device_mesh, model.launch, *offsets)
 
     def limiter(self) -> Limiter | None:
         """Return a limiter with the bounds of the initial mixing ratios, if the scene has one."""
-        mesh, effect = self._discrete.mesh, self._scene.effect("tracers")
+        mesh, effect = self._model.mesh, self._model.scene.effect("tracers")
         if not (isinstance(effect, Tracers) and effect.limiter):
             return None
-        ratios = np.stack([*mixing_ratios(self._scene, mesh).values()])
+        ratios = np.stack([*mixing_ratios(self._model.scene, mesh).values()])
         bounds = ratios.min(axis=1), ratios.max(axis=1)
         offsets = self.depth, self.first
-        return Limiter(self._discrete.device_mesh, self._discrete.launch, *offsets, *bounds)
+        return Limiter(self._model.device_mesh, self._model.launch, *offsets, *bounds)
 
 
 def _clear(first: int, x: wp.array, out: wp.array) -> None:
@@ -107,15 +105,15 @@ def _clear(first: int, x: wp.array, out: wp.array) -> None:
 class _Diffusion:
     """Adds viscosity and hyperviscosity of q (h + b) to the tendencies of hq."""
 
-    def __init__(self, tracers: TracerEquations, discrete: DiscreteScene, terms: Terms) -> None:
-        mesh, count = discrete.device_mesh, tracers.count
-        self._discrete, self._launch = discrete, discrete.launch
+    def __init__(self, tracers: TracerEquations, model: DiscreteScene, terms: Terms) -> None:
+        mesh, count = model.device_mesh, tracers.count
+        self._model, self._launch = model, model.launch
         self._kernels, self._add = pointwise_kernels(mesh.real), combine_kernel(mesh.real, 1)
         self._dim, self._first, self._size = (count, mesh.size), tracers.first, mesh.size
         self._offsets = (tracers.depth, tracers.first, mesh.size)
-        raised = discrete.scene.bottom is not None
-        self._bottom = mesh.scatter(discrete.bottom) if raised else None
-        self._raised, self._rate = (discrete.zeros(count * mesh.size) for _ in range(2))
+        raised = model.scene.bottom is not None
+        self._bottom = mesh.scatter(model.bottom) if raised else None
+        self._raised, self._rate = (model.zeros(count * mesh.size) for _ in range(2))
         diffusion, biharmonic = terms.diffusion, terms.biharmonic
         self._of_field = Terms(wind=True, still=True, diffusion=diffusion, biharmonic=biharmonic)
 
@@ -125,7 +123,7 @@ class _Diffusion:
         if base is not None and self._bottom is not None:
             raised = partial(self._raise_tangent, base)
         operations = [Operation(raised, target=self._raised)]
-        of_field = term_operations(self._discrete, self._of_field)
+        of_field = term_operations(self._model, self._of_field)
         for k in range(0, self._raised.size, self._size):
             field, rate = (room[k : k + self._size] for room in (self._raised, self._rate))
             for operator, _, target in of_field:
@@ -157,14 +155,14 @@ class MassFlux:
 
     names = ("flux_u", "flux_v")
 
-    def __init__(self, discrete: DiscreteScene) -> None:
-        self._launch, self._size = discrete.launch, discrete.device_mesh.size
-        self.first = discrete.fluid_size
+    def __init__(self, model: DiscreteScene) -> None:
+        self._launch, self._size = model.launch, model.device_mesh.size
+        self.first = model.fluid_size
         """Offset of G in a state vector."""
         self.depth = self.first - self._size
         """Offset of the depth."""
-        self._kernel = flux_kernel(discrete.device_mesh.real)
-        self._rate = discrete.device_mesh.stage
+        self._kernel = flux_kernel(model.device_mesh.real)
+        self._rate = model.device_mesh.stage
         self._launch.load(self._kernel)
 
     def operations(self, component: str, base: wp.array | None, stage: Any) -> list[Operation]:

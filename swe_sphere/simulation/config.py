@@ -14,7 +14,7 @@ from pydantic import (
     ValidationError,
 )
 
-from swe_sphere.equations.scene_checks import LONGEST_DAYS, MOST_ELEMENTS
+from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
 from swe_sphere.settings.values import (
     Setting,
     by_field,

@@ -14,7 +14,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.krylov_basis import OrthonormalBasis
+from swe_sphere.solvers.krylov_basis import KrylovBasis
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -86,14 +86,6 @@ class HessenbergLeastSquares:
         return y, math.fsum(abs(a * b) for a, b in zip(y, self._sizes, strict=False))
 
 
-# Below this many round-offs of the terms that cancel in it, the residual of the Arnoldi process is
-# not believed: it goes on falling where the true one cannot.
-UNTRUSTED = 1e4
-# A residual of so few round-offs of the terms it is the difference of is as small as it gets; a
-# larger one, of up to the second number, is when it no longer falls.
-FEWEST_ROUNDOFFS, MOST_ROUNDOFFS = 1.0, 1e3
-
-
 class FlexibleGMRES(KrylovSolver):
     """Solver of A x = b with room for `size` basis vectors; keep it, it allocates once.
 
@@ -113,13 +105,18 @@ class FlexibleGMRES(KrylovSolver):
         if block < 1:
             raise ConfigError(f"a Krylov block has at least one vector, not {block}")
         self.space, self.size, self.block = space, size, block
-        self._basis = OrthonormalBasis(space, size + 1)
+        self._basis = KrylovBasis(space, size + 1)
+        self._residual = self._basis.rows[0]
         self._images: wp.array | None = None
         self._image_rows: list[wp.array] = []
 
     def _cycle(self, p: LinearResult) -> None:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
         start, rows = p.residual, self._basis.rows
+        kept = p.precondition is not None or self.block > 1
+        if kept and self._images is None:  # a flexible method cannot find M v_k again
+            self._images = self.space.room(self.size)
+            self._image_rows = [self._images[i] for i in range(self.size)]
         small = HessenbergLeastSquares(start, self.space.epsilon)
         goal = max(p.target, self.space.epsilon * start)
         self._basis.start(start)
@@ -129,10 +126,10 @@ class FlexibleGMRES(KrylovSolver):
             for j in block:
                 direction, product = rows[j : j + 2]
                 if p.precondition is not None:
-                    direction = self._image_row(j)
-                    p.precondition(rows[j], direction)
-                elif self.block > 1:  # the row becomes a vector of the basis
-                    self.space.copy(direction, self._image_row(j))
+                    p.precondition(direction, self._image_rows[j])
+                    direction = self._image_rows[j]
+                elif kept:  # the row becomes a vector of the basis
+                    self.space.copy(direction, self._image_rows[j])
                 p.operator(direction, product)
                 if self.block > 1:
                     self.space.axpby(-1.0, rows[j], 1.0, product)
@@ -147,43 +144,13 @@ class FlexibleGMRES(KrylovSolver):
                     break
             if met or broken:
                 break
-        self._update(p, small)
-        self._judge(p, start, met, broken)
-
-    def _judge(self, p: LinearResult, start: float, met: bool, broken: bool) -> None:
-        """End the solve if the residual after a cycle that began at `start` says so.
-
-        met, broken: whether the cycle reached its goal, or a breakdown; else it lacked room.
-        """
-        if p.residual <= p.target and p.target >= UNTRUSTED * self.space.epsilon * p.terms:
-            p.end(Status.CONVERGED, "converged")
-            return
-        residual = p.history[-1] = self._true_residual(p)
+        stack = self._images if kept else self._basis.stack
+        y, p.history[-1], terms = small.solve()
+        self.space.combine(p.x, stack, y, p.x)
+        p.terms += terms
         # a full basis may creep; any other cycle is expected to gain far more than a half
-        stuck = residual > (0.5 if met or broken else 0.999) * start
-        roundoffs = (MOST_ROUNDOFFS if stuck else FEWEST_ROUNDOFFS) * self.space.epsilon
-        if not math.isfinite(residual):
-            p.end(Status.NAN, "the solution is not finite")
-        elif residual <= p.target:
-            p.end(Status.CONVERGED, "converged")
-        elif residual > 10.0 * p.history[0]:
-            p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
-        elif residual <= min(roundoffs * p.terms, math.sqrt(self.space.epsilon) * p.scale):
-            p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
-        elif stuck:
-            p.end(Status.STAGNATED, "stagnated" + ": the operator is singular" * broken)
-        elif p.iterations >= p.limit:
-            p.end(Status.STAGNATED, "out of iterations")
-
-    def _true_residual(self, p: LinearResult) -> float:
-        """Put rhs - A x in the first row of the basis; returns its norm."""
-        row = self._basis.rows[0]
-        if not p.history and not p.guess:
-            self.space.copy(p.rhs, row)
-            return p.scale
-        p.operator(p.x, row)
-        self.space.axpby(1.0, p.rhs, -1.0, row)
-        return self.space.norm(row)
+        most = (0.5 if met or broken else 0.999) * start
+        self._judge(p, most, ": the operator is singular" * broken)
 
     def _columns(self, k: int, block: int) -> Iterator[tuple[Array, float]]:
         """Columns of H for the products from row k + 1 on, each with the entry below it.
@@ -193,26 +160,10 @@ class FlexibleGMRES(KrylovSolver):
         v_k+j, and x is made of M p_j.
         """
         if self.block == 1:
-            column, size, below = self._basis.extend(k + 1)
-            yield column, below if math.isfinite(size) else math.nan
+            yield self._basis.extend(k + 1)
             return
         shifted = np.zeros(k + 1)
         shifted[k] = 1.0
         for column, below in self._basis.extend_block(k + 1, block):
             yield column + shifted, below
             shifted = np.append(column, below)
-
-    def _image_row(self, k: int) -> wp.array:
-        """Where M v_k is kept: a flexible method cannot find it again."""
-        if self._images is None:
-            self._images = self.space.room(self.size)
-            self._image_rows = [self._images[i] for i in range(self.size)]
-        return self._image_rows[k]
-
-    def _update(self, p: LinearResult, small: HessenbergLeastSquares) -> None:
-        """x = x + sum_k y_k M v_k."""
-        kept = p.precondition is not None or self.block > 1
-        stack = self._images if kept and self._images is not None else self._basis.stack
-        y, p.history[-1], terms = small.solve()
-        self.space.combine(p.x, stack, y, p.x)
-        p.terms += terms

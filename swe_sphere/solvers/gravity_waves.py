@@ -114,10 +114,10 @@ class GravityWaves:
         """
         model = self.model
         dissipation = model.fluid_dissipation if model.dissipative else None
-        found = estimate_spectrum(model.discrete, state, _advection(model, state, t), dissipation)
+        found = estimate_spectrum(model, state, _advection(model, state, t), dissipation)
         wave = max(found.wave, INERTIAL * float(np.abs(model.coriolis).max()))
         if any(effect.name not in EFFECTS for effect in model.scene.effects):
-            wave = max(wave, estimate_spectrum(model.discrete, state, self._rest(t)).wave)
+            wave = max(wave, estimate_spectrum(model, state, self._rest(t)).wave)
         return replace(found, wave=wave)
 
     def _rest(self, t: float) -> Operator:
@@ -136,7 +136,7 @@ class GravityWaves:
 
 def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
     """Spectral radius [s-1] of the advection of depth by the wind of a state, -div(V h)."""
-    return estimate_spectrum(model.discrete, state, _advection(model, state, t)).wave
+    return estimate_spectrum(model, state, _advection(model, state, t)).wave
 
 
 def _advection(model: Model, state: wp.array, t: float) -> Operator:

@@ -20,12 +20,9 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.solvers.krylov_basis import ShortBasis
+from swe_sphere.solvers.krylov_basis import KrylovBasis
 from swe_sphere.solvers.linear_result import Operator
 from swe_sphere.solvers.vector_space import VectorSpace
-
-APART = 16
-"""Looks at the error are a part of the basis apart: one over this, of the vectors there are."""
 
 
 class SmallMatrix:
@@ -65,18 +62,12 @@ class SmallMatrix:
         couplings = np.diag(self._entries, -1)[: m - 1] - np.diag(self._entries, 1)[: m - 1]
         return float(couplings.mean()) if m > 1 else 0.0
 
-    def next_look(self, t: float) -> int:
-        """Columns with which it is worth looking whether the basis reaches t [s].
-
-        Waves are resolved by no fewer vectors than the angle that the fastest turns.
-        """
-        least = self.columns + 2 + self.columns // APART
-        return max(least, math.ceil(t * self.radius()))
-
 
 SIZE = 100
 """Vectors of a basis: functions of a larger matrix cost more than the products they save."""
 FIRST_LOOK = 5
+APART = 16
+"""Looks at the error are a part of the basis apart: one over this, of the vectors there are."""
 SHORTER = 0.85
 """Part of a time to which the largest basis does not reach that is tried next."""
 SHORTEST = 1e-4
@@ -90,11 +81,9 @@ class Sources:
     """
 
     def __init__(self, space: VectorSpace, terms: int) -> None:
-        moved, plain = space.stack(terms), space.stack(terms)
-        self.moved, self.plain = ([stack[k] for k in range(terms)] for stack in (moved, plain))
-        self.moved_from, self.plain_from = (
-            [stack[k:] for k in range(terms)] for stack in (moved, plain)
-        )
+        stacks = space.stack(terms), space.stack(terms)
+        self.moved, self.plain = ([stack[k] for k in range(terms)] for stack in stacks)
+        self.moved_from, self.plain_from = ([stack[k:] for k in range(terms)] for stack in stacks)
 
 
 @dataclass
@@ -122,7 +111,7 @@ class KrylovExponential:
     def __init__(self, space: VectorSpace, terms: int, size: int = SIZE) -> None:
         """terms: most terms of the sources."""
         self.space, self.size = space, size
-        self._basis = ShortBasis(space, size + 1)
+        self._basis = KrylovBasis(space, size + 1, short=True)
         self._derivatives = space.stack(max(1, terms - 1))
         self._work = space.zeros()
 
@@ -142,11 +131,10 @@ class KrylovExponential:
             if not math.isfinite(size):
                 p.fault = "the slopes are not finite"
                 break
-            found = self._reach(p, size, length - p.done)
-            if found is None:
+            t, coefficients = self._reach(p, size, length - p.done)
+            if t == 0.0:
                 p.fault = f"the Krylov process does not converge ({p.iterations} vectors)"
                 break
-            t, coefficients = found
             powers = [t**j / math.factorial(j) for j in range(1, terms)]
             self.space.combine(out, self._derivatives, powers, out)
             self.space.combine(out, self._basis.stack, coefficients, out)
@@ -159,8 +147,7 @@ class KrylovExponential:
         space, sources, last = self.space, p.sources, w
         for j in range(p.terms):
             powers = [p.done**k / math.factorial(k) for k in range(p.terms - j)]
-            final = j + 1 == p.terms
-            target = self._basis.rows[0] if final else self._derivatives[j]
+            target = self._basis.rows[0] if j + 1 == p.terms else self._derivatives[j]
             if j == 0 and p.done == 0.0:
                 space.copy(sources.plain[0], target)
             else:
@@ -170,10 +157,11 @@ class KrylovExponential:
             last = target
         return space.norm(last)
 
-    def _reach(self, p: ExponentialResult, size: float, rest: float) -> tuple[float, Array] | None:
-        """How far a basis gets, and the coefficients of its vectors; None where it does not."""
+    def _reach(self, p: ExponentialResult, size: float, rest: float) -> tuple[float, Array]:
+        """How far a basis gets, 0 where it does not, and the coefficients of its vectors."""
+        nothing = np.zeros(0)
         if size == 0.0:
-            return rest, np.zeros(0)
+            return rest, nothing
         self._basis.start(size)
         small, look, rows = SmallMatrix(self.size), FIRST_LOOK, self._basis.rows
         for k in range(self.size):
@@ -181,27 +169,24 @@ class KrylovExponential:
             p.iterations += 1
             above, below = self._basis.extend(k + 1)
             if not math.isfinite(below):
-                return None
+                return 0.0, nothing
             small.append(above, below)
             if k + 1 >= min(look, self.size) or below == 0.0:
-                coefficients = self._look(p, small, size, rest)
-                if coefficients is not None:
-                    return rest, coefficients
-                look = small.next_look(rest)
+                coefficients, error = small.phi(p.terms, rest)
+                if self._is_small(p, error, rest, size):
+                    return rest, size * coefficients
+                # waves are resolved by no fewer vectors than the angle that the fastest turns
+                least = small.columns + 2 + small.columns // APART
+                look = max(least, math.ceil(rest * small.radius()))
         t = SHORTER * min(rest, self.size / max(small.radius(), self.size / rest))
         while t > SHORTEST * p.length:
-            coefficients = self._look(p, small, size, t)
-            if coefficients is not None:
-                return t, coefficients
+            coefficients, error = small.phi(p.terms, t)
+            if self._is_small(p, error, t, size):
+                return t, size * coefficients
             t *= SHORTER
-        return None
+        return 0.0, nothing
 
-    def _look(
-        self, p: ExponentialResult, small: SmallMatrix, size: float, t: float
-    ) -> Array | None:
-        """The coefficients of the solution after t, if its error is small enough."""
-        coefficients, error = small.phi(p.terms, t)
+    def _is_small(self, p: ExponentialResult, error: float, t: float, size: float) -> bool:
+        """Whether an error after t, relative to the size of the first vector, is small enough."""
         least = self.space.epsilon * t**p.terms / math.factorial(p.terms)
-        if not error <= max(p.tolerance * t / p.length / size, least):
-            return None
-        return size * coefficients
+        return error <= max(p.tolerance * t / p.length / size, least)

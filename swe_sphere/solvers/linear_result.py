@@ -1,9 +1,9 @@
-"""How linear solvers begin, and what they report: always a status, a history and one line."""
+"""How solvers begin, when they end, and what they report: a status, a history and one line."""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Self
 
@@ -13,6 +13,12 @@ from swe_sphere.solvers.vector_space import VectorSpace
 
 # An operator reads its first vector and writes its second.
 Operator = Callable[[wp.array, wp.array], None]
+
+# Below this many round-offs of the terms that cancel in it, the residual of a recurrence is not
+# believed: it goes on falling where the true one cannot.
+UNTRUSTED = 1e4
+# A true residual of so few round-offs of its terms that no longer falls is as small as it gets.
+MOST_ROUNDOFFS = 1e3
 
 
 class Status(Enum):
@@ -24,40 +30,31 @@ class Status(Enum):
     NAN = "NaN"
 
 
-@dataclass
-class LinearResult:
-    """A solve of operator(x) = rhs, under way and after its end.
+@dataclass(kw_only=True)
+class SolveResult(ABC):
+    """A solve, under way and after its end.
 
-    scale: norm of the right-hand side; target: residual norm that ends the solve; limit: iterations
-    allowed; guess: whether it began from an x other than 0; terms: size of the terms that the
-    residual is the difference of.
-    history: norm of the residual, in the norm of the space, at the start and after each iteration;
-    within a cycle it is the one of the Arnoldi process, at a restart and where a tolerance comes
-    near round-off it is recomputed from the solution.
+    history: norms of the residual, in the norm of the space, at the start and after each iteration.
+    target: residual norm that ends the solve.
     roundoff: the solution is as good as the arithmetic allows, which missed the tolerance; the
     status is CONVERGED then.
     """
 
-    operator: Operator
-    precondition: Operator | None
-    rhs: wp.array
-    x: wp.array
-    scale: float
+    history: list[float]
     target: float
-    limit: int
-    guess: bool = True
-    iterations: int = 0
-    terms: float = 0.0
-    history: list[float] = field(default_factory=list)
     status: Status | None = None
     message: str = ""
     roundoff: bool = False
 
+    @property
+    @abstractmethod
+    def counts(self) -> str:
+        """Iterations and residuals, for the message."""
+
     def end(self, status: Status, message: str, roundoff: bool = False) -> Self:
-        """Return this result with its status, and its message with the size of the residual."""
-        relative = self.residual / (self.scale or 1.0)
+        """Return this result with its status, and its message with counts and residuals."""
         self.status, self.roundoff = status, roundoff
-        self.message = f"{message} ({self.iterations} iterations, relative residual {relative:.1e})"
+        self.message = f"{message} ({self.counts})"
         return self
 
     @property
@@ -71,24 +68,45 @@ class LinearResult:
         return self.history[-1]
 
 
+@dataclass(kw_only=True)
+class LinearResult(SolveResult):
+    """A solve of operator(x) = rhs.
+
+    scale: norm of the right-hand side; limit: iterations allowed; guess: whether it began from an x
+    other than 0; terms: size of the terms that the residual is the difference of.  Within a cycle
+    the history has the residuals of the recurrence; at a restart and where a tolerance comes near
+    round-off they are recomputed from the solution.
+    """
+
+    operator: Operator
+    precondition: Operator | None
+    rhs: wp.array
+    x: wp.array
+    scale: float
+    limit: int
+    guess: bool
+    iterations: int = 0
+    terms: float = 0.0
+
+    @property
+    def counts(self) -> str:
+        """Iterations and the relative residual."""
+        relative = self.residual / (self.scale or 1.0)
+        return f"{self.iterations} iterations, relative residual {relative:.1e}"
+
+
 class KrylovSolver(ABC):
     """Solver of A x = b; keep it, it allocates once."""
 
     space: VectorSpace
+    _residual: wp.array
+    """The vector that iterations begin with."""
 
     def solve(
-        self,
-        operator: Operator,
-        rhs: wp.array,
-        x: wp.array,
-        precondition: Operator | None = None,
-        rtol: float = 1e-6,
-        atol: float = 0.0,
-        max_iterations: int = 200,
-        floor: float = 0.0,
-        scale: float | None = None,
-        guess: bool = True,
-    ) -> LinearResult:
+        self, operator: Operator, rhs: wp.array, x: wp.array, precondition: Operator | None = None,
+        rtol: float = 1e-6, atol: float = 0.0, max_iterations: int = 200, floor: float = 0.0,
+        scale: float | None = None, guess: bool = True,
+    ) -> LinearResult:  # fmt: skip
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
         operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
@@ -100,27 +118,58 @@ class KrylovSolver(ABC):
         Nothing that is not finite is ever added to x.
         """
         scale = self.space.norm(rhs) if scale is None else scale
-        target = max(rtol * scale, atol)
-        p = LinearResult(operator, precondition, rhs, x, scale, target, max_iterations, guess)
+        p = LinearResult(
+            history=[], target=max(rtol * scale, atol), operator=operator, rhs=rhs, x=x,
+            precondition=precondition, scale=scale, limit=max_iterations, guess=guess,
+        )  # fmt: skip
         if scale == 0.0 or not guess:
             self.space.clear(x)
         if scale == 0.0:
             p.history.append(0.0)
             return p.end(Status.CONVERGED, "the right-hand side is zero")
         p.history.append(self._true_residual(p) if math.isfinite(scale) else scale)
-        if not math.isfinite(p.history[0]):
+        if not math.isfinite(p.residual):
             return p.end(Status.NAN, "the right-hand side or the guess is not finite")
-        if p.history[0] <= p.target:
+        if p.residual <= p.target:
             return p.end(Status.CONVERGED, "the guess is good enough")
-        p.terms, p.target = max(scale, p.history[0]), max(p.target, floor)
+        p.terms, p.target = max(scale, p.residual), max(p.target, floor)
         while p.status is None:
             self._cycle(p)
         return p
 
     @abstractmethod
-    def _true_residual(self, p: LinearResult) -> float:
-        """Put rhs - A x where iterations begin; returns its norm."""
-
-    @abstractmethod
     def _cycle(self, p: LinearResult) -> None:
         """Iterate up to the next true residual; end the solve there if nothing is to be gained."""
+
+    def _true_residual(self, p: LinearResult) -> float:
+        """Put rhs - A x where iterations begin; returns its norm."""
+        if not p.history and not p.guess:
+            self.space.copy(p.rhs, self._residual)
+            return p.scale
+        p.operator(p.x, self._residual)
+        self.space.axpby(1.0, p.rhs, -1.0, self._residual)
+        return self.space.norm(self._residual)
+
+    def _judge(self, p: LinearResult, most: float, why: str = "") -> None:
+        """End the solve if the residual after a cycle says so.
+
+        most: a larger one than this has stagnated; why: the cause of that, for the message.
+        """
+        epsilon = self.space.epsilon
+        if p.residual <= p.target and p.target >= UNTRUSTED * epsilon * p.terms:
+            p.end(Status.CONVERGED, "converged")
+            return
+        residual = p.history[-1] = self._true_residual(p)
+        roundoffs = (MOST_ROUNDOFFS if residual > most else 1.0) * epsilon
+        if not math.isfinite(residual):
+            p.end(Status.NAN, "the solution is not finite")
+        elif residual <= p.target:
+            p.end(Status.CONVERGED, "converged")
+        elif residual > 10.0 * p.history[0]:
+            p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
+        elif residual <= min(roundoffs * p.terms, math.sqrt(epsilon) * p.scale):
+            p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
+        elif residual > most:
+            p.end(Status.STAGNATED, f"stagnated{why}")
+        elif p.iterations >= p.limit:
+            p.end(Status.STAGNATED, "out of iterations")

@@ -5,15 +5,16 @@ doi:10.1016/j.jcp.2003.08.010.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 
+from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import Operator, Status
-from swe_sphere.solvers.newton_steps import FollowedNonlinearity, Forcing, Search, backtrack
+from swe_sphere.solvers.linear_result import Operator, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
@@ -21,6 +22,57 @@ ROUNDOFFS = 1e3
 # What a solve at least makes of the residual of its guess: guesses that are taken as they are, step
 # after step, would be an explicit scheme.
 LEAST_GAIN = 0.5
+
+LAST, ALMOST = 0.7, 0.9
+"""A step is the last one if it misses less than the former part of what is wanted; it is solved to
+the latter part of what that leaves."""
+SAFETY = 2.0
+LEAST = 1e-6
+"""Linear systems are not solved further than that at once, unless that is all that is wanted."""
+
+DECREASE = 1e-4
+SHORTEST = 0.1
+"""Least part of a trial step that the next one is."""
+TRIALS = 11
+
+Forcing = Callable[[float, float, float | None], float]
+"""The relative tolerance eta of the next linear solve, |F + J d| <= eta |F|, from |F|, the norm
+that Newton is to reach, and the nonlinearity |F(x + d) - F - J d| / |F|^2 of an earlier step; None
+before the first."""
+
+
+@dataclass(frozen=True)
+class FollowedNonlinearity:
+    """As exactly as the linear model agreed with the residual in the step before.
+
+    Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) takes eta from what the
+    linear model of the last step missed; here that is carried over to the present |F|, what is
+    missed being quadratic.  Where that reaches the target, the system is solved as far as the
+    target leaves room; else not further than what will be missed, and no further than half of the
+    way (in the logarithm), as two solves of equal depth cost least.
+
+    first: eta while nothing is known.  cap: largest eta, unless half of what is wanted is more; one
+    well below the customary 0.9 saves Newton iterations, whose residuals are dear.  Raises
+    ConfigError for parameters with which Newton cannot converge.
+    """
+
+    first: float = 0.1
+    cap: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not all(0.0 < value < 1.0 for value in (self.first, self.cap)):
+            raise ConfigError(f"forcing terms need first and cap in (0, 1), not {self}")
+
+    def __call__(self, norm: float, target: float, nonlinearity: float | None) -> float:
+        """See `Forcing`."""
+        wanted = target / norm
+        if nonlinearity is None:
+            return max(min(self.first, self.cap), 0.5 * wanted)
+        missed = nonlinearity * norm
+        if missed < LAST * wanted:
+            return ALMOST * math.sqrt(wanted**2 - missed**2)
+        eta = max(SAFETY * missed, math.sqrt(wanted), LEAST)
+        return max(min(eta, self.cap), 0.5 * wanted)
 
 
 class Problem(Protocol):
@@ -44,45 +96,26 @@ class Problem(Protocol):
         ...
 
 
-@dataclass
-class NewtonResult:
-    """A Newton solve, under way and after its end.
+@dataclass(kw_only=True)
+class NewtonResult(SolveResult):
+    """A Newton solve: for each iteration the forcing term, the Krylov iterations, and the part of
+    the Newton step that was taken, 0 when none was.
 
-    residuals: |F| at the start and after each step taken.  For each iteration the forcing term, the
-    Krylov iterations, and the part of the Newton step that was taken, 0 when none was.
-    roundoff: converged as far as the arithmetic allows, which missed the tolerance; the status is
-    CONVERGED then.
+    floor: a residual that is worth no further iteration.
     """
 
-    residuals: list[float]
-    target: float = 0.0
-    floor: float = 0.0
+    floor: float
     forcing: list[float] = field(default_factory=list)
     krylov: list[int] = field(default_factory=list)
     lengths: list[float] = field(default_factory=list)
-    status: Status | None = None
-    message: str = ""
-    roundoff: bool = False
 
-    def end(self, status: Status, message: str, roundoff: bool = False) -> Self:
-        """Return this result with its status, and its message completed by counts and residuals."""
-        self.status, self.roundoff = status, roundoff
-        self.message = (
-            f"{message} ({self.newton_iterations} Newton and {self.krylov_iterations} Krylov"
-            f" iterations, residual {self.residuals[0]:.1e} to {self.residual:.1e},"
-            f" wanted {self.target:.1e})"
+    @property
+    def counts(self) -> str:
+        """Iterations and residuals."""
+        return (
+            f"{self.newton_iterations} Newton and {self.krylov_iterations} Krylov iterations,"
+            f" residual {self.history[0]:.1e} to {self.residual:.1e}, wanted {self.target:.1e}"
         )
-        return self
-
-    @property
-    def converged(self) -> bool:
-        """Whether the status is CONVERGED."""
-        return self.status is Status.CONVERGED
-
-    @property
-    def residual(self) -> float:
-        """The last |F|."""
-        return self.residuals[-1]
 
     @property
     def newton_iterations(self) -> int:
@@ -99,15 +132,9 @@ class NewtonKrylov:
     """Solver of F(x) = 0; keep it: it allocates four vectors, once, and its GMRES the basis."""
 
     def __init__(
-        self,
-        space: VectorSpace,
-        gmres: FlexibleGMRES,
-        rtol: float = 1e-6,
-        atol: float = 0.0,
-        max_iterations: int = 20,
-        max_krylov: int = 200,
-        forcing: Forcing | None = None,
-    ) -> None:
+        self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6, atol: float = 0.0,
+        max_iterations: int = 20, max_krylov: int = 200, forcing: Forcing | None = None,
+    ) -> None:  # fmt: skip
         """Converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm of the space.
 
         max_krylov: per Newton iteration.  forcing: default FollowedNonlinearity().
@@ -133,12 +160,13 @@ class NewtonKrylov:
         """
         problem.residual(x, self._residual)
         first = self.space.norm(self._residual)
-        p = NewtonResult([first], max(self.rtol * (first if scale is None else scale), self.atol))
+        target = max(self.rtol * (first if scale is None else scale), self.atol)
+        p = NewtonResult(history=[first], target=target, floor=floor)
         if not math.isfinite(first):
             return p.end(Status.NAN, "the residual of the guess is not finite")
         if first == 0.0 or (scale is None and first <= p.target):
             return p.end(Status.CONVERGED, "the guess is good enough")
-        p.target, p.floor = min(max(p.target, floor), LEAST_GAIN * first), floor
+        p.target = min(max(p.target, floor), LEAST_GAIN * first)
         while p.status is None and p.newton_iterations < self.max_iterations:
             self._iterate(p, problem, x)
         return p if p.status else p.end(Status.STAGNATED, "out of Newton iterations")
@@ -157,13 +185,10 @@ class NewtonKrylov:
         p.lengths.append(0.0)
         if linear.status is Status.NAN:
             p.end(Status.NAN, f"linear solve: {linear.message}")
-        elif not linear.residual < 0.999 * norm:
+            return
+        if not linear.residual < 0.999 * norm:
             p.end(Status.STAGNATED, f"no direction from the linear solve: {linear.message}")
-        else:
-            self._search(p, problem, x, linear.residual / norm)
-
-    def _search(self, p: NewtonResult, problem: Problem, x: wp.array, eta: float) -> None:
-        """Move along J d = F, solved to a relative residual eta, and judge where that leads."""
+            return
 
         def trial(length: float) -> float:
             """Return |F| at x - length d, and leave point and residual in the trial vectors."""
@@ -172,19 +197,16 @@ class NewtonKrylov:
             problem.residual(self._trial, self._trial_residual)
             return self.space.norm(self._trial_residual)
 
-        tiny = eta < 0.5 and self._is_roundoff(x)
-        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, p.residual, eta)
+        eta, d, tiny = linear.residual / norm, self._direction, False
+        if eta < 0.5:
+            correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
+            tiny = bool(correction <= ROUNDOFFS * self.space.epsilon * size)
+        search = Search(1.0, trial(1.0), True, 1) if tiny else backtrack(trial, norm, eta)
         if not tiny:
             self._learn(p, search, eta)
         self._accept(p, x, search, eta, tiny)
 
-    def _is_roundoff(self, x: wp.array) -> bool:
-        """Whether the correction is too small for x to resolve."""
-        d = self._direction
-        correction, size = np.sqrt(self.space.dots((d, d), (x, x)))
-        return bool(correction <= ROUNDOFFS * self.space.epsilon * size)
-
-    def _learn(self, p: NewtonResult, search: Search, eta: float) -> None:
+    def _learn(self, p: NewtonResult, search: "Search", eta: float) -> None:
         """Take the nonlinearity from a step, for parts at right angles in the residual it left.
 
         Later steps of a solve tell it only where they left more than the linear system did.
@@ -195,7 +217,9 @@ class NewtonKrylov:
         if math.isfinite(missed) and (len(p.krylov) == 1 or missed > expected):
             self.nonlinearity = missed / (length * norm) ** 2
 
-    def _accept(self, p: NewtonResult, x: wp.array, search: Search, eta: float, tiny: bool) -> None:
+    def _accept(
+        self, p: NewtonResult, x: wp.array, search: "Search", eta: float, tiny: bool
+    ) -> None:
         """Move to the point found if it is better, and end the solve there if it is the last."""
         norm = p.residual
         if not math.isfinite(search.norm):
@@ -204,7 +228,7 @@ class NewtonKrylov:
         if search.success and (search.norm < norm or not tiny):
             self.space.copy(self._trial, x)
             self._residual, self._trial_residual = self._trial_residual, self._residual
-            p.residuals.append(search.norm)
+            p.history.append(search.norm)
             p.lengths[-1] = search.length
             if search.norm <= max(p.target, p.floor):
                 p.end(Status.CONVERGED, "converged")
@@ -213,3 +237,45 @@ class NewtonKrylov:
             p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
         elif not search.success:
             p.end(Status.STAGNATED, f"no decrease after {search.trials} trial steps")
+
+
+@dataclass(frozen=True)
+class Search:
+    """The end of a line search: the last length tried, |F| there, whether it will do, how many."""
+
+    length: float
+    norm: float
+    success: bool
+    trials: int
+
+
+def backtrack(trial: Callable[[float], float], norm: float, eta: float) -> Search:
+    """Shorten until |F(x + s d)| <= (1 - DECREASE s (1 - eta)) |F(x)| (Eisenstat & Walker 1994).
+
+    trial(s) is |F(x + s d)|, norm |F(x)|, eta the forcing term.  The next length is where a
+    parabola through |F|^2 has its least value: at first the one with the slope that a direction of
+    relative residual eta has at least, then the one through the last two trials and the start
+    (Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, 8.3.1), kept between
+    `SHORTEST` and a half of the last.  A trial that is not finite is cut to a quarter.
+    """
+    s, t, previous = 1.0, 0.0, norm
+    for count in range(1, TRIALS + 1):
+        value = trial(s)
+        if value <= (1.0 - DECREASE * s * (1.0 - eta)) * norm:
+            return Search(s, value, True, count)
+        if count == TRIALS:
+            break
+        factor = 0.25
+        if math.isfinite(value):
+            # |F(s)|^2 = |F(0)|^2 + slope s + curvature s^2
+            rise = (value**2 - norm**2) / s
+            if t == 0.0 or not math.isfinite(previous):
+                slope = -2.0 * (1.0 - eta) * norm**2
+                curvature = (rise - slope) / s
+            else:
+                curvature = (rise - (previous**2 - norm**2) / t) / (s - t)
+                slope = rise - curvature * s
+            best = -slope / (2.0 * curvature * s) if curvature > 0.0 else 0.5
+            factor = min(max(best, SHORTEST), 0.5)
+        s, t, previous = s * factor, s, value
+    return Search(s, value, False, TRIALS)

@@ -2,45 +2,82 @@
 
 The weights make the solvers independent of units: with the weights of the energy, a tolerance means
 the same on every planet.  Vectors are Warp arrays (n,), stacks of them Warp arrays (m, n).  All
-sums run in float64, whatever the vectors hold, in a fixed order.
+sums run in float64, whatever the vectors hold, in a fixed order that does not depend on how many
+ranks share the vectors.
 """
 
+import ctypes
+import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.kernels.simd.sums import (
+    SPAN,
+    combinations_kernel,
+    scaled_sum_kernel,
+    weighted_products_kernel,
+)
+from swe_sphere.kernels.vectors import (
+    axpby_kernel,
+    combine_rows_kernel,
+    least_kernel,
+    products_kernel,
+)
 from swe_sphere.operators import DeviceMesh
-from swe_sphere.solvers.vector_operations import DeviceVectors, HostVectors
+from swe_sphere.operators.chunks import equal_spans
+from swe_sphere.operators.launch import Launcher
+from swe_sphere.ranks.communicator import Communicator
+
+MOST_VIEWS = 512
+BLOCKS = 64
+"""So many pieces the sums of a process alone are cut in on a GPU."""
+BLOCK_THREADS = 256
 
 
 class VectorSpace:
     """Vectors of n numbers with <a, b> = sum_i w_i a_i b_i and |a| = sqrt(<a, a>).
 
-    Operations of the device, or of the host for device "cpu":
-
-    - copy(source, target): target = source; clear(x): x = 0; scale(a, x): x = a x;
-    - axpby(a, x, b, y): y = a x + b y; combine_rows(scale, x, stack, c, out): see `combine`;
-    - dots((a, b), (c, d), ...): <a, b>, <c, d>, ... as a numpy array;
-    - project(stack, count, v): <stack[s], v> for s < count as a numpy array (count,);
-    - projections((stack, count, v), ...): the results of `project`, one behind the other;
-    - lowest(x, begin, end): the least of x[begin:end], -infinity where one of them is NaN.
-
-    The next product overwrites the array that a product has returned.  Ranks exchange one message
-    for all products of a call.
+    A new space is a `HostSpace` on device "cpu" and a `DeviceSpace` elsewhere.  The next product
+    overwrites the array that a product has returned.  Ranks exchange one message for all products
+    of a call.
     """
 
+    copy: Callable[[wp.array, wp.array], None]
+    """copy(source, target): target = source."""
+    clear: Callable[[wp.array], None]
+    """clear(x): x = 0."""
+    scale: Callable[[float, wp.array], None]
+    """scale(a, x): x = a x."""
+    axpby: Callable[[float, wp.array, float, wp.array], None]
+    """axpby(a, x, b, y): y = a x + b y."""
+    combine: Callable[..., None]
+    """combine(x, stack, c, out, scale=1.0): out = scale (x + sum_s c_s stack[s]) over the first
+    len(c) rows; `out` may be `x`."""
+    projections: Callable[..., Array]
+    """projections((stack, count, v), ...): the results of `project`, one behind the other."""
+    lowest: Callable[[wp.array, int, int], float]
+    """lowest(x, begin, end): the least of x[begin:end], -infinity where one of them is NaN."""
+    _allocate: Callable[[], None]
+
+    def __new__(
+        cls, _: Any, device: Any = None, real: Any = None, kernels: Any = None, mesh: Any = None
+    ) -> "VectorSpace":
+        if kernels is None:
+            device = device or ("cpu" if mesh is None else mesh.device)
+            kernels = not wp.get_device(device).is_cpu
+        return super().__new__(DeviceSpace if kernels else HostSpace)
+
     def __init__(
-        self,
-        weights: ArrayLike,
-        device: str | None = None,
-        real: type | None = None,
-        kernels: bool | None = None,
-        mesh: DeviceMesh | None = None,
-    ) -> None:
+        self, weights: ArrayLike, device: str | None = None, real: type | None = None,
+        kernels: bool | None = None, mesh: DeviceMesh | None = None,
+    ) -> None:  # fmt: skip
         """Weights (n,) > 0 [any unit]; real: wp.float64 or wp.float32, the type of the vectors.
 
         mesh: whose nodal fields (k N,) the weights are; several ranks may share them.  Device and
@@ -55,18 +92,20 @@ class VectorSpace:
         values = values if mesh is None else mesh.restrict(values)
         if values.ndim != 1 or not np.all((values > 0.0) & np.isfinite(values)):
             raise ConfigError("the weights of a vector space must be positive and finite")
+        self.n, self.real = values.size, real or (wp.float64 if mesh is None else mesh.real)
         device = device or ("cpu" if mesh is None else mesh.device)
-        real = real or (wp.float64 if mesh is None else mesh.real)
-        self.n, self.device, self.real = values.size, str(wp.get_device(device)), real
-        self.epsilon = float(np.finfo(wp.dtype_to_numpy(real)).eps)
-        do: HostVectors | DeviceVectors
-        if (self.device != "cpu") if kernels is None else kernels:
-            do = DeviceVectors(values, real, self.device, mesh)
+        self.device, dtype = str(wp.get_device(device)), wp.dtype_to_numpy(self.real)
+        self.dtype, self.epsilon = np.dtype(dtype), float(np.finfo(dtype).eps)
+        self._weights = wp.array(values, dtype=wp.float64, device=self.device)
+        self._comm, self._shared, self._size = Communicator(), None, self.n
+        if mesh is not None and mesh.comm.shared:
+            self._comm, self._shared, self._size = mesh.comm, mesh.chunks, mesh.size
+            self._spans = mesh.chunks.spans
         else:
-            do = HostVectors(values, real, mesh)
-        self.copy, self.clear, self.scale, self.axpby = do.copy, do.clear, do.scale, do.axpby
-        self.dots, self.project, self.projections = do.dots, do.project, do.projections
-        self.lowest, self.combine_rows = do.lowest, do.combine_rows
+            length = SPAN if isinstance(self, HostSpace) else -(-self.n // BLOCKS)
+            spans = equal_spans(self.n, length)
+            self._spans = wp.array(spans, dtype=wp.int32, device=self.device)
+        self._allocate()
 
     def zeros(self) -> wp.array:
         """A new vector (n,) of zeros."""
@@ -97,6 +136,14 @@ class VectorSpace:
         """y = y + a x."""
         self.axpby(a, x, 1.0, y)
 
+    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
+        """<stack[s], v> for s < count, (count,)."""
+        return self.projections((stack, count, v))
+
+    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
+        """<a, b> for each pair (a, b)."""
+        return self.projections(*((a, 1, b) for a, b in pairs))
+
     def dot(self, a: wp.array, b: wp.array) -> float:
         """<a, b>."""
         return float(self.dots((a, b))[0])
@@ -115,10 +162,185 @@ class VectorSpace:
         there, here = self.dots((source, unit), (x, unit))
         self.axpy(float(there - here) / square + gain, unit, x)
 
+    def _least_of_all(self, lowest: float) -> float:
+        """Return the least value that any rank has found; NaN counts as -infinity."""
+        return float(self._comm.of_each(-math.inf if math.isnan(lowest) else lowest).min())
+
+
+class HostSpace(VectorSpace):
+    """Vectors in the memory of the CPU, where nothing is copied.
+
+    Products, and what numpy would take several passes for, by kernels in C++; the rest by numpy.
+    No BLAS is called: it has threads that spin, and an order of its own.
+    """
+
+    def _allocate(self) -> None:
+        self._views: dict[tuple[int, int, int], NDArray[Any]] = {}
+        self._call = wp.zeros(4, dtype=wp.uint64, device="cpu")
+        self._arguments, self._listed = self._call.numpy(), np.empty(0, np.uint64)
+        self._products, self._coefficients = np.empty(0), np.empty(0)
+
+    def _record(self, kernel: wp.Kernel, threads: int, inputs: list[Any]) -> Any:
+        Launcher("cpu", self._comm).load(kernel)
+        return wp.launch(kernel, threads, inputs, device="cpu", record_cmd=True)
+
+    @functools.cached_property
+    def _sum_of_two(self) -> tuple[Any, Array]:
+        """The command, and its two factors."""
+        factors = wp.zeros(2, dtype=wp.float64, device="cpu")
+        inputs = [self._call, factors, self.n]
+        command = self._record(scaled_sum_kernel(self.real), -(-self.n // SPAN), inputs)
+        return command, factors.numpy()
+
+    def view(self, x: wp.array) -> NDArray[Any]:
+        """The memory of a Warp array as numpy array of the same shape.
+
+        `wp.array.numpy` takes 3 us a call.  The views kept here own nothing: one is only ever used
+        for a living array of the same address, size and dimensions.
+        """
+        view = self._views.get((x.ptr, x.size, x.ndim))
+        if view is not None and x.dtype is self.real:
+            return view
+        if x.dtype is not self.real or x.shape[-1] != self.n or not x.is_contiguous:
+            raise TypeError(f"expected contiguous arrays (…, {self.n}) of {self.real.__name__}")
+        if len(self._views) >= MOST_VIEWS:
+            self._views.clear()
+        memory = (ctypes.c_char * (x.size * self.dtype.itemsize)).from_address(x.ptr)
+        view = np.frombuffer(memory, self.dtype).reshape(x.shape)
+        self._views[x.ptr, x.size, x.ndim] = view
+        return view
+
+    def _address(self, x: wp.array) -> int:
+        self.view(x)  # which refuses what it is not made for
+        address: int = x.ptr
+        return address
+
+    def copy(self, source: wp.array, target: wp.array) -> None:
+        np.copyto(self.view(target), self.view(source))
+
+    def clear(self, x: wp.array) -> None:
+        self.view(x).fill(0.0)
+
+    def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
+        self._arguments[:2] = self._address(x), self._address(y)
+        command, factors = self._sum_of_two
+        factors[:] = a, b
+        command.launch()
+
+    def scale(self, a: float, x: wp.array) -> None:
+        target = self.view(x)
+        np.multiply(target, self.dtype.type(a), out=target)
+
+    def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
+        count = sum(rows for _, rows, _ in calls)
+        if count > self._products.size:
+            self._products = np.empty(max(2 * count, 16))
+        room = self._products if self._shared is None else self._shared.room(count)
+        arguments = [room.ctypes.data, 0 if self._shared is None else count, len(calls)]
+        for stack, rows, v in calls:
+            arguments += self._address(stack), self._address(v), rows
+        if len(arguments) > self._listed.size:
+            call = wp.zeros(3 + 3 * max(len(calls), 8), dtype=wp.uint64, device="cpu")
+            self._listed, inputs = call.numpy(), [call, self._weights, self._spans, self._size]
+            self._multiply = self._record(weighted_products_kernel(self.real), 1, inputs)
+        self._listed[: len(arguments)] = arguments
+        self._multiply.launch()
+        return self._products[:count] if self._shared is None else self._shared.total(count)
+
+    def lowest(self, x: wp.array, begin: int, end: int) -> float:
+        return self._least_of_all(float(self.view(x)[begin:end].min()))
+
     def combine(
-        self, x: wp.array, stack: wp.array, coefficients: ArrayLike, out: wp.array,
-        scale: float = 1.0,
-    ) -> None:  # fmt: skip
-        """out = scale (x + sum_s c_s stack[s]) over the first len(c) rows; `out` may be `x`."""
-        c = np.asarray(coefficients, dtype=np.float64)
-        self.combine_rows(scale, x, stack, c, out)
+        self, x: wp.array, stack: wp.array, c: ArrayLike, out: wp.array, scale: float = 1.0
+    ) -> None:
+        c = np.asarray(c)
+        if c.size >= self._coefficients.size:
+            coefficients = wp.zeros(1 + max(2 * c.size, 16), dtype=wp.float64, device="cpu")
+            self._coefficients, inputs = coefficients.numpy(), [self._call, coefficients, self.n]
+            threads = -(-self.n // SPAN)
+            self._add_up = self._record(combinations_kernel(self.real), threads, inputs)
+        self._coefficients[0], self._coefficients[1 : 1 + c.size] = scale, c
+        self._arguments[:4] = *map(self._address, (x, stack, out)), c.size
+        self._add_up.launch()
+
+
+class DeviceSpace(VectorSpace):
+    """Vectors in the memory of a GPU, by Warp kernels, which run on "cpu" to be tested."""
+
+    def _allocate(self) -> None:
+        self._blocks, real = self._spans.shape[1], self.real
+        self._combine, self._axpby = combine_rows_kernel(real), axpby_kernel(real)
+        self._sum, self._least = products_kernel(real), least_kernel(real)
+        self._reserve(32)
+
+    def _reserve(self, rows: int) -> None:
+        """Room for the coefficients and partial sums of so many rows."""
+        self._rows = rows
+        shape = rows, self._blocks
+        self._partial = wp.zeros(shape, dtype=wp.float64, device=self.device)
+        pinned = wp.get_device(self.device).is_cuda
+        self._partial_host = wp.zeros(shape, dtype=wp.float64, device="cpu", pinned=pinned)
+        self._coefficients = wp.zeros(rows, dtype=wp.float64, device=self.device)
+        # Pageable memory: a copy to the device has left it when wp.copy returns.
+        self._coefficients_host = wp.zeros(rows, dtype=wp.float64, device="cpu")
+        self._sums, self._staged = self._partial_host.numpy(), self._coefficients_host.numpy()
+        self._products = np.empty(rows)
+
+    def copy(self, source: wp.array, target: wp.array) -> None:
+        wp.copy(target, source)
+
+    def clear(self, x: wp.array) -> None:
+        x.zero_()
+
+    def axpby(self, a: float, x: wp.array, b: float, y: wp.array) -> None:
+        wp.launch(self._axpby, self.n, inputs=[a, x, b, y], device=self.device)
+
+    def scale(self, a: float, x: wp.array) -> None:
+        self.axpby(a, x, 0.0, x)
+
+    def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
+        return self.projections(*((a.reshape((1, self.n)), 1, b) for a, b in pairs))
+
+    def projections(self, *calls: tuple[wp.array, int, wp.array]) -> Array:
+        count = sum(rows for _, rows, _ in calls)
+        if count > self._rows:
+            self._reserve(2 * count)
+        row = 0
+        for stack, rows, v in calls:
+            partial = self._partial[row : row + rows]
+            inputs = [stack, self._weights, v, self._spans, self._size, partial]
+            self._reduce(self._sum, rows, inputs)
+            row += rows
+        self._fetch(count)
+        if self._shared is None:
+            return np.sum(self._sums[:count], axis=1, out=self._products[:count])
+        self._shared.room(count)[:] = self._sums[:count].T
+        return self._shared.total(count)
+
+    def lowest(self, x: wp.array, begin: int, end: int) -> float:
+        span = -(-(end - begin) // self._blocks)
+        self._reduce(self._least, 1, [x, begin, end, span, self._partial])
+        self._fetch(1)
+        return self._least_of_all(float(self._sums[0].min()))
+
+    def _reduce(self, kernel: wp.Kernel, rows: int, inputs: list[Any]) -> None:
+        wp.launch_tiled(
+            kernel, dim=(rows, self._blocks), inputs=inputs, block_dim=BLOCK_THREADS,
+            device=self.device,
+        )  # fmt: skip
+
+    def _fetch(self, rows: int) -> None:
+        """Bring what each block has made of the rows to the host."""
+        wp.copy(self._partial_host, self._partial, count=rows * self._blocks)
+        wp.synchronize_device(self.device)
+
+    def combine(
+        self, x: wp.array, stack: wp.array, c: ArrayLike, out: wp.array, scale: float = 1.0
+    ) -> None:
+        count = np.size(c)
+        if count > self._rows:
+            self._reserve(2 * count)
+        self._staged[:count] = c
+        wp.copy(self._coefficients, self._coefficients_host, count=max(count, 1))
+        inputs = [scale, x, stack, self._coefficients, count, out]
+        wp.launch(self._combine, self.n, inputs=inputs, device=self.device)

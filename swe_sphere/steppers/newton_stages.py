@@ -11,8 +11,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.solvers.newton import NewtonKrylov
-from swe_sphere.solvers.newton_steps import FollowedNonlinearity
+from swe_sphere.solvers.newton import FollowedNonlinearity, NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.stage_solver import StageSolver

@@ -5,7 +5,11 @@ import pkgutil
 from pathlib import Path
 
 from swe_sphere.equations.model import Model
-from swe_sphere.solvers.preconditioners.preconditioner import PRECONDITIONERS, Preconditioner
+from swe_sphere.solvers.preconditioners.preconditioner import (
+    PRECONDITIONERS,
+    Preconditioner,
+    Unpreconditioned,
+)
 
 __all__ = ["PRECONDITIONERS", "Preconditioner", "make_preconditioner"]
 
@@ -22,7 +26,9 @@ def make_preconditioner(
     is none, or not one in the file; see `Registry.find`.
     """
     kind = PRECONDITIONERS.find(which)
-    made = None if model.scene.wind is not None else kind.for_model(model)
-    if made is not None and model.tracers is not None:
+    if kind is Unpreconditioned or model.scene.wind is not None:
+        return None
+    made = kind(model)  # type: ignore[call-arg]
+    if model.tracers is not None:
         made.ratio = model.tracers.mixing_ratio()
     return made

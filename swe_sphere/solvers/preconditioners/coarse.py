@@ -9,8 +9,6 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.kernels.coarse import coarse_kernels
-from swe_sphere.kernels.simd.memory import Contributors
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.interpolate import Interpolator
 from swe_sphere.operators import sparse
@@ -20,7 +18,7 @@ from swe_sphere.operators.lane_matrices import SlicedMatrix, TallMatrix, vector
 from swe_sphere.operators.schur import SchurMatrix, SchurOperator
 from swe_sphere.operators.sparse import ElementSpace
 from swe_sphere.solvers.preconditioners.chebyshev import chebyshev_coefficients, spectral_bound
-from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart, Integers
+from swe_sphere.solvers.preconditioners.coarse_part import CoarsePart
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 
 Step = tuple[float, float, float]
@@ -55,13 +53,11 @@ class CoarseCorrection:
         self._modes = list(zip(masses, slopes, strict=True))
         self._longest = longest_waves(mesh, bases[0])
         count, (smooth, few) = sum(basis.shape[1] for basis in bases), self._longest.shape
-        numbers = _numbers(spaces)
-        self._part = CoarsePart(operator.mesh, numbers, _reach(spaces[0], slopes))
+        self._part = CoarsePart(operator, spaces, _reach(spaces[0], slopes))
         size = self._part.functions.size
-        self._b, self._r, self._d, self._new, found = (
+        self._b, self._r, self._d, self._new, self._found = (
             vector(operator.mesh, size) for _ in range(5)
         )
-        self._transfer = Transfer(spaces, numbers, self._part, operator, found)
         self._few = vector(operator.mesh, few), vector(operator.mesh, few)
         here = self._part.rows(_filled(self._longest, (count, few)))
         self._spread = TallMatrix(operator.mesh, operator.launch, here)
@@ -75,7 +71,7 @@ class CoarseCorrection:
             self._join = Halo(comm, self._r.flat, sends, owned, self._smooth_r.flat)
             """The residual of all smooth functions, each from the rank that owns it."""
             ring = self._part.ring()
-            for each in (self._d, self._new, found) if symmetric else (self._d, self._new):
+            for each in (self._d, self._new, self._found)[: 2 + symmetric]:
                 operator.mesh.share(each.flat, *ring)
 
     def setup(self, tau: float, depth: Array) -> None:
@@ -103,9 +99,9 @@ class CoarseCorrection:
 
     def correct(self, b: Field, x: Field) -> None:
         """Add the correction for the residual b to x."""
-        found, d, new = self._transfer.coefficients, self._d, self._new
+        found, d, new = self._found, self._d, self._new
         exchange = self._operator.mesh.exchange
-        self._transfer.restrict(b, self._b)
+        self._part.restrict(b, self._b)
         wp.copy(self._r.values, self._b.values)
         self._solve_longest(d, add=False)
         before, product = d, self._smooth
@@ -119,14 +115,14 @@ class CoarseCorrection:
             wp.copy(self._r.values, self._b.values)
             self._sweep(self._smooth, (0.0, 0.0, 0.0), found, new, found)
             self._solve_longest(found, add=True)
-        self._transfer.prolong(x)
+        self._part.prolong(found, x)
 
     def _sweep(
         self, product: SlicedMatrix, coefficients: Step, d: Field, new: Field, before: Field
     ) -> None:
         """The coefficients of all functions, from those before, after a Chebyshev step."""
-        found, per_diagonal = self._transfer.coefficients, self._per_diagonal.values
-        product.sweep(coefficients, per_diagonal, self._r, (d, new), before, found)
+        per_diagonal = self._per_diagonal.values
+        product.sweep(coefficients, per_diagonal, self._r, (d, new), before, self._found)
 
     def _solve_longest(self, out: Field, add: bool) -> None:
         """out = P A^-1 P^T r for the longest waves, or that added to it."""
@@ -136,49 +132,6 @@ class CoarseCorrection:
         self._gather(self._smooth_r, once)
         self._exact(once, twice)
         self._spread(twice, out, add)
-
-
-class Transfer:
-    """Between fields and coefficients of the functions that a rank has."""
-
-    def __init__(
-        self, spaces: list[ElementSpace], numbers: Integers, part: CoarsePart,
-        operator: SchurOperator, coefficients: Field,
-    ) -> None:  # fmt: skip
-        """numbers: (E, k) of the functions on each element, among those of all spaces."""
-        mesh, launch = operator.mesh, operator.launch
-        self._mesh, self._launch = mesh, launch
-        values = np.concatenate([space.values for space in spaces[:3]], axis=1)
-        count = numbers.shape[1]
-        self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
-        launch.load(self._kernels.restrict, self._kernels.assembled, self._kernels.prolong)
-        self._values = mesh.upload(values.T)
-        here = mesh.part.elements
-        self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[here])
-        self._numbers = mesh.on_elements(part.here(numbers[here]), scalar=wp.int32)
-        self._integrals = vector(mesh, part.size + 1)
-        self._local = self._integrals.values[: mesh.groups * count].reshape((mesh.groups, count))
-        mesh.share(self._integrals.flat, *part.traffic())
-        few, many = self._kernels.shares
-        self._dims = (mesh.groups, count // few), (mesh.groups, mesh.points // many)
-        self._contributors = [
-            wp.array(half, dtype=Contributors, device=mesh.device)
-            for half in np.split(part.contributors(), 2, axis=1)
-        ]
-        self.coefficients = coefficients
-
-    def restrict(self, b: Field, out: Field) -> None:
-        """Integrals of b times each function [m2]."""
-        kernels, launch = self._kernels, self._launch
-        launch(kernels.restrict, self._dims[0], self._values, self._mass, b.values, self._local)
-        self._mesh.exchange(self._integrals)
-        size = self._contributors[0].size
-        launch(kernels.assembled, size, *self._contributors, self._integrals.flat, out.flat)
-
-    def prolong(self, x: Field) -> None:
-        """Add the functions times their coefficients to x."""
-        kernel, dim = self._kernels.prolong, self._dims[1]
-        self._launch(kernel, dim, self._values, self._numbers, self.coefficients.flat, x.values)
 
 
 def longest_waves(mesh: Mesh, smooth: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
@@ -198,16 +151,6 @@ def _filled(matrix: scipy.sparse.csr_array, shape: tuple[int, int]) -> scipy.spa
     wider = scipy.sparse.csr_array(matrix, copy=True)
     wider.resize(shape)
     return wider
-
-
-def _numbers(spaces: list[ElementSpace]) -> Integers:
-    """(E, k) of the functions on each element, those of the spaces one after the other."""
-    starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
-    smooth, both, one, other = (
-        np.where(space.numbers < 0, 0, space.numbers + start)
-        for space, start in zip(spaces, starts[:-1], strict=True)
-    )
-    return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)
 
 
 def _reach(smooth: ElementSpace, slopes: list[Any]) -> scipy.sparse.csr_array:

@@ -9,10 +9,15 @@ from typing import Any
 
 import numpy as np
 import scipy
+import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.kernels.simd.memory import CONTRIBUTORS
-from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.kernels.coarse import coarse_kernels
+from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
+from swe_sphere.operators.device_mesh import Field
+from swe_sphere.operators.lane_matrices import vector
+from swe_sphere.operators.schur import SchurOperator
+from swe_sphere.operators.sparse import ElementSpace
 
 Integers = NDArray[np.integer]
 MOST = 2 * CONTRIBUTORS
@@ -22,25 +27,65 @@ MOST = 2 * CONTRIBUTORS
 class CoarsePart:
     """Functions and elements of this rank; a process alone has all.
 
-    numbers: (E, k) the functions on each element; reach: (m, V) matrix, each row of which has
-    entries for functions that see each other in a sweep.
+    It transfers between fields and coefficients of these functions.
     """
 
-    def __init__(self, mesh: DeviceMesh, numbers: Integers, reach: scipy.sparse.csr_array) -> None:
-        self._mesh, self._numbers, self._here = mesh, numbers, mesh.part.elements
-        self._mine = np.unique(numbers[self._here])
+    def __init__(
+        self, operator: SchurOperator, spaces: list[ElementSpace], reach: scipy.sparse.csr_array
+    ) -> None:
+        """reach: (m, V), each row of which has entries for functions that see each other."""
+        mesh, launch = operator.mesh, operator.launch
+        self._mesh, self._launch, self._here = mesh, launch, mesh.part.elements
+        self._numbers = _numbers(spaces)
+        self._mine = np.unique(self._numbers[self._here])
         self.functions = self._mine
         """(n,) those that it has, ascending."""
         self._away: dict[int, Integers] = {}
-        self._owner = np.zeros(len(numbers), dtype=int)
+        self._owner = np.zeros(len(self._numbers), dtype=int)
         if mesh.comm.shared:
             rows = np.unique(reach.T.tocsr()[self._mine].indices)
             self.functions = np.unique(reach[rows].indices)
             for rank, elements in enumerate(mesh.comm.tell_all(self._here)):
                 self._owner[elements] = rank
-            needed = np.flatnonzero(self._is_mine()[numbers].any(axis=1))
+            needed = np.flatnonzero(self._is_mine()[self._numbers].any(axis=1))
             others = set(self._owner[needed].tolist()) - {mesh.comm.rank}
             self._away = {r: needed[self._owner[needed] == r] for r in sorted(others)}
+        values = np.concatenate([space.values for space in spaces[:3]], axis=1)
+        count, groups = self._numbers.shape[1], mesh.groups
+        self._kernels = coarse_kernels(mesh.mesh.np, count, mesh.real, mesh.shape)
+        launch.load(self._kernels.restrict, self._kernels.assembled, self._kernels.prolong)
+        few, many = self._kernels.shares
+        self._dims = (groups, count // few), (groups, mesh.points // many)
+        self._values = mesh.upload(values.T)
+        self._mass = mesh.on_elements(mesh.mesh.quadrature * mesh.mesh.jacobian[self._here])
+        of_elements = self.here(self._numbers[self._here])
+        self._of_elements = mesh.on_elements(of_elements, scalar=wp.int32)
+        size = count * (groups * mesh.lanes + sum(map(len, self._away.values())))
+        self._integrals, places = vector(mesh, size + 1), self._places()
+        self._local = self._integrals.values[: groups * count].reshape((groups, count))
+        wanted = mesh.comm.tell_all(self._away)
+        sends = {r: places[e[mesh.comm.rank]] for r, e in enumerate(wanted) if mesh.comm.rank in e}
+        receives = {r: places[elements] for r, elements in self._away.items()}
+        mesh.share(self._integrals.flat, sends, receives)
+        self._contributors = [
+            wp.array(half, dtype=Contributors, device=mesh.device)
+            for half in np.split(self._contributing(places, size), 2, axis=1)
+        ]
+
+    def restrict(self, b: Field, out: Field) -> None:
+        """Integrals of b times each function [m2]."""
+        kernels, launch = self._kernels, self._launch
+        launch(kernels.restrict, self._dims[0], self._values, self._mass, b.values, self._local)
+        self._mesh.exchange(self._integrals)
+        size = self._contributors[0].size
+        launch(kernels.assembled, size, *self._contributors, self._integrals.flat, out.flat)
+
+    def prolong(self, coefficients: Field, x: Field) -> None:
+        """Add the functions times their coefficients to x."""
+        self._launch(
+            self._kernels.prolong, self._dims[1], self._values, self._of_elements,
+            coefficients.flat, x.values,
+        )  # fmt: skip
 
     def rows(self, matrix: Any) -> scipy.sparse.csr_array:
         """Those of its functions."""
@@ -76,14 +121,7 @@ class CoarsePart:
         sends = {r: self.here(of[comm.rank]) for r, of in enumerate(told) if comm.rank in of}
         return sends, {r: self.here(functions) for r, functions in wanted.items()}
 
-    def traffic(self) -> tuple[dict[int, Integers], dict[int, Integers]]:
-        """Places (n, k) of integrals over elements that go to each neighbour, and come from it."""
-        comm, places = self._mesh.comm, self.places()
-        wanted = comm.tell_all(self._away)
-        sends = {r: places[each[comm.rank]] for r, each in enumerate(wanted) if comm.rank in each}
-        return sends, {r: places[elements] for r, elements in self._away.items()}
-
-    def places(self) -> Integers:
+    def _places(self) -> Integers:
         """(E, k) of integrals: as (groups, k, lanes), and behind these the elements of others."""
         lanes, k = self._mesh.lanes, self._numbers.shape[1]
         group, lane = np.divmod(np.arange(self._here.size), lanes)
@@ -94,16 +132,10 @@ class CoarsePart:
         places[away] = behind + np.arange(away.size * k).reshape(-1, k)
         return places
 
-    @property
-    def size(self) -> int:
-        """Of room for these integrals."""
-        elements = self._mesh.groups * self._mesh.lanes + sum(map(len, self._away.values()))
-        return int(self._numbers.shape[1] * elements)
-
-    def contributors(self) -> NDArray[np.int32]:
+    def _contributing(self, places: Integers, size: int) -> NDArray[np.int32]:
         """(n, MOST) places of what adds up to each function, in an order of the whole mesh.
 
-        -1 for what is not there, and in the ring; the fourth of three stands behind all.
+        -1 for what is not there, and in the ring; the fourth of three stands behind all `size`.
         """
         element, slot = np.nonzero(self._is_mine()[self._numbers])
         row = self.here(self._numbers[element, slot])
@@ -111,12 +143,22 @@ class CoarsePart:
         counts = np.bincount(row, minlength=self.functions.size)
         within = np.arange(row.size) - np.repeat(np.cumsum(counts) - counts, counts)
         table = np.full((counts.size, MOST), -1, dtype=np.int32)
-        table[row[order], within] = self.places()[element, slot][order]
+        table[row[order], within] = places[element, slot][order]
         odd = np.flatnonzero(counts % CONTRIBUTORS == 3)
-        table[odd, counts[odd]] = self.size
+        table[odd, counts[odd]] = size
         return table
 
     def _is_mine(self) -> NDArray[np.bool_]:
         is_mine = np.zeros(self._numbers.max() + 1, dtype=bool)
         is_mine[self._mine] = True
         return is_mine
+
+
+def _numbers(spaces: list[ElementSpace]) -> Integers:
+    """(E, k) of the functions on each element, those of the spaces one after the other."""
+    starts = np.cumsum([0, *(int(space.numbers.max()) + 1 for space in spaces)])
+    smooth, both, one, other = (
+        np.where(space.numbers < 0, 0, space.numbers + start)
+        for space, start in zip(spaces, starts[:-1], strict=True)
+    )
+    return np.concatenate([smooth, both, one + other], axis=1, dtype=np.int32)

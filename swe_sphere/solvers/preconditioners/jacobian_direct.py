@@ -10,11 +10,7 @@ from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh.dissection import dissection_order
 from swe_sphere.operators.sparse import Probing
-from swe_sphere.solvers.preconditioners.preconditioner import (
-    DEPTH_CHANGE,
-    KeptSetup,
-    refuse_if_large,
-)
+from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
 
 COURANT_CHANGE = 2.0
 """Change of wind, as an advective Courant number of tau, from which new factors pay."""
@@ -34,8 +30,6 @@ class JacobianDirect(KeptSetup):
     def __init__(self, model: Model) -> None:
         super().__init__(model)
         mesh = model.mesh
-        memory = self.memory_of_factors(mesh.size, mesh.np)
-        refuse_if_large(memory, "the factors of the Jacobian", self.name)
         self._probing = Probing(mesh)
         self._spacing = model.device_mesh.restrict(np.sqrt(mesh.area))
         self._order = (dissection_order(mesh)[:, None] + mesh.size * np.arange(FIELDS)).ravel()
@@ -47,28 +41,22 @@ class JacobianDirect(KeptSetup):
         """Memory [bytes] of the factors for a mesh of so many nodes: measured, rather too much."""
         return (330.0 * math.log2(nodes) + 1900.0 * np) * nodes
 
-    def _needed(self, fluid: Array) -> Array:
-        return fluid
-
-    def _is_near(self, fluid: wp.array) -> bool:
+    def _is_near(self, flow: wp.array) -> bool:
         mesh = self._model.device_mesh
         u, v, h = mesh.restrict(self._flow).reshape(FIELDS, -1)
-        now_u, now_v, now_h = fluid.numpy().reshape(FIELDS, -1)
+        now_u, now_v, now_h = flow.numpy().reshape(FIELDS, -1)
         courant = self._tau * float((np.hypot(now_u - u, now_v - v) / self._spacing).max())
         near = bool(np.all(np.abs(now_h - h) <= DEPTH_CHANGE * np.abs(now_h)))
         return bool(mesh.comm.of_each(courant <= COURANT_CHANGE and near).all())
 
     def _prepare(self, tau: float, flow: Array) -> None:
-        from scipy.sparse.linalg import splu
-
         self._place(flow, self._direction)
         self._jacobian.update(self._direction, 0.0)
         jacobian = self._probing.matrix(self._product, FIELDS)
-        matrix = (scipy.sparse.eye_array(flow.size) - tau * jacobian).tocsr()[self._order][
-            :, self._order
-        ]
-        self._factors = splu(
-            matrix.tocsc().astype(np.float32), permc_spec="NATURAL", diag_pivot_thresh=0.0,
+        matrix = (scipy.sparse.eye_array(flow.size) - tau * jacobian).tocsr()[self._order]
+        matrix = matrix[:, self._order].tocsc().astype(np.float32)
+        self._factors = scipy.sparse.linalg.splu(
+            matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip
 

@@ -3,7 +3,7 @@
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -18,18 +18,11 @@ from swe_sphere.settings.registry import Registry
 PRECONDITIONERS: "Registry[Preconditioner]" = Registry("preconditioner")
 """All preconditioners by name; a class with a `name` is entered where it is defined."""
 
-
 LARGEST_MEMORY = 4e9
 """Memory [bytes] that a factorisation or patch inverses may take."""
-
-
-def refuse_if_large(memory: float, what: str, name: str) -> None:
-    """Raise ConfigError where preconditioner `name` would need more memory [bytes] than it may."""
-    if memory > LARGEST_MEMORY:
-        raise ConfigError(
-            f"{what} would take about {memory / 1e9:.0f} GB; choose the preconditioner helmholtz"
-            f" instead of {name}"
-        )
+STEP_CHANGE = 0.1
+DEPTH_CHANGE = 0.1
+"""Relative changes of tau and of depth anywhere from which a new set-up pays."""
 
 
 class Preconditioner(ABC):
@@ -61,22 +54,13 @@ class Preconditioner(ABC):
         """Memory [bytes] of the factors or inverses for a mesh of so many nodes, about."""
         return 0.0
 
-    @classmethod
-    def for_model(cls, model: Model) -> Self | None:
-        """The one for a model; None where there is nothing to precondition with."""
-        return cls(model)  # type: ignore[call-arg]
-
     @abstractmethod
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; cheap when little has changed."""
 
-    def costs(self) -> dict[str, float]:
-        """What it has taken so far: counts, and seconds of the set-ups."""
-        return {
-            "preconditioner_applications": self.applications,
-            "setups": self.setups,
-            "setup_seconds": self.setup_seconds,
-        }
+    @abstractmethod
+    def apply(self, r: wp.array, out: wp.array) -> None:
+        """out near (I - tau J)^-1 r, both states."""
 
     def update(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state, tracers included."""
@@ -91,9 +75,13 @@ class Preconditioner(ABC):
         if self.ratio is not None:
             self.ratio.follow(r, out)
 
-    @abstractmethod
-    def apply(self, r: wp.array, out: wp.array) -> None:
-        """out near (I - tau J)^-1 r, both states."""
+    def costs(self) -> dict[str, float]:
+        """What it has taken so far: counts, and seconds of the set-ups."""
+        return {
+            "preconditioner_applications": self.applications,
+            "setups": self.setups,
+            "setup_seconds": self.setup_seconds,
+        }
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """What the set-up in use was made for, that a restarted run makes the same one."""
@@ -104,13 +92,9 @@ class Preconditioner(ABC):
 
 
 class Unpreconditioned(Preconditioner):
-    """None at all."""
+    """No preconditioner: `make_preconditioner` returns None for it."""
 
     name = "none"
-
-    @classmethod
-    def for_model(cls, model: Model) -> None:
-        """None."""
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Nothing to prepare."""
@@ -120,24 +104,31 @@ class Unpreconditioned(Preconditioner):
         wp.copy(out, r)
 
 
-STEP_CHANGE = 0.1
-DEPTH_CHANGE = 0.1
-"""Relative changes of tau and of depth anywhere from which a new set-up pays."""
-
-
 class KeptSetup(Preconditioner):
-    """One that is set up anew when the step or the flow has changed by much."""
+    """A preconditioner that is set up again when the step or the flow has changed by much.
+
+    It depends on the blocks (N,) of wind and depth from number `first` on.  Raises ConfigError
+    where its factors would take more memory than they may.
+    """
+
+    first: ClassVar[int] = 0
 
     def __init__(self, model: Model) -> None:
+        memory = self.memory_of_factors(model.mesh.size, model.mesh.np)
+        if memory > LARGEST_MEMORY:
+            raise ConfigError(
+                f"the factors of {self.name} would take about {memory / 1e9:.0f} GB; choose the"
+                f" preconditioner helmholtz instead of {self.name}"
+            )
         self._model = model
         self._tau, self._flow = 0.0, np.zeros(0)
 
     def setup(self, state: wp.array, tau: float) -> None:
         """Prepare for the implicit step tau [s] at a state; nothing to do if little has changed."""
-        mesh, fluid = self._model.device_mesh, state[: self._model.fluid_size]
-        changed = abs(tau - self._tau) > STEP_CHANGE * tau
-        if changed or not self._is_near(fluid):
-            self._make(tau, self._needed(mesh.collect(fluid)).astype(np.float64))
+        mesh = self._model.device_mesh
+        flow = state[self.first * mesh.size : self._model.fluid_size]
+        if abs(tau - self._tau) > STEP_CHANGE * tau or not self._is_near(flow):
+            self._make(tau, mesh.collect(flow).astype(np.float64))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Step and flow that the set-up in use was made for."""
@@ -157,13 +148,9 @@ class KeptSetup(Preconditioner):
         self.setup_seconds += time.perf_counter() - start
 
     @abstractmethod
-    def _needed(self, fluid: Array) -> Array:
-        """The fields among wind and depth (3N,) that a set-up hangs on, of any part of the mesh."""
-
-    @abstractmethod
-    def _is_near(self, fluid: wp.array) -> bool:
-        """Whether they are still much as they were, on all ranks."""
+    def _is_near(self, flow: wp.array) -> bool:
+        """Whether these blocks are still much as they were, on all ranks."""
 
     @abstractmethod
     def _prepare(self, tau: float, flow: Array) -> None:
-        """Set up for tau [s] and those fields of the whole mesh."""
+        """Set up for tau [s] and these blocks of the whole mesh."""

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from swe_sphere.equations.scene import Scene
-from swe_sphere.equations.scene_checks import MOST_ELEMENTS
+from swe_sphere.equations.scene import MOST_ELEMENTS, Scene
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.settings.values import (
