@@ -121,7 +121,6 @@ class ForwardBackward(SplitExplicit):
         return self.older if self._altered else self.previous
 
     def swap(self) -> None:
-        """Make the new level the present one."""
         if self.steps < self.repeats_from:
             return
         new = self._new
@@ -181,12 +180,10 @@ class ForwardBackwardRK3(SplitExplicit):
         return (first, 1.0 - first, 0.0), (second, 1.0 - second, 0.0), last
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
-        """Begin from a copy of the state at time t [s]."""
         super().start(state, t)
         self._prepare()
 
     def load_state_dict(self, state: dict[str, NDArray[Any]], steps: int) -> None:
-        """Go on from what `state_dict` returned after that many steps."""
         super().load_state_dict(state, steps)
         self._prepare()
 
@@ -195,7 +192,6 @@ class ForwardBackwardRK3(SplitExplicit):
         self._passes.prepare(levels, self._last, self._last)
 
     def advance(self) -> None:
-        """Take a step, stage by stage."""
         now, new, passes = self.state, self._stage, self._passes
         if self._altered:
             self._prepare()
@@ -208,7 +204,6 @@ class ForwardBackwardRK3(SplitExplicit):
             offset = fraction
 
     def swap(self) -> None:
-        """Make the last stage the present state."""
         self.state, self._stage = self._stage, self.state
 
     @classmethod

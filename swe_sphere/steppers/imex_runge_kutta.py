@@ -135,7 +135,6 @@ class ImexRungeKutta(ImexStepper):
             wp.copy(self.slopes[i], self._linear[0][self._depth])
 
     def advance(self) -> None:
-        """Take a step, stage by stage."""
         self.solver.aim(self.state, self.error_constant, self.order, self.dt)
         self.solver.waves.linearise(self.state)
         self.model.tendency(self.state, self.time, self._full[0])

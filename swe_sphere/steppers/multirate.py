@@ -78,7 +78,6 @@ class InfinitesimalStep(FlowLimited):
         model.counters["fast_steps"] = 0
 
     def advance(self) -> None:
-        """Take a step, stage by stage."""
         model, x, stage = self.model, self.state, self.state
         for i, change in enumerate(self._changes):
             model.tendency(stage, self.time + self._offsets[i], self._slopes[i])

@@ -59,7 +59,6 @@ class RungeKutta(Stepper):
             point = level if share else start
 
     def advance(self) -> None:
-        """Take a step, stage by stage."""
         for stage in self._stages:
             if stage.mixer is not None:
                 stage.mixer(self.state, stage.start)
