@@ -31,10 +31,7 @@ class SweepTerminal(SweepWatcher):
             total=0, desc=title, unit="run", leave=False, file=sys.stderr,
             disable=quiet or not sys.stderr.isatty(),
         )  # fmt: skip
-
-    def close(self) -> None:
-        """Take the bar away."""
-        self._bar.close()
+        self.close = self._bar.close
 
     def expect(self, runs: int) -> None:
         """Lengthen the bar."""
@@ -74,29 +71,26 @@ def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:
     from swe_sphere.studies.report import search_rankings, sweep_rankings
 
     found = sweep_rankings(dataset) if search is None else search_rankings(dataset, search)
-    show_rankings(found)
-    console = _console()
+    console = show_rankings(found)
     if not found:
         console.print(f"{dataset.attrs['scene']}: no run has an error that could be compared")
-    columns = (dataset[name].values for name in ("stepper", "status", "reason"))
-    failures = Counter(words for words in zip(*columns, strict=True) if words[-1])
-    for (stepper, status, reason), count in failures.items():
+    ends = dataset[["stepper", "status", "reason"]].to_dataframe()
+    for (stepper, status, reason), count in Counter(ends.itertuples(False, None)).items():
+        if not reason:
+            continue
         times = f"{count} × " if count > 1 else ""
         console.print(f"{times}{stepper}, {status}: {reason}", soft_wrap=True)
 
 
-def show_rankings(found: Sequence[Ranking]) -> None:
-    """The headline and the table of each, and how to read the last."""
-    console = _console()
+def show_rankings(found: Sequence[Ranking]) -> Console:
+    """The headline and the table of each, and how to read the last; returns the console."""
+    from rich.console import Console
+
+    console = Console(markup=False, highlight=False)
     for ranking in found:
         console.print(ranking.headline, soft_wrap=True)
         if any(run is not None for row in ranking.lines.values() for run in row[:-1]):
             print_table(ranking.heads, ranking.body)
     if found:
         console.print(found[-1].caption, soft_wrap=True)
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(markup=False, highlight=False)
+    return console

@@ -68,10 +68,6 @@ class Question(SharedConfig):
         names = self.model_fields_set - {"error", "budget", "steppers"}
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
-    def run_config(self, **values: object) -> RunConfig:
-        """The configuration of a run, with these values too."""
-        return make_config(self.common | values)
-
 
 @dataclass(frozen=True)
 class Advice:
@@ -93,7 +89,7 @@ class Advice:
         chosen = {"stepper": steppers[best.stepper], "dt": float(f"{best['dt']:.5g}")}
         if best.preconditioner:
             chosen["preconditioner"] = best.preconditioner
-        return self.question.run_config(**chosen)
+        return make_config(self.question.common | chosen)
 
     @property
     def command(self) -> str:
@@ -116,18 +112,22 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
             or no stepper is found that has the error.
         Interrupted: the user asked to stop.
     """
-    space = Discretisation(question.run_config())
+    space = Discretisation(make_config(question.common))
     whole = space.scene.days if question.days is None else question.days
     days = whole
     while days * _seconds_a_day(space, question) * RUNS > question.budget and days > 0.1:
         days *= 0.5
+    # the error of the balanced flow where there is one beside gravity waves, else of depth
+    waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None
+    slow = waves and math.isfinite(space.limits["advective_limit"])
+    target = question.error * days / whole
     plan = make_plan(question.common | {
         "steppers": question.steppers, "days": days, "budget": question.budget, "finer": 0,
-        "target_error": question.error * days / whole, **_error_kind(space),
+        "target_error": target, "target_kind": "slow" if slow else "time", "slow": slow,
     })  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         dataset = run_plan(plan, Path(folder), watcher)
-    own, target = float(dataset.attrs["converged_check"]), plan.target_error or 0.0
+    own = float(dataset.attrs["converged_check"])
     if not target >= own:
         raise ConfigError(
             f"error: {target:.2g} cannot be measured, the reference run has {own:.2g}:"
@@ -142,17 +142,9 @@ def advise(question: Question, watcher: SweepWatcher | None = None) -> Advice:
     )
 
 
-def _error_kind(space: Discretisation) -> dict[str, Any]:
-    """The error of the balanced flow where there is one beside gravity waves, else of depth."""
-    moves = math.isfinite(space.limits["advective_limit"])
-    waves = space.scene.wind is None and space.scene.effect("pressure-gradient") is not None
-    slow = moves and waves
-    return {"target_kind": "slow" if slow else "time", "slow": slow}
-
-
 def _seconds_a_day(space: Discretisation, question: Question) -> float:
     """Time [s] that rk4 takes for a day with its longest step: CPU time, on a GPU wall time."""
-    sim = space.simulation(question.run_config(stepper="rk4"))
+    sim = space.simulation(make_config(question.common | {"stepper": "rk4"}))
     device = sim.model.device
     clock = time.process_time if device == "cpu" else time.perf_counter
     times = []

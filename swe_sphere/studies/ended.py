@@ -38,11 +38,7 @@ class Ended:
 
 
 def attempt(work: Callable[[], Ended]) -> Ended:
-    """What the work comes to; an error in it is an end as well.
-
-    Raises:
-        Interrupted: the user asked to stop.
-    """
+    """What the work comes to; an error in it is an end as well, but for Interrupted."""
     try:
         with np.errstate(all="ignore"):
             return work()
@@ -60,8 +56,7 @@ def stepped(
 ) -> Ended:
     """Step a simulation to its end, as its `advance` does; any error of a step ends it too.
 
-    Raises:
-        Interrupted: the user asked to stop.
+    Raises Interrupted where the user asked to stop.
     """
 
     def work() -> Ended:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -26,16 +26,6 @@ class Record(BaseModel):
     def as_text(self) -> str:
         """The contents of the file."""
         return self.model_dump_json(indent=1) + "\n"
-
-
-class Result(Record):
-    """What came of a run whose numbers are held against bounds."""
-
-    fingerprint: str = ""
-    """Of its settings and of the code that made it."""
-    reason: str
-    """Why it did not end well; empty if it did."""
-    numbers: Mapping[str, float | None] = {}
 
 
 R = TypeVar("R", bound=Record)

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure
 from xarray import Dataset
 
 from swe_sphere.files.durable import clear_errors, write_whole
@@ -329,7 +328,8 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
         ]
         met = [
             "yes" if run is not None and run.gravity_multiple >= claim.gravity
-            and run.advective_multiple >= claim.advective else "no" for run in steps
+            and run.advective_multiple >= claim.advective else "no"
+            for run in steps
         ]  # fmt: skip
         each = [f"{answer} ({m.symbol})" for answer, m in zip(met, shown, strict=True)]
         verdict = met[0] if len({*met}) == 1 else ", ".join(each)
@@ -360,7 +360,7 @@ def write_report(
     told = sections[0].dataset.attrs.get("title") if sections else ""
     text = _rendered(
         "report.html.j2", title=title or told or TITLE, sections=sections, notes=notes or {},
-        picture=partial(_inline, out),
+        picture=partial(_picture, out, True),
     )  # fmt: skip
     write_whole(out / "table.csv", csv_text(sections))
     write_whole(out / "index.html", text)
@@ -394,7 +394,7 @@ def write_markdown(
     text = _rendered(
         "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
         shown=SHOWN, figures=figures, claims=claims, verdicts=[VERDICT_HEADS, verdicts],
-        picture=partial(_file, folder),
+        picture=partial(_picture, folder, False),
     )  # fmt: skip
     write_whole(folder / "README.md", text)
     return folder / "README.md"
@@ -407,30 +407,23 @@ def _made(folder: str | os.PathLike[str], what: str) -> Path:
     return Path(folder)
 
 
-def _file(folder: Path, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
-    """Draw a diagram; returns the name of its SVG file."""
-    return f"{_drawn(folder, section, mesh, diagram)[0]}.svg"
+def _picture(folder: Path, whole: bool, section: Section, mesh: OneMesh, diagram: Diagram) -> str:
+    """Draw a diagram into an SVG file; returns the name of the file.
 
-
-def _inline(folder: Path, section: Section, mesh: OneMesh, diagram: Diagram) -> Markup:
-    """Draw a diagram; returns it as an element of the page, its points with explanations."""
-    stem, svg, figure = _drawn(folder, section, mesh, diagram)
+    whole: draw a PNG too, and return the diagram as an element of a page, with explanations of its
+    points.
+    """
+    stem = f"{section.name}-{mesh.name}-{diagram.name}"
+    figure = render(diagram, section.name)
+    svg = save_svg(figure, stem)
+    write_whole(folder / f"{stem}.svg", svg)
+    if not whole:
+        return f"{stem}.svg"
     png = BytesIO()
     figure.savefig(png, format="png", dpi=DOTS_PER_INCH)
     write_whole(folder / f"{stem}.png", png.getvalue())
     tips = {f"{section.name}-{run['number']}": _tip(run) for run in records(mesh.runs)}
     return Markup(inline(svg, stem, diagram.title, tips))
-
-
-def _drawn(
-    folder: Path, section: Section, mesh: OneMesh, diagram: Diagram
-) -> tuple[str, str, Figure]:
-    """Name, text and figure of a diagram, whose SVG file is written."""
-    stem = f"{section.name}-{mesh.name}-{diagram.name}"
-    figure = render(diagram, section.name)
-    svg = save_svg(figure, stem)
-    write_whole(folder / f"{stem}.svg", svg)
-    return stem, svg, figure
 
 
 def _tip(run: Mapping[str, Any]) -> str:

@@ -108,7 +108,6 @@ class Ranking:
     metric: Metric
     targets: list[float]
     """Falling."""
-    runs: pd.DataFrame
     lines: dict[str, list[pd.Series | None]]
     """For each curve the cheapest run for each target, and the run of its smallest error."""
     plateau: Plateau | None = None
@@ -135,11 +134,6 @@ class Ranking:
         """Name of the time that steppers are ranked by; empty where none was taken."""
         runs = (run for row in self.lines.values() for run in row if run is not None)
         return next((run.clock for run in runs if run.timed), "")
-
-    @property
-    def smallest_error(self) -> float:
-        """That of any stepper."""
-        return float(candidates(self.runs, self.metric)[self.metric].min())
 
     @property
     def answered(self) -> int | None:
@@ -227,7 +221,7 @@ def _ranking(
     lines = {curve: cells[curve] for curve in sorted(cells, key=costs.__getitem__)}
     flat = plateau(runs, metric) if metric.field == "h" and metric.kind != "slow" else None
     notes = [prose("unresolved", wanted[-1], own)] if wanted and wanted[-1] < resolved else []
-    return Ranking(where, metric, wanted, runs, lines, flat, notes)
+    return Ranking(where, metric, wanted, lines, flat, notes)
 
 
 @dataclass(frozen=True, eq=False)

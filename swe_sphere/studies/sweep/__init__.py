@@ -1,6 +1,6 @@
 """Many runs of one scene: what accuracy costs in time, by stepper and step."""
 
-from swe_sphere.studies.sweep.api import run_plan, sweep
+from swe_sphere.studies.sweep.engine import run_plan, sweep
 from swe_sphere.studies.sweep.runner import SweepWatcher
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 

@@ -63,8 +63,8 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
     runs = table[table["repeat"] == 0].loc[[*firsts]]
     data: dict[str, Any] = {name: ("run", runs[name].to_numpy(object)) for name in WORDS}
     for name in (*UNITS, *(name for name in runs if name not in {*UNITS, *WORDS, *INNER})):
-        attributes = {"units": UNITS[name]} if name in UNITS else {}
-        data[name] = ("run", runs[name].to_numpy(float), attributes)
+        units = {"units": UNITS[name]} if name in UNITS else {}
+        data[name] = ("run", runs[name].to_numpy(float), units)
     # a repeat that was cut short has no time of the whole run
     table.loc[(table["repeat"] > 0) & (table["status"] != "completed"), [*CLOCKS]] = np.nan
     for name in CLOCKS:
@@ -77,7 +77,13 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
             with np.errstate(divide="ignore", invalid="ignore"):
                 data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, told)
     data["error"] = _errors([*firsts.values()])
-    return xr.Dataset(data, attrs=_attributes(header, records))
+    values, (dt, check) = dict(header), _converged(records)
+    attributes = {
+        name: values[name] for name in ("scene", "machine", "cores", "created", "command")
+    }
+    attributes |= {name: json.dumps(values[name]) for name in ("plan", "sources", "versions")}
+    attributes |= {"title": f"time steps and cost: {header.title}"}
+    return xr.Dataset(data, attrs=attributes | {"converged_dt": dt, "converged_check": check})
 
 
 def write_dataset(folder: Path) -> xr.Dataset:
@@ -125,18 +131,6 @@ def _errors(runs: list[RunRecord]) -> xr.DataArray:
     labels = {"kind": [*KINDS], "field": [*FIELDS], "norm": [*NORMS],
               "report_day": ("report_day", days, {"units": "d"})}  # fmt: skip
     return xr.DataArray(values, labels, ["run", *labels], attrs={"units": "1"})
-
-
-def _attributes(header: Header, records: list[RunRecord]) -> dict[str, Any]:
-    dt, check = _converged(records)
-    values = dict(header)
-    return {
-        **{name: values[name] for name in ("scene", "machine", "cores", "created", "command")},
-        **{name: json.dumps(values[name]) for name in ("plan", "sources", "versions")},
-        "title": f"time steps and cost: {header.title}",
-        "converged_dt": dt,
-        "converged_check": check,
-    }
 
 
 def _converged(records: list[RunRecord]) -> tuple[float, float]:

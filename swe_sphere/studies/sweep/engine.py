@@ -1,24 +1,33 @@
-"""A sweep: reference runs, then the grid or the searches, all of it resumable."""
+"""A sweep: reference runs, then the grid or the searches, all of it resumable; to one dataset."""
 
 from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
+import xarray as xr
+
 from swe_sphere.equations.scene import Scene
-from swe_sphere.simulation.loop import Interruption
+from swe_sphere.planet import DAY
+from swe_sphere.ranks.communicator import refuse_ranks
+from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import Tell, in_processes
+from swe_sphere.studies.record_store import locked
+from swe_sphere.studies.sweep.dataset import write_dataset
 from swe_sphere.studies.sweep.errors import Evaluator
 from swe_sphere.studies.sweep.record import RunRecord, current, note_plan, runs_of
 from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
 from swe_sphere.studies.sweep.steps import longest_accurate, longest_working
-from swe_sphere.studies.sweep.sweep_plan import SweepPlan
+from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST = 64.0
 """A search for an error goes down to this part of the longest step or of the gravity limit."""
@@ -39,6 +48,80 @@ NEAR_BEST = 1.5
 Part = tuple[str, int, int | None]
 """Runs that one process makes one after the other: what they are for (grid, search or limit), the
 number of their integrator, and which of its grid, None for all of it."""
+
+
+def sweep(
+    scene: str | os.PathLike[str] | Scene,
+    steppers: str | type[Stepper] | Sequence[str | os.PathLike[str] | type[Stepper]],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    watcher: SweepWatcher | None = None,
+    **options: object,
+) -> xr.Dataset:
+    """Run steppers over a range of steps on a scene, and return what came of it.
+
+    Args:
+        scene: name of a scene, path of a file that defines one, or a `Scene`.
+        steppers: names, paths of files, or classes, in a list; names also separated by commas.
+        out: folder that keeps the runs, so that a sweep can be stopped and extended; None: none.
+        watcher: told how it goes.
+        options: those of `SweepPlan`: dt [s], ne, np, days, repeats, ...
+
+    Numbers registered with `diagnostic` become variables of the dataset.
+
+    Returns:
+        The dataset of `build_dataset`, a row for each setting.
+
+    Raises:
+        ConfigError: the sweep cannot be made as asked for.
+        KeyboardInterrupt: on Ctrl-C; what is finished stays in `out`.
+
+    Examples:
+        >>> from swe_sphere import sweep
+        >>> ds = sweep("williamson2", ["rk4", "tr-bdf2"], ne=2, np=4, days=0.05, dt=[2160, 1080],
+        ...            repeats=1)
+        >>> grid = ds.isel(run=ds.role.values == "grid")
+        >>> grid.stepper.values.tolist()
+        ['rk4', 'tr-bdf2', 'rk4', 'tr-bdf2']
+        >>> bool((grid.error.sel(kind="time", field="v", norm="l2") < 1e-3).all())
+        True
+    """
+    refuse_ranks()
+    own = scene if isinstance(scene, Scene) else None
+    name = str(scene) if own is None else own.name
+    plan = make_plan({"scene": name, "steppers": steppers, **options}, own)
+    try:
+        with tempfile.TemporaryDirectory() if out is None else nullcontext(out) as folder:
+            return run_plan(plan, Path(folder), watcher, own)
+    except Interrupted as error:
+        raise KeyboardInterrupt(str(error)) from None
+
+
+def run_plan(
+    plan: SweepPlan,
+    folder: Path,
+    watcher: SweepWatcher | None = None,
+    own: Scene | None = None,
+) -> xr.Dataset:
+    """Carry out a plan in a folder and write its dataset there; finished runs are not repeated.
+
+    own: a scene that stands behind the name in the plan.
+
+    Raises:
+        ConfigError: the plan cannot be carried out, or not in that folder; or another sweep is at
+            work there.
+        RunFailed: the disk does not take the results.
+        Interrupted: the user asked to stop; the dataset of what is finished has been written.
+    """
+    with locked(folder):
+        work = Sweep(plan, folder, watcher or SweepWatcher(), own)
+        try:
+            work.run()
+        except Interrupted:
+            if work.has_runs:
+                write_dataset(folder)
+            raise
+        return write_dataset(folder)
 
 
 class BudgetSpent(Exception):
@@ -197,8 +280,9 @@ class Sweep:
     def _find_limit(self, integrator: Integrator) -> None:
         if integrator.refusal is not None:
             return
+        study = self._study
         limit, gravity = integrator.stable_dt, integrator.space.limits["gravity_limit"]
-        known, longest = math.isfinite(limit), integrator.longest
+        known, longest = math.isfinite(limit), min(study.interval, 0.5 * study.days * DAY)
         guess = limit if known else 8.0 * gravity
         ends: set[str] = set()
 

@@ -81,12 +81,14 @@ class Evaluator:
         """Make both runs and keep what each says of the other."""
         made = {spec: self._runner.make(spec) for spec in (coarse, fine)}
         ours, right = (fields for _, fields in made.values())
-        integrator, model = fine.integrator, fine.space.model
-        apart = {day: flow_errors(model, ours[day], right[day]) for day in ours if day in right}
-        gain = 2.0 ** integrator.kind.order_in(model, **integrator.options)
+        integrator, space = fine.integrator, fine.integrator.space
+        apart = {
+            day: flow_errors(space.model, ours[day], right[day]) for day in ours if day in right
+        }
+        gain = 2.0 ** integrator.kind.order_in(space.model, **integrator.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
-            errors = Errors.of("time", apart, share) + self._total_errors(spec.space, fields)
+            errors = Errors.of("time", apart, share) + self._total_errors(space, fields)
             self._keep(spec, record.model_copy(update={"errors": errors}), fields)
 
     # --- in total

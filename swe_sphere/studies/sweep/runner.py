@@ -103,7 +103,7 @@ def _begun(spec: RunSpec) -> Simulation:
     """The simulation at its start."""
     if spec.refusal is not None:
         raise ConfigError(spec.refusal)
-    sim = spec.space.simulation(spec.config)
+    sim = spec.integrator.space.simulation(spec.config)
     sim.begin(spec.steps)
     return sim
 
@@ -195,7 +195,7 @@ class Runner:
         if record is None:
             record, fields = self.make(spec, self.time_limit, repeat)
             if evaluate:
-                found = evaluate(spec.space, fields)
+                found = evaluate(spec.integrator.space, fields)
                 record = record.model_copy(update={"errors": found})
             record = self.keep(record)
         self.watcher.done(spec, record)
@@ -220,8 +220,9 @@ class Runner:
         record = RunRecord(
             key=spec.key, repeat=repeat, role=spec.role, config=spec.resolved,
             status=ended.status, reason=ended.reason,
-            numbers=numbers | spec.space.limits | untold, errors=[], time_limit=self.time_limit,
-            sources=self.sources | spec.integrator.sources, jobs=self.jobs,
+            numbers=numbers | spec.integrator.space.limits | untold, errors=[],
+            time_limit=self.time_limit, sources=self.sources | spec.integrator.sources,
+            jobs=self.jobs,
         )  # fmt: skip
         return record, fields
 

@@ -253,11 +253,6 @@ class Integrator:
         """Stability limit at the start [s], about; infinite where there is none."""
         return self.space.stable_dt(self.kind)
 
-    @property
-    def longest(self) -> float:
-        """The longest step that is worth a trial [s]."""
-        return min(self.study.interval, 0.5 * self.study.days * DAY)
-
     def dt_sequence(self, levels: int, longest: float | None = None) -> list[float]:
         """Steps to try [s], the longest first; longest: none is longer [s], and they are halved."""
         explicit = math.isfinite(self.stable_dt) and self.kind.family == "explicit"
@@ -303,11 +298,6 @@ class RunSpec:
     role: Role = "grid"
     refusal: str | None = field(default=None, compare=False)
     """Why it cannot be run, where that is known beforehand."""
-
-    @property
-    def space(self) -> Discretisation:
-        """The scene on its mesh."""
-        return self.integrator.space
 
     @property
     def label(self) -> str:
