@@ -16,11 +16,12 @@ from swe_sphere.analysis.regrid import CellMeans, Points
 from swe_sphere.analysis.regrid_file import regrid_file, write_scrip
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
+from swe_sphere.io.layout import frame_dataset
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.reference_solution import Reference
-from swe_sphere.io.runfile import RunFile, frame_dataset
-from swe_sphere.mesh import Mesh, cubed_sphere
+from swe_sphere.io.runfile import RunFile
+from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import cell_corners
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.plot import plot_file

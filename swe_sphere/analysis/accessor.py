@@ -22,11 +22,10 @@ from swe_sphere.analysis.winds import Poisson, grid_for, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
-from swe_sphere.io.layout import DIAGNOSTICS, plain
+from swe_sphere.io.layout import VARIABLES, plain
 from swe_sphere.io.norms import norms
-from swe_sphere.io.runfile import TOLERANCE, RunFile
+from swe_sphere.io.runfile import TOLERANCE, RunFile, engine
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.io.zarr_store import engine
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.settings.values import convert, validated
 
@@ -183,7 +182,7 @@ class Analysis:
         for k in range(self._times.size):
             rows.append(integrals(mesh, planet, **self._frame(k, names)))
         series = {name: [row[name] for row in rows] for name in rows[0]}
-        about = {k: dict(zip(("long_name", "units"), DIAGNOSTICS[k], strict=True)) for k in series}
+        about = VARIABLES["series"]
         return self._series({k: ("time", values, about[k]) for k, values in series.items()})
 
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:

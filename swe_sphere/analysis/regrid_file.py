@@ -18,8 +18,8 @@ from swe_sphere.analysis.regrid import Regridder, fields_of, on_grid, regridder
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.durable import clear_errors, part_of, refuse_to_replace, remove, take_place
 from swe_sphere.io.layout import SERIES, history
-from swe_sphere.io.runfile import RunFile
-from swe_sphere.io.zarr_store import check_zarr, engine
+from swe_sphere.io.runfile import RunFile, engine
+from swe_sphere.io.zarr_store import check_zarr
 from swe_sphere.mesh.cells import cell_corners
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}

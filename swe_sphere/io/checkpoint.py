@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import part_of, put_in_place
-from swe_sphere.io.runfile import attributes, reading
+from swe_sphere.io.runfile import reading
 
 HEADER = "header"
 ARRAYS = "arrays"
@@ -81,8 +81,8 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     path = Path(path)
     if path.is_file() and zipfile.is_zipfile(path):
         return _read(path)
-    with reading(path) as dataset:
-        run_id = attributes(dataset).get("run_id")
+    with reading(path) as data:
+        run_id = data.attrs.get("run_id")
     if run_id is None:
         raise ConfigError(f"cannot read {path}: it is no file of a run of swe_sphere, or damaged")
     beside = checkpoint_path(path)

@@ -1,109 +1,97 @@
-"""The header of a netCDF classic file: where its variables begin and where it counts them.
+"""Headers of netCDF classic files, with the offsets of what they describe.
 
 Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, with offsets of
 64 bits.
 """
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import BinaryIO, Final
+import math
+from collections.abc import Mapping
+from typing import Any
 
-FORMAT: Final = "NETCDF3_64BIT_OFFSET"
-"""What the netCDF library calls the format."""
+import numpy as np
+from numpy.typing import ArrayLike
+
+from swe_sphere.io.layout import SERIES, Layout
 
 MAGIC = b"CDF\x02"
 RECORDS_AT = len(MAGIC)
-"""Where the number of records stands [bytes]."""
-SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 8}
-"""Bytes of a value of each type."""
+"""Offset of the number of records [bytes]."""
+DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12
+"""Tags of the lists."""
+TEXT = 2
+TYPES = {"i": (4, ">i4"), "f": (6, ">f8")}
+"""Number of each type, and of numbers how they are stored, by their kind in numpy."""
 
 
-@dataclass(frozen=True)
 class Header:
-    """Where things stand in a file [bytes from its start]."""
+    """Header of a file without records; all offsets and sizes are in bytes."""
 
-    records: int
-    """How many records there are."""
-    record_bytes: int
-    """Bytes from one record to the next."""
-    lengths: dict[str, int]
-    """Where the length of each dimension stands, a number of four bytes."""
-    texts: dict[str, tuple[int, int]]
-    """Where the value of each global attribute stands, and its bytes."""
-    begins: dict[str, int]
-    """Where each variable begins; one with records, in the first of them."""
-    recorded: dict[str, int]
-    """Which variables have records, and the bytes of one."""
-    end: int
-    """Where the last variable ends."""
+    def __init__(self, layout: Layout) -> None:
+        self.data = bytearray(MAGIC + bytes(4))
+        self._add(DIMENSIONS, len(layout.sizes))
+        for name, size in layout.sizes.items():
+            self._add_text(name)
+            self._add(size)
+            if name == SERIES:
+                self.samples_at = len(self.data) - 4
+                """Offset of the length of the series."""
+        self.texts = self._add_attributes(layout.attributes)
+        """Offset and size of the value of each global attribute that is a text."""
+        self.recorded: dict[str, int] = {}
+        """Size of a record of each variable that has records."""
+        self._add_variables(layout)
 
+    def _add_variables(self, layout: Layout) -> None:
+        axes, sizes, places = [*layout.sizes], {}, {}
+        self._add(VARIABLES, len(layout.variables))
+        for name, variable in layout.variables.items():
+            lengths = [layout.sizes[axis] for axis in variable.axes]
+            kind, stored = TYPES["f" if variable.values is None else variable.values.dtype.kind]
+            has_records = lengths[:1] == [0]
+            sizes[name] = np.dtype(stored).itemsize * math.prod(lengths[has_records:])
+            if has_records:
+                self.recorded[name] = sizes[name]
+            self._add_text(name)
+            self._add(len(lengths), *map(axes.index, variable.axes))
+            self._add_attributes(variable.attributes)
+            self._add(kind, min(sizes[name], 2**32 - 1), 0, 0)
+            places[name] = len(self.data) - 8
+        end, self.begins = len(self.data), {}
+        """Offset of each variable; of one with records, in the first of them."""
+        for name in sorted(sizes, key=self.recorded.__contains__):  # records follow all others
+            self.begins[name] = end
+            self.data[places[name] : places[name] + 8] = end.to_bytes(8, "big")
+            end += sizes[name]
+        self.record_bytes = sum(self.recorded.values())
+        self.end = end - self.record_bytes
+        """Offset of the first record."""
 
-class _Scanner:
-    """Takes a header apart from front to back."""
+    def _add(self, *numbers: int) -> None:
+        self.data += np.array(numbers, ">u4").tobytes()
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+    def _add_text(self, text: str) -> None:
+        data = text.encode()
+        self._add(len(data))
+        self.data += data + bytes(-len(data) % 4)
 
-    @property
-    def position(self) -> int:
-        return self._file.tell()
-
-    def take(self, size: int) -> bytes:
-        found = self._file.read(size)
-        if len(found) != size:
-            raise ValueError("it ends within its header")
-        return found
-
-    def number(self, size: int = 4) -> int:
-        return int.from_bytes(self.take(size), "big")
-
-    def text(self) -> str:
-        size = self.number()
-        return self.take(size + -size % 4)[:size].decode()
-
-    def items(self) -> range:
-        """For every item of the list that follows."""
-        self.number()  # says what kind of list it is
-        return range(self.number())
-
-    def attributes(self) -> dict[str, tuple[int, int]]:
-        found = {}
-        for _ in self.items():
-            name, size = self.text(), SIZES[self.number()] * self.number()
-            found[name] = (self.position, size)
-            self.take(size + -size % 4)
-        return found
-
-
-def read_header(file: BinaryIO) -> Header:
-    """The header of an open file; ValueError or LookupError if it is damaged or none."""
-    file.seek(0)
-    scanner = _Scanner(file)
-    if scanner.take(len(MAGIC)) != MAGIC:
-        raise ValueError("not a netCDF classic file with 64-bit offsets")
-    records, lengths, sizes = scanner.number(), {}, []
-    for _ in scanner.items():
-        name = scanner.text()
-        lengths[name] = scanner.position
-        sizes.append(scanner.number())
-    texts = scanner.attributes()
-    begins, bytes_of, counted = {}, {}, {}
-    for _ in scanner.items():
-        name, shape = scanner.text(), [scanner.number() for _ in range(scanner.number())]
-        scanner.attributes()
-        scanner.number()  # its type
-        bytes_of[name], begins[name] = scanner.number(), scanner.number(8)
-        if shape and sizes[shape[0]] == 0:
-            counted[name] = bytes_of[name]
-    record_bytes = sum(counted.values())
-    before = {name: (records - 1) * record_bytes if name in counted else 0 for name in begins}
-    ends = [begins[name] + before[name] + bytes_of[name] for name in begins]
-    end = max(ends, default=0)
-    return Header(records, record_bytes, lengths, texts, begins, counted, end)
+    def _add_attributes(self, values: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+        places = {}
+        self._add(ATTRIBUTES if values else 0, len(values))
+        for name, value in values.items():
+            self._add_text(name)
+            if isinstance(value, str):
+                self._add(TEXT)
+                places[name] = len(self.data) + 4, len(value)
+                self._add_text(value)
+            else:
+                numbers = np.asarray(value)
+                self._add(TYPES[numbers.dtype.kind][0], numbers.size)
+                self.data += as_bytes(numbers)
+        return places
 
 
-def check_length(path: Path) -> None:
-    """ValueError if a classic file ends before its data do, of which netCDF says nothing."""
-    with path.open("rb") as file:
-        if file.read(len(MAGIC)) == MAGIC and read_header(file).end > path.stat().st_size:
-            raise ValueError("it ends within its data")
+def as_bytes(numbers: ArrayLike) -> memoryview:
+    """Return the bytes of numbers in a file."""
+    array = np.asarray(numbers)
+    stored = np.ascontiguousarray(array, TYPES[array.dtype.kind][1])
+    return stored.reshape(-1).view(np.uint8).data

@@ -21,8 +21,8 @@ def open_source(path: str | os.PathLike[str]) -> Source:
 
     Raises ConfigError if it is neither, missing or damaged.
     """
-    with reading(path) as dataset:
-        on_grid = {"lat", "lon"} <= dataset.dimensions.keys()
+    with reading(path) as data:
+        on_grid = {"lat", "lon"} <= data.sizes.keys()
     return Reference(path) if on_grid else RunFile(path)
 
 
@@ -74,8 +74,8 @@ def _scene_file(source: Source) -> str | None:
 def _common_time(ours: Source, theirs: Source) -> float | None:
     """The time [s] of a reference, else the last one of which both have a frame."""
     for source in (theirs, ours):
-        if isinstance(source, Reference) and source.time is not None:
-            return source.time
+        if isinstance(source, Reference) and source.times.size:
+            return source.nearest(None)
     runs = [source for source in (theirs, ours) if isinstance(source, RunFile)]
     if len(runs) < 2:
         return runs[0].nearest(None) if runs else None

@@ -1,7 +1,4 @@
-"""What stands in an output file before the first frame: dimensions, mesh, variables, attributes.
-
-All is defined before anything is written, and what is large last: every definition makes the netCDF
-library move all variables of fixed size that stand in the file already.
+"""Contents of an output file before the first frame: dimensions, mesh, variables, attributes.
 
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
 nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.  For
@@ -11,58 +8,32 @@ tools that know values of cells alone, the bounds of the coordinates are those o
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere import __version__
+from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.cells import cell_corners
 
-FRAME_FIELDS = {
-    "h": {"long_name": "depth of the fluid", "units": "m"},
-    "u": {"standard_name": "eastward_wind", "long_name": "eastward wind", "units": "m s-1"},
-    "v": {"standard_name": "northward_wind", "long_name": "northward wind", "units": "m s-1"},
-    "vorticity": {
-        "standard_name": "atmosphere_upward_relative_vorticity",
-        "long_name": "relative vorticity",
-        "units": "s-1",
-    },
-    "divergence": {
-        "standard_name": "divergence_of_wind",
-        "long_name": "divergence of the wind",
-        "units": "s-1",
-    },
-}
-"""Fields of every frame and their attributes."""
+if TYPE_CHECKING:
+    import xarray as xr
+
+VARIABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text("utf-8"))
+"""Attributes of variables: frames, constants, coordinates, topology, series."""
 
 TRACER = "q_"
-"""What the names of variables that hold the mixing ratio of a tracer begin with."""
+"""Beginning of the names of variables with the mixing ratio of a tracer."""
 
-STATIC_FIELDS = {
-    "b": {"standard_name": "surface_altitude", "long_name": "height of the bottom", "units": "m"},
-    "f": {
-        "standard_name": "coriolis_parameter",
-        "long_name": "Coriolis parameter",
-        "units": "s-1",
-    },
-    "area": {
-        "standard_name": "cell_area",
-        "long_name": "quadrature weight of the node, its share of the sphere's area",
-        "units": "m2",
-    },
-}
-COORDINATES = {
-    "lat": {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north"},
-    "lon": {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
-}
 BOUNDS = "_bnds"
-"""What the names of the bounds of a coordinate end with."""
-TOPOLOGY = ("mesh", "face_nodes", "sphere", *(name + BOUNDS for name in COORDINATES))
+"""Ending of the names of the bounds of a coordinate."""
+TOPOLOGY = (*VARIABLES["topology"], *(name + BOUNDS for name in VARIABLES["coordinates"]))
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
 START = "2000-01-01"
@@ -74,19 +45,6 @@ TIME = {
     "units_metadata": "leap_seconds: none",
 }
 
-DIAGNOSTICS = {
-    "mass": ("area mean of the fluid depth", "m"),
-    "energy": ("area mean of the total energy per unit density", "m3 s-2"),
-    "potential_enstrophy": ("area mean of the potential enstrophy", "m-1 s-2"),
-    "total_vorticity": ("area mean of the relative vorticity", "s-1"),
-    "total_divergence": ("area mean of the divergence", "s-1"),
-    "max_wind": ("largest wind speed", "m s-1"),
-    "min_depth": ("least fluid depth", "m"),
-    "max_wave": ("largest gravity wave speed", "m s-1"),
-    "max_signal": ("largest wind speed plus gravity wave speed", "m s-1"),
-}
-"""Long names and units of the series of diagnostics; others are plain numbers."""
-
 MESH_ATTRIBUTES = ("ne", "np", "radius", "stretch", "centre", "spin")
 """Global attributes [m, degrees] from which `Mesh.build` makes the mesh of the file again."""
 
@@ -94,126 +52,143 @@ SERIES = "diagnostic_time"
 """The dimension of the series of diagnostics, and the variable with its times."""
 
 SUMMARY = "summary"
-"""The global attribute that tells how the run ended, in JSON."""
+"""The global attribute that states how the run ended, in JSON."""
 SUMMARY_BYTES = 32 * 1024
-"""Room for it."""
+"""Room for the summary."""
 
 LAYOUT_BYTES = 128
-"""Bytes per node that `add_layout` writes: lat, lon, four corners of each, area, b, f, one face."""
+"""Bytes per node of a layout: lat, lon, four corners of each, area, b, f, one face."""
+
+
+class Variable(NamedTuple):
+    """A variable of a file; without values it grows along its first dimension, in float64."""
+
+    axes: tuple[str, ...]
+    attributes: dict[str, Any]
+    values: NDArray[Any] | None = None
+
+
+class Layout(NamedTuple):
+    """Contents of a file before the first frame."""
+
+    sizes: dict[str, int]
+    """Lengths of the dimensions; of those that grow, zero frames and the most samples."""
+    attributes: dict[str, Any]
+    variables: dict[str, Variable]
 
 
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
-    """Fields of every frame of a run with those tracers, and their attributes."""
+    """Return the fields of every frame of a run with those tracers, and their attributes."""
     ratios = {
         f"{TRACER}{name}": {"long_name": f"mixing ratio of tracer {name}", "units": "1"}
         for name in tracers
     }
-    return FRAME_FIELDS | ratios
+    return {**VARIABLES["frames"], **ratios}
 
 
-def add_layout(
-    dataset: netCDF4.Dataset,
+def make_layout(
     mesh: Mesh,
+    attributes: Mapping[str, Any],
     constants: Mapping[str, ArrayLike],
     fields: Mapping[str, Mapping[str, str]],
     diagnostics: Mapping[str, Mapping[str, str]],
     samples: int,
-) -> None:
-    """Define everything, and write what does not change.
+) -> Layout:
+    """Describe a file.
 
-    constants: height of the bottom "b" [m] and Coriolis parameter "f" [s-1] at the nodes, zero
-    where absent.  fields: those of every frame with their attributes.  diagnostics: the series,
-    with attributes where they are the user's own, each with room for so many samples; none: there
-    is no dimension for them either.
+    attributes: of the run.  constants: height of the bottom "b" [m] and Coriolis parameter "f"
+    [s-1] at the nodes, zero where absent.  fields: those of every frame with their attributes.
+    diagnostics: the series, with attributes where they are user-defined; without any there is no
+    dimension for them either.  samples: the most of each series.
 
     Raises ValueError if a series is called like something else in the file.
     """
     quads = mesh.quads()
-    dataset.setncatts({
+    sizes = {"time": 0, "node": mesh.size, "face": len(quads), "corner": 4}
+    variables = {"time": Variable(("time",), {"long_name": "time", **TIME, "axis": "T"})}
+    missing: dict[str, Any] = {"_FillValue": np.nan}
+    for name, own in fields.items():
+        about = {**missing, **own, **ON_NODES, **MEASURES}
+        variables[name] = Variable(("time", "node"), about)
+    fixed = _topology(mesh, quads) | _on_nodes(mesh, constants)
+    if diagnostics:
+        sizes[SERIES] = samples
+        about = {"long_name": "time of the diagnostics", **TIME}
+        variables[SERIES] = Variable((SERIES,), about)
+    for name, own in diagnostics.items():
+        if name in variables or name in fixed:
+            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
+        plain = {"long_name": name.replace("_", " "), "units": "1"}
+        about = {**missing, **VARIABLES["series"].get(name, plain), **own}
+        variables[name] = Variable((SERIES,), about)
+    about = {
+        **attributes,
         "Conventions": "CF-1.11 UGRID-1.0",
         "source": f"swe_sphere {__version__}: spectral elements on the cubed sphere",
         SUMMARY: " " * SUMMARY_BYTES,
-    })  # fmt: skip
-    dataset.setncatts({name: attribute(getattr(mesh, name)) for name in MESH_ATTRIBUTES})
-    sizes = {"time": None, "node": mesh.size, "face": len(quads), "corner": 4}
-    for name, size in sizes.items():
-        dataset.createDimension(name, size)
-    _add_frames(dataset, fields)
-    _add_series(dataset, diagnostics, samples)
-    _add_topology(dataset, mesh)
-    for name, attributes in (COORDINATES | STATIC_FIELDS).items():
-        nodal = {"bounds": name + BOUNDS} if name in COORDINATES else ON_NODES
-        dataset.createVariable(name, "f8", ("node",)).setncatts(attributes | nodal)
-    for name in COORDINATES:
-        dataset.createVariable(name + BOUNDS, "f8", ("node", "corner"))
-    _fill(dataset, mesh, quads, constants)
+        **{name: getattr(mesh, name) for name in MESH_ATTRIBUTES},
+    }
+    return Layout(sizes, {k: attribute(value) for k, value in about.items()}, variables | fixed)
 
 
-def _add_topology(dataset: netCDF4.Dataset, mesh: Mesh) -> None:
-    dataset.createVariable("mesh", "i4").setncatts({
-        "cf_role": "mesh_topology",
-        "long_name": "Gauss-Lobatto-Legendre points of the elements and the quads between them",
-        "topology_dimension": np.int32(2),
-        "node_coordinates": "lon lat",
-        "face_node_connectivity": "face_nodes",
-        "face_dimension": "face",
-    })  # fmt: skip
-    faces = dataset.createVariable("face_nodes", "i4", ("face", "corner"), fill_value=-1)
-    faces.setncatts({
-        "cf_role": "face_node_connectivity",
-        "long_name": "corner nodes of each quad, anticlockwise",
-        "start_index": np.int32(0),
-    })  # fmt: skip
-    sphere = {"grid_mapping_name": "latitude_longitude", "earth_radius": mesh.radius}
-    dataset.createVariable("sphere", "i4").setncatts(sphere)
+def _topology(mesh: Mesh, quads: NDArray[np.integer[Any]]) -> dict[str, Variable]:
+    """Return the variables of UGRID, and the sphere that CF calls a grid mapping."""
+    about = {
+        name: {key: attribute(value) for key, value in table.items()}
+        for name, table in VARIABLES["topology"].items()
+    }
+    zero = np.zeros((), np.int32)  # the attributes are what counts
+    return {
+        "mesh": Variable((), about["mesh"], zero),
+        "face_nodes": Variable(("face", "corner"), about["face_nodes"], quads),
+        "sphere": Variable((), about["sphere"] | {"earth_radius": mesh.radius}, zero),
+    }
 
 
-def _add_frames(dataset: netCDF4.Dataset, fields: Mapping[str, Mapping[str, str]]) -> None:
-    _add_time(dataset, "time", "time").axis = "T"
-    for name, attributes in fields.items():
-        variable = dataset.createVariable(name, "f8", ("time", "node"), fill_value=np.nan)
-        variable.setncatts({**attributes, **ON_NODES, **MEASURES})
-
-
-def _add_time(dataset: netCDF4.Dataset, name: str, text: str) -> netCDF4.Variable[np.float64]:
-    variable = dataset.createVariable(name, "f8", (name,))
-    variable.setncatts({"long_name": text, **TIME})
-    return variable
-
-
-def _add_series(
-    dataset: netCDF4.Dataset, series: Mapping[str, Mapping[str, str]], samples: int
-) -> None:
-    if not series:
-        return
-    dataset.createDimension(SERIES, samples)
-    _add_time(dataset, SERIES, "time of the diagnostics")
-    for name, own in series.items():
-        if name in {*dataset.variables, *COORDINATES, *STATIC_FIELDS, *TOPOLOGY}:
-            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
-        text, units = DIAGNOSTICS.get(name, (name.replace("_", " "), "1"))
-        variable = dataset.createVariable(name, "f8", (SERIES,), fill_value=np.nan)
-        variable.setncatts({"long_name": text, "units": units, **own})
-
-
-def _fill(
-    dataset: netCDF4.Dataset,
-    mesh: Mesh,
-    quads: NDArray[np.integer[Any]],
-    constants: Mapping[str, ArrayLike],
-) -> None:
-    dataset["mesh"][...] = dataset["sphere"][...] = 0  # their attributes are what counts
-    dataset["face_nodes"][:] = quads
+def _on_nodes(mesh: Mesh, constants: Mapping[str, ArrayLike]) -> dict[str, Variable]:
+    """Return the coordinates of the nodes with the bounds of their cells, and constant fields."""
+    values = {name: np.full(mesh.size, constants.get(name, 0.0), float) for name in ("b", "f")}
+    values["area"], found = mesh.area, {}
     places = zip(("lon", "lat"), (mesh.lon, mesh.lat), cell_corners(mesh), strict=True)
     for name, centre, corners in places:
-        dataset[name][:], dataset[name + BOUNDS][:] = np.degrees(centre), np.degrees(corners)
-    dataset["area"][:] = mesh.area
-    for name in ("b", "f"):
-        dataset[name][:] = constants.get(name, 0.0)
+        about = VARIABLES["coordinates"][name] | {"bounds": name + BOUNDS}
+        found[name] = Variable(("node",), about, np.degrees(centre))
+        found[name + BOUNDS] = Variable(("node", "corner"), {}, np.degrees(corners))
+    for name, about in VARIABLES["constants"].items():
+        found[name] = Variable(("node",), about | ON_NODES, values[name])
+    return found
+
+
+def frame_dataset(
+    mesh: Mesh,
+    fields: Mapping[str, Array],
+    time: float,
+    attributes: Mapping[str, Any],
+    own: Mapping[str, Mapping[str, str]],
+) -> xr.Dataset:
+    """Return fields on (time, node) as in a file; own: attributes of user-defined ones."""
+    import xarray as xr
+
+    tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
+    known = frame_fields(tracers) | {name: dict(own[name]) for name in own if name in fields}
+    data: dict[str, Any] = {
+        name: (("time", "node"), fields[name][None], {**about, **MEASURES})
+        for name, about in known.items()
+    }
+    constants = {"b": fields["b"], "f": fields["f"], "area": mesh.area}
+    for name, about in VARIABLES["constants"].items():
+        data[name] = ("node", constants[name], about)
+    degrees = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon)}
+    for name, about in VARIABLES["coordinates"].items():
+        data[name] = ("node", degrees[name], about)
+    data["time"] = ("time", [time], {"long_name": "time", "axis": "T", **TIME})
+    parameters = {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
+    about = plain({"Conventions": "CF-1.11", **attributes, **parameters})
+    return xr.Dataset(data, attrs=about).set_coords([*degrees])
 
 
 def attribute(value: object) -> Any:
-    """A value as files can hold it: numbers, texts and rows of numbers; the rest as JSON."""
+    """Return a value as files can hold it: a number, text or row of numbers; others as JSON."""
     if isinstance(value, (str, float, np.floating)):
         return value
     if isinstance(value, (int, np.integer, np.bool_)):
@@ -221,23 +196,21 @@ def attribute(value: object) -> Any:
         return np.int32(number) if abs(number) < 2**31 else float(number)
     if isinstance(value, Sequence) and value and all(type(x) in (int, float) for x in value):
         return np.asarray(value, dtype=np.float64)
-    if isinstance(value, Mapping):
-        value = dict(value)
-    return json.dumps(value, default=str)
+    return json.dumps(dict(value) if isinstance(value, Mapping) else value, default=str)
 
 
 def plain(values: Mapping[str, object]) -> dict[str, Any]:
-    """Values as files can hold them, in types of Python: what xarray can write again."""
+    """Return values as files can hold them, in types of Python: what xarray can write again."""
     return in_python({name: attribute(value) for name, value in values.items()})
 
 
-def in_python(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same without types of numpy."""
-    return {k: v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
+def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return values without types of numpy."""
+    return {str(k): v.tolist() if hasattr(v, "tolist") else v for k, v in values.items()}
 
 
 def history(action: str, before: str = "") -> str:
-    """A line for what is done now, above those of what was done before (CF-1.11, section 2.6.2)."""
+    """Return a line for this action, above those of earlier ones (CF-1.11, section 2.6.2)."""
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     line = f"{now} swe-sphere {__version__}: {action}"
     return f"{line}\n{before}" if before else line

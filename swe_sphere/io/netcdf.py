@@ -1,16 +1,14 @@
-"""Streaming a run to netCDF or Zarr, also to go on in its file: CF-1.11, the mesh as UGRID."""
+"""Streaming a run to netCDF or Zarr, also to resume in its file: CF-1.11, the mesh as UGRID."""
 
 import json
 import math
 import os
 import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
-import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -24,10 +22,10 @@ from swe_sphere.io.layout import (
     SERIES,
     SUMMARY,
     SUMMARY_BYTES,
-    add_layout,
     attribute,
     frame_fields,
     history,
+    make_layout,
 )
 from swe_sphere.io.runfile import RunFile, reading
 from swe_sphere.io.zarr_store import SUFFIX, GrowingStore
@@ -35,27 +33,29 @@ from swe_sphere.mesh import Mesh
 
 SAMPLES = 1000
 MENDING = "; free some space or write elsewhere (all that was written before can still be read)"
+KEPT = ("run_id", "start_step", "history")
+"""Attributes that stay those of the run that is resumed."""
 
 
 class FrameWriter:
     """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
-    path: the file, which takes the place of one that is there with its first frame, and is whole
+    path: the file, which takes the place of an existing one with its first frame, and is whole
     from then on at every moment; a Zarr store where it ends in .zarr.  attributes: the resolved
     configuration, written as global attributes (nested tables as JSON); the parameters of the mesh
     and a run_id are added.  bottom (N,) [m]: height of the orography, zero where None.  tracers:
-    their names.  samples: how many times diagnostics are given, at the most.  append_from: a time
-    [s] from which the run in the file that is there goes on, under its run_id; its frames and
+    their names.  samples: the largest number of times with diagnostics.  append_from: a time
+    [s] from which the run in the existing file is resumed, under its run_id; its frames and
     samples before that time are copied first, and it stays in its place until the new file has as
-    many frames.  own: attributes (long_name, units) of diagnostics of the user's own, of which
+    many frames.  own: attributes (long_name, units) of user-defined diagnostics, of which
     `own_fields` are in every frame and the others in the series.  coriolis (N,) [s-1]: the
     Coriolis parameter, zero where None.  only: names of the fields that frames hold, all where
     empty.
 
-    Raises ConfigError for a field that there is not, if the file cannot be made, if another run
-    writes it, if there is no room for a first frame, or if the run in it cannot be gone on with.
-    Every method raises RunFailed if the disk is full or refuses, or if another program has removed
-    or changed the file; what was written before stays readable.
+    Raises ConfigError for an unknown field, if the file cannot be made, if another run writes it,
+    if there is no room for a first frame, or if the run in it cannot be resumed.  Every method
+    raises RunFailed if the disk is full or refuses, or if another program has removed or changed
+    the file; what was written before stays readable.
     """
 
     def __init__(
@@ -73,28 +73,29 @@ class FrameWriter:
         only: Iterable[str] = (),
     ) -> None:
         self.path = Path(path)
-        self._place = self.path.resolve() if self.path.is_symlink() else self.path
         self._mesh, self._samples = mesh, samples
         constants = {"b": bottom, "f": coriolis}
         self._constants = {k: values for k, values in constants.items() if values is not None}
         self._earlier = None if append_from is None else EarlierFrames(self.path, append_from, mesh)
+        kept = {} if self._earlier is None else self._earlier.attributes
         self._own = dict(own or {})
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         self._fields = {name: every[name] for name in _chosen(only, every)}
-        values = {**attributes, "run_id": uuid.uuid4().hex}
-        done = "" if self._earlier is None else str(self._earlier.attributes.get("history", ""))
-        if self._earlier is not None:
-            values |= self._earlier.attributes
-        values["history"] = history(f"run {attributes.get('scene', '')}", done)
+        values = {**attributes, "run_id": uuid.uuid4().hex} | kept
+        values["history"] = history(
+            f"run {attributes.get('scene', '')}", str(kept.get("history", ""))
+        )
         self._attributes = {name: attribute(value) for name, value in values.items()}
         self.run_id = str(values["run_id"])
-        """That of the earlier run where that is gone on with."""
+        """That of the earlier run where that is resumed."""
         self._series: tuple[str, ...] = ()
         size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         size += 0 if self._earlier is None else self._earlier.all_bytes
-        kind = GrowingStore if self.path.suffix == SUFFIX else GrowingFile
+        place = self.path.resolve() if self.path.is_symlink() else self.path
         with clear_errors(f"cannot write {self.path}"):
-            self._growing: GrowingFile | GrowingStore = kind(self._place, SERIES, size)
+            self._growing: GrowingFile | GrowingStore = (
+                GrowingStore(place) if self.path.suffix == SUFFIX else GrowingFile(place, size)
+            )
         self._begun = False
 
     @property
@@ -110,8 +111,8 @@ class FrameWriter:
     ) -> None:
         """Add a frame at time [s since the start] and put it on the disk.
 
-        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and the
-        user's own, all of them (N,); others are ignored.
+        fields: h [m], u, v [m s-1], vorticity, divergence [s-1], q_NAME of each tracer and
+        user-defined ones, all of them (N,); others are ignored.
         diagnostics: as for `record`, at the same time; those of the first frame are all there are.
         """
         values = {"time": [time]} | {name: fields[name] for name in self._fields}
@@ -138,7 +139,7 @@ class FrameWriter:
     def checkpoint(
         self, state_dict: Mapping[str, np.ndarray], time: float, steps: int, stepper: str
     ) -> None:
-        """Put what a bitwise exact restart needs in the place of the checkpoint before.
+        """Replace the checkpoint by one from which the run can be resumed bit by bit.
 
         state_dict: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
         """
@@ -148,9 +149,9 @@ class FrameWriter:
             write_checkpoint(checkpoint_path(self.path), checkpoint)
 
     def finish(self, summary: Mapping[str, object]) -> None:
-        """Tell how the run ended: a JSON object in the attribute `summary`.
+        """Write how the run ended: a JSON object in the attribute `summary`.
 
-        What does not fit into the room for it is left out, from the end of the summary.
+        Entries for which there is no room are left out, from the end of the summary.
         """
         kept = dict(summary)
         while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
@@ -167,9 +168,7 @@ class FrameWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _check_begun(self) -> None:
@@ -177,22 +176,24 @@ class FrameWriter:
             raise ValueError("a file begins with a frame")
 
     def _make(self, diagnostics: Iterable[str]) -> None:
-        """Everything but new frames and samples."""
+        """Write everything but new frames and samples."""
         self._series = tuple(diagnostics)
         series = {name: self._own.get(name, {}) for name in self._series}
-        room = self._samples + (0 if self._earlier is None else self._earlier.samples)
-
-        def define(dataset: netCDF4.Dataset) -> None:
-            dataset.setncatts(self._attributes)
-            add_layout(dataset, self._mesh, self._constants, self._fields, series, room)
-
-        self._growing.define(define)
+        room = self._samples + (0 if self._earlier is None else self._earlier.sample_times.size)
+        self._growing.define(
+            make_layout(self._mesh, self._attributes, self._constants, self._fields, series, room)
+        )
         self._growing.set_text(SUMMARY, json.dumps({"completed": False}))
         if self._earlier is not None:
-            self._earlier.copy(self._growing, self._series)
+            for values in self._earlier.records({"time", *self._fields}):
+                self._growing.add_record(values, sync=False)
+            for k, time in enumerate(self._earlier.sample_times):
+                sample = {name: values[k] for name, values in self._earlier.series.items()}
+                kept = {name: sample[name] for name in self._series if name in sample}
+                self._growing.add_sample(self._sample(time, kept))
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
-        """A number for every series; ValueError if there is one without a series."""
+        """Return a number for every series; ValueError if there is one without a series."""
         if unknown := diagnostics.keys() - set(self._series):
             raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
         found = {name: diagnostics.get(name) for name in self._series}
@@ -201,29 +202,25 @@ class FrameWriter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """RunFailed for what the disk says in the block, or others did to the file before."""
+        """Raise RunFailed for errors of the disk, and for a file that others have changed."""
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
             self._growing.check(self.path)
             yield
 
 
 def _chosen(only: Iterable[str], every: Iterable[str]) -> list[str]:
-    """The names asked for, in the order of all; ConfigError for one that is none of them."""
+    """Return the requested names, in the order of all; ConfigError for an unknown one."""
     names, wanted = list(every), set(only)
     for name in sorted(wanted.difference(names)):
         raise unknown_name("field", name, names)
     return [name for name in names if name in wanted or not wanted]
 
 
-KEPT = ("run_id", "start_step", "history")
-"""Attributes that stay those of the run that is gone on with."""
-
-
 class EarlierFrames:
     """The frames and samples in a file of a run that are of times before a given one [s].
 
-    Later ones, by a run that was killed before its next checkpoint, are left out: the run that goes
-    on writes them again.  Raises ConfigError if the file is damaged, or is not of that mesh.
+    Later ones, by a run that was killed before its next checkpoint, are left out: the resumed run
+    writes them again.  Raises ConfigError if the file is damaged, or is not of that mesh.
     """
 
     def __init__(self, path: Path, time: float, mesh: Mesh) -> None:
@@ -232,33 +229,19 @@ class EarlierFrames:
             raise ConfigError(
                 f"cannot go on in {path}: its mesh has {run.bottom.size} nodes, not {mesh.size}"
             )
-        times, self._series = run.series()
-        self._path, self._sample_times = path, times[times < time]
-        self._frames = int(np.count_nonzero(run.times < time))
-        self.samples = self._sample_times.size
-        """How many samples there are."""
+        times, self.series = run.series()
+        self.sample_times = times[times < time]
+        """Times [s] of the samples, the first ones in `series`."""
+        self._path, self._frames = path, int(np.count_nonzero(run.times < time))
         self.all_frames = run.times.size
-        """How many frames there are in the file, with the later ones."""
+        """Number of frames in the file, with the later ones."""
         self.all_bytes = path.stat().st_size
         self.attributes = {k: run.attributes[k] for k in KEPT if k in run.attributes}
 
-    def copy(self, target: GrowingFile | GrowingStore, series: Sequence[str]) -> None:
-        """Write all into a file that has none yet; NaN for samples of a series that is new.
-
-        Raises ConfigError if that file has other fields, and OSError as the system does.
-        """
-        for values in self._records(target.recorded):
-            target.add_record(values, sync=False)
-        missing = np.full(self.samples, np.nan)
-        columns = {name: self._series.get(name, missing) for name in series}
-        for k, time in enumerate(self._sample_times):
-            numbers = {name: values[k] for name, values in columns.items()}
-            target.add_sample({SERIES: time, **numbers})
-
-    def _records(self, names: frozenset[str]) -> Iterator[dict[str, Array]]:
-        with reading(self._path) as dataset:
-            found = {name for name, v in dataset.variables.items() if "time" in v.dimensions}
-            if found != names:
+    def records(self, names: set[str]) -> Iterator[dict[str, Array]]:
+        """Yield the frames; ConfigError if they hold other variables than those named."""
+        with reading(self._path) as data:
+            if {name for name, v in data.variables.items() if "time" in v.dims} != names:
                 raise ConfigError(f"cannot go on in {self._path}: its frames hold other fields")
             for k in range(self._frames):
-                yield {name: dataset[name][k] for name in names}
+                yield {name: data[name].isel(time=k).values for name in names}

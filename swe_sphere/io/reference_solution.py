@@ -1,20 +1,27 @@
 """States on latitude-longitude grids: references, regridded runs; errors of a run against them."""
 
+from __future__ import annotations
+
 import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import in_python
 from swe_sphere.io.norms import Norms, norms
-from swe_sphere.io.runfile import Dataset, attributes, nearest_time, reading
+from swe_sphere.io.runfile import nearest_time, reading
 from swe_sphere.io.scalar_fields import check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import frame, global_spline
 from swe_sphere.planet import DAY
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
          "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip
@@ -41,14 +48,13 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     bounds (M, 2) [rad], or, without bounds, between the middles of neighbours.
     """
     nodes, weights = np.polynomial.legendre.leggauss(lat.size)
+    if bounds is not None:
+        return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0
     order = np.argsort(lat)
-    if bounds is None and np.allclose(np.sin(lat[order]), nodes, rtol=0.0, atol=1e-6):
-        return weights[np.argsort(order)] / 2.0
-    if bounds is None:
-        sines = np.sin(lat[order])
-        edges = np.concatenate([[-1.0], 0.5 * (sines[1:] + sines[:-1]), [1.0]])
-        return np.diff(edges)[np.argsort(order)] / 2.0
-    return np.abs(np.diff(np.sin(bounds), axis=1)[:, 0]) / 2.0
+    sines = np.sin(lat[order])
+    if not np.allclose(sines, nodes, rtol=0.0, atol=1e-6):
+        weights = np.diff(0.5 * (sines[1:] + sines[:-1]), prepend=-1.0, append=1.0)
+    return weights[np.argsort(order)] / 2.0
 
 
 class Reference:
@@ -62,49 +68,30 @@ class Reference:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        with reading(path) as dataset:
-            self.attributes = attributes(dataset)
-            self.lat: Array = np.radians(dataset["lat"][:].astype(float))
-            self.lon: Array = np.radians(dataset["lon"][:].astype(float))
-            self.times: Array | None = dataset["time"][:] if "time" in dataset.variables else None
-            """Of a regridded run [s]."""
-            self.fields = _fields(self.path, dataset, -1)
-            """Those of the reference, or of the last time."""
-            there = self.fields.keys() & dataset.variables.keys()
-            self.about = {name: attributes(dataset[name]) for name in there}
+        with reading(path) as data:
+            self.attributes = in_python(data.attrs)
+            self.title = str(self.attributes.get("title", self.path.stem))
+            self.lat, self.lon = (np.radians(data[x].values.astype(float)) for x in ("lat", "lon"))
+            self._has_frames = "time" in data.variables
+            self.times: Array = data["time"].values if self._has_frames else _titled(self.title)
+            """Times [s since the start]; none where neither file nor title states one."""
+            self.fields = _fields(self.path, data, -1)
+            """Fields of the reference, or of the last time."""
+            there = self.fields.keys() & data.variables.keys()
+            self.about = {name: in_python(data[name].attrs) for name in there}
             """Attributes of their variables, by our names where those are the same."""
-            bounds = dataset.variables.get("lat_bnds")
-            zones = latitude_weights(self.lat, None if bounds is None else np.radians(bounds[:]))
-        self._check_grid()
-        self.area: Array = np.repeat(zones / self.lon.size, self.lon.size)
-
-    def _check_grid(self) -> None:
+            bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
         count = self.lon.size
         around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
         if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
             raise ConfigError(
                 f"{self.path}: longitudes must go round the globe evenly eastward, an even number"
             )
-
-    @property
-    def title(self) -> str:
-        """What the reference is of."""
-        return str(self.attributes.get("title", self.path.stem))
-
-    @property
-    def time(self) -> float | None:
-        """When the (last) state is [s since the start]; None if neither file nor title tell."""
-        if self.times is not None:
-            return nearest_time(self.path, self.times, None)
-        day = re.search(r"day (\d+(?:\.\d+)?)", self.title)
-        return float(day[1]) * DAY if day else None
+        self.area: Array = np.repeat(latitude_weights(self.lat, bounds) / count, count)
 
     def nearest(self, time: float | None) -> float | None:
-        """As `RunFile`; None for a reference that does not tell its time."""
-        if self.times is None and self.time is None:
-            return None
-        times = np.array([self.time]) if self.times is None else self.times
-        return nearest_time(self.path, times, time)
+        """As `RunFile`; None for a reference without a time."""
+        return nearest_time(self.path, self.times, time) if self.times.size else None
 
     @property
     def points(self) -> tuple[Array, Array]:
@@ -115,35 +102,39 @@ class Reference:
     def values(self, field: str, time: float | None = None) -> Array:
         """A field at the grid points: (M K,), or (2, M K) for "wind"."""
         grids = self.fields
-        if self.times is not None and time is not None:
+        if self._has_frames and time is not None:
             at = nearest_time(self.path, self.times, time)
-            with reading(self.path) as dataset:
-                grids = _fields(self.path, dataset, int(np.argmin(np.abs(self.times - at))))
+            with reading(self.path) as data:
+                grids = _fields(self.path, data, int(np.argmin(np.abs(self.times - at))))
         return derive({name: grid.ravel() for name, grid in grids.items()}, field)
 
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """A field at any points lon, lat (P,) [rad], by a quintic spline through the grid."""
+
+        def spline(values: Array) -> Array:
+            grid = values.reshape(self.lat.size, self.lon.size)
+            return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
+
         if field not in ("u", "v", "speed", "wind"):
-            return self._spline(self.values(field, time), lon, lat)
+            return spline(self.values(field, time))
         u, v = self.values("wind", time)[..., None]
         east, north = frame(*self.points)
-        components = (u * east + v * north).T
-        cartesian = np.stack([self._spline(w, lon, lat) for w in components], axis=-1)
+        cartesian = np.stack([spline(w) for w in (u * east + v * north).T], axis=-1)
         u, v = (np.sum(cartesian * unit, axis=-1) for unit in frame(lon, lat))
         return derive({"u": u, "v": v}, field)
 
-    def _spline(self, values: Array, lon: Array, lat: Array) -> Array:
-        """A smooth scalar (M K,) at lon, lat."""
-        grid = values.reshape(self.lat.size, self.lon.size)
-        return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
+
+def _titled(title: str) -> Array:
+    """Return the time [s] in the title of a reference; none where it states none."""
+    return np.array([float(day) * DAY for day in re.findall(r"day (\d+(?:\.\d+)?)", title)[:1]])
 
 
-def _fields(path: Path, dataset: Dataset, index: int) -> dict[str, Array]:
-    """Those of the time of that index, where there are times."""
-    found = {ours: dataset[name] for ours, name in NAMES.items() if name in dataset.variables}
+def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
+    """Return the fields, at the time of that index where there are times."""
+    found = {k: data.variables[name] for k, name in NAMES.items() if name in data.variables}
     found |= {
-        name: variable for name, variable in dataset.variables.items()
-        if variable.dimensions in ON_GRID and np.issubdtype(variable.dtype, np.number)
+        str(name): variable for name, variable in data.variables.items()
+        if variable.dims in ON_GRID and np.issubdtype(variable.dtype, np.number)
         and name not in NAMES.values()
     }  # fmt: skip
     if not found:
@@ -151,11 +142,11 @@ def _fields(path: Path, dataset: Dataset, index: int) -> dict[str, Array]:
             f"cannot read {path}: it is no file of a run, and as a reference on a grid"
             f" it lacks all of {', '.join(NAMES.values())}"
         )
-    for variable in found.values():
-        if variable.dimensions not in ON_GRID:
-            raise ValueError(f"{variable.name} is not on (lat, lon)")
+    for name, variable in found.items():
+        if variable.dims not in ON_GRID:
+            raise ValueError(f"{NAMES[name]} is not on (lat, lon)")
     return {
-        name: variable[index if variable.ndim == 3 else slice(None)].astype(float)
+        name: variable[index if variable.ndim == 3 else ...].values.astype(float)
         for name, variable in found.items()
     }
 

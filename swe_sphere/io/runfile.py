@@ -5,98 +5,94 @@ from __future__ import annotations
 import errno
 import json
 import os
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-import netCDF4
 import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import check_moved
-from swe_sphere.io.classic import check_length
-from swe_sphere.io.layout import (
-    COORDINATES,
-    MEASURES,
-    MESH_ATTRIBUTES,
-    SERIES,
-    STATIC_FIELDS,
-    SUMMARY,
-    TIME,
-    TRACER,
-    frame_fields,
-    in_python,
-    plain,
-)
+from swe_sphere.io.classic import MAGIC
+from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
 from swe_sphere.io.scalar_fields import derive, evaluate
-from swe_sphere.io.zarr_store import StoredDataset, StoredVariable, is_store
+from swe_sphere.io.zarr_store import check_zarr, is_store
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 
 if TYPE_CHECKING:
     import xarray as xr
 
-
-Dataset = netCDF4.Dataset | StoredDataset
-
 TOLERANCE = 1e-6 * DAY
-"""How far [s] a frame may be from the time asked for."""
+"""Largest difference [s] between a frame's time and the requested one."""
 
 
 @contextmanager
-def reading(path: str | os.PathLike[str]) -> Iterator[Dataset]:
-    """An open netCDF file or Zarr store; ConfigError, in one line, for what is wrong with it in
-    the block."""
-    store = is_store(Path(path))
+def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
+    """Open a netCDF file or Zarr store, with values as they are stored.
+
+    Raises ConfigError, in one line, for a fault of the file that shows in the block.
+    """
     check_moved(Path(path))
-    if not (store or Path(path).is_file()):
+    kind = engine(Path(path))
+    if kind == "zarr":
+        check_zarr(Path(path))
+    elif not Path(path).is_file():
         raise ConfigError(f"there is no file {path}")
+    import xarray as xr
+
     try:
-        if store:
-            yield StoredDataset(Path(path))
-            return
-        with netCDF4.Dataset(path) as dataset:
-            dataset.set_auto_maskandscale(False)
-            yield dataset
+        with xr.open_dataset(path, engine=kind, decode_cf=False) as data:
+            yield data
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
-        raise ConfigError(f"cannot read {path}: {_cause(path, error)}") from error
+        why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
+        why = f"it is damaged, cut short, or not a file of this kind ({why})"
+        denied = not os.access(path, os.R_OK)
+        why = os.strerror(errno.EACCES) if denied else why
+        raise ConfigError(f"cannot read {path}: {why}") from error
 
 
-def _cause(path: str | os.PathLike[str], error: Exception) -> str:
-    if not os.access(path, os.R_OK):
-        return os.strerror(errno.EACCES)
-    why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
-    return f"it is damaged, cut short, or not a file of this kind ({why})"
+def engine(path: Path) -> Literal["zarr", "netcdf4"]:
+    """Return the engine of xarray that reads a file."""
+    return "zarr" if is_store(path) else "netcdf4"
 
 
-def attributes(of: Dataset | netCDF4.Variable[Any] | StoredVariable) -> dict[str, Any]:
-    """The (global) attributes as plain numbers, texts and lists of numbers."""
-    return in_python({name: of.getncattr(name) for name in of.ncattrs()})
+def check_length(path: Path) -> None:
+    """Raise ValueError if a classic file ends before its data do, which netCDF does not report."""
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            return
+    from scipy.io import netcdf_file
+
+    with warnings.catch_warnings(action="ignore"), suppress(ValueError):
+        netcdf_file(path, mmap=True).close()
+        return
+    raise ValueError("it ends within its data")
 
 
 def table_in(text: str) -> dict[str, Any]:
-    """A table in JSON; nothing of one whose program was killed while it wrote it."""
+    """Return a table in JSON; an empty one where a program was killed while it wrote it."""
     try:
         return dict(json.loads(text))
     except (ValueError, TypeError):
         return {}
 
 
-def _frame_fields(dataset: Dataset) -> list[str]:
-    """Names of the variables that every frame has."""
-    variables = dataset.variables.items()
-    return [name for name, variable in variables if variable.dimensions == ("time", "node")]
+def _frame_fields(data: xr.Dataset) -> list[str]:
+    """Return the names of the variables that every frame has."""
+    return [str(name) for name, v in data.variables.items() if v.dims == ("time", "node")]
 
 
 class Nodal(ABC):
     """Frames at the nodes of a mesh: points, area weights, and values anywhere on the sphere."""
 
     attributes: dict[str, Any]
-    """What is known of the run."""
+    """Attributes of the run."""
     about: Mapping[str, Mapping[str, Any]]
     """Attributes of the variables that a frame holds, as far as they are known."""
     bottom: Array
@@ -105,7 +101,7 @@ class Nodal(ABC):
 
     @property
     def title(self) -> str:
-        """What was run."""
+        """Title of the run."""
         return str(self.attributes.get("title", self.attributes.get("scene", "")))
 
     @property
@@ -124,7 +120,8 @@ class Nodal(ABC):
 
     @abstractmethod
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME."""
+        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME, and
+        user-defined ones."""
 
     def values(self, field: str, time: float | None = None) -> Array:
         """A field at the nodes: (N,), or (2, N) for "wind"."""
@@ -136,7 +133,7 @@ class Nodal(ABC):
 
 
 def nearest_time(path: Path, times: Array, time: float | None) -> float:
-    """That of the times [s] of a file's frames, the last one for None; ConfigError if none."""
+    """Return the time [s] of the frame at time, of the last one for None; ConfigError if none."""
     if times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
     if time is None:
@@ -158,10 +155,10 @@ class RunFile(Nodal):
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        with reading(path) as dataset:
+        with reading(path) as data:
             if self.path.is_file():
                 check_length(self.path)
-            found = attributes(dataset)
+            found = in_python(data.attrs)
             if SUMMARY not in found:
                 raise ConfigError(
                     f"cannot read {self.path}: it is no file of a run of swe_sphere, or damaged"
@@ -171,9 +168,9 @@ class RunFile(Nodal):
             self.attributes = found | new
             """The global attributes, and by its names what the summary says more: how many days."""
             self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
-            self.about = {name: attributes(dataset[name]) for name in _frame_fields(dataset)}
-            self.times: Array = dataset["time"][:]
-            self.bottom: Array = dataset["b"][:]
+            self.about = {name: in_python(data[name].attrs) for name in _frame_fields(data)}
+            self.times: Array = data["time"].values
+            self.bottom: Array = data["b"].values
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
@@ -187,29 +184,25 @@ class RunFile(Nodal):
 
     @property
     def title(self) -> str:
-        """What was run."""
+        """Title of the run, or the name of the file."""
         return super().title or self.path.stem
 
     def nearest(self, time: float | None) -> float:
-        """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
+        """As `Nodal`."""
         return nearest_time(self.path, self.times, time)
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME, and
-        those of the user's own diagnostics."""
+        """As `Nodal`."""
         index = int(np.argmin(np.abs(self.times - self.nearest(time))))
-        with reading(self.path) as dataset:
-            names = _frame_fields(dataset)
-            return {"b": self.bottom} | {name: dataset[name][index] for name in names}
+        with reading(self.path) as data:
+            fields = {name: data[name][index].values for name in _frame_fields(data)}
+        return {"b": self.bottom} | fields
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
-        with reading(self.path) as dataset:
-            found = {
-                name: variable[:]
-                for name, variable in dataset.variables.items()
-                if variable.dimensions == (SERIES,)
-            }
+        with reading(self.path) as data:
+            variables = data.variables.items()
+            found = {str(name): v.values for name, v in variables if v.dims == (SERIES,)}
         return found.pop(SERIES, np.zeros(0)), found
 
 
@@ -238,29 +231,3 @@ class Frame(Nodal):
     def frame(self, time: float | None = None) -> dict[str, Array]:
         """All fields (N,)."""
         return self._fields
-
-
-def frame_dataset(
-    mesh: Mesh,
-    fields: Mapping[str, Array],
-    time: float,
-    attributes: Mapping[str, Any],
-    own: Mapping[str, Mapping[str, str]],
-) -> xr.Dataset:
-    """The fields on (time, node) with their units, as in a file; own: attributes of the user's."""
-    import xarray as xr
-
-    tracers = [name.removeprefix(TRACER) for name in fields if name.startswith(TRACER)]
-    known = frame_fields(tracers) | {name: dict(own[name]) for name in own if name in fields}
-    data: dict[str, Any] = {
-        name: (("time", "node"), fields[name][None], {**about, **MEASURES})
-        for name, about in known.items()
-    }
-    for name, values in {"b": fields["b"], "f": fields["f"], "area": mesh.area}.items():
-        data[name] = ("node", values, STATIC_FIELDS[name])
-    degrees = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon)}
-    points = {name: ("node", degrees[name], about) for name, about in COORDINATES.items()}
-    about_time = {"long_name": "time", "axis": "T", **TIME}
-    parameters = {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
-    about = {"Conventions": "CF-1.11", **attributes, **parameters}
-    return xr.Dataset(data, {"time": ("time", [time], about_time), **points}, plain(about))

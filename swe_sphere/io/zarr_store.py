@@ -1,4 +1,4 @@
-"""Zarr stores of runs: appended to during a run, and read as if they were netCDF files.
+"""Zarr stores of runs, which grow as netCDF files do.
 
 Zarr 2 (zarr-specs.readthedocs.io), one chunk for each frame of each variable.  The consolidated
 metadata, a single file that is replaced atomically, hold the length of every variable.  They are
@@ -6,42 +6,33 @@ written last, so that a reader finds a frame of all variables or of none.  The l
 metadata of single arrays may be ahead after a failed write, and nothing here reads them.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import netCDF4
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import part_of, sync, write_whole
-from swe_sphere.io.classic import FORMAT
 from swe_sphere.io.growing import Growing
+from swe_sphere.io.layout import SERIES, Layout
 
 SUFFIX = ".zarr"
-"""What the names of stores end with."""
-DIMENSIONS = "_ARRAY_DIMENSIONS"
+"""Ending of the names of stores."""
 CONSOLIDATED, ATTRIBUTES = ".zmetadata", ".zattrs"
 
 
 def is_store(path: Path) -> bool:
-    """Whether there is a folder that holds a Zarr store."""
+    """Return whether a folder holds a Zarr store."""
     return any((path / name).is_file() for name in (CONSOLIDATED, ".zgroup", "zarr.json"))
 
 
-def engine(path: Path) -> Literal["zarr"] | None:
-    """What xarray shall open a file with, which it can tell of all but stores of other names."""
-    return "zarr" if is_store(path) else None
-
-
 def check_zarr(path: Path) -> None:
-    """ConfigError where the package is missing without which stores can neither be had nor read."""
+    """Raise ConfigError where the package is missing that reads and writes stores."""
     if find_spec("zarr") is None:
         raise ConfigError(f"{path} needs the package zarr: pip install zarr")
 
@@ -53,26 +44,27 @@ class GrowingStore(Growing):
     failed write leaves behind is never counted, and the next write replaces it.
     """
 
-    def __init__(self, place: Path, series: str, _size: int) -> None:
+    def __init__(self, place: Path) -> None:
         check_zarr(place)
-        super().__init__(place, series, folder=True)
+        super().__init__(place, folder=True)
         self._samples: list[Mapping[str, float]] = []
         self._unsynced: set[str] = set()
 
-    def define(self, define: Callable[[netCDF4.Dataset], None]) -> None:
-        """As `GrowingFile`; the dataset is defined in memory and copied by xarray."""
+    def define(self, layout: Layout) -> None:
+        """As `GrowingFile`."""
         import xarray as xr
 
-        with netCDF4.Dataset("layout", "w", diskless=True, format=FORMAT) as dataset:
-            define(dataset)
-            source = xr.backends.NetCDF4DataStore(dataset)  # type: ignore[no-untyped-call]
-            layout = xr.open_dataset(source, decode_cf=False).load()
-        self._axes = {str(name): variable.dims for name, variable in layout.variables.items()}
-        self.recorded = frozenset(n for n, axes in self._axes.items() if "time" in axes)
-        chunks: dict[Any, int] = {**layout.sizes, "time": 1}
-        encoding = {n: {"chunks": [chunks[x] for x in axes]} for n, axes in self._axes.items()}
-        empty = layout.isel({self._series: slice(0)}, missing_dims="ignore")
-        empty.to_zarr(self._root, zarr_format=2, consolidated=True, encoding=encoding)
+        sizes = layout.sizes | {"time": 1}
+        empty = {**layout.sizes, SERIES: 0}
+        self._axes = {name: variable.axes for name, variable in layout.variables.items()}
+        variables: dict[str, Any] = {
+            name: (axes, np.zeros([empty[x] for x in axes]) if values is None else values, about)
+            for name, (axes, about, values) in layout.variables.items()
+        }
+        encoding = {n: {"chunks": [sizes[x] for x in axes]} for n, axes in self._axes.items()}
+        xr.Dataset(variables, attrs=layout.attributes).to_zarr(
+            self._root, zarr_format=2, consolidated=True, encoding=encoding
+        )
         self._consolidated = json.loads((self._root / CONSOLIDATED).read_text())
         self._unsynced = {str(path.relative_to(self._root)) for path in self._root.rglob("*")}
 
@@ -129,7 +121,7 @@ class GrowingStore(Growing):
             with suppress(FileNotFoundError):  # Zarr omits chunks that hold the fill value alone
                 sync(self._root / name)
         self._unsynced.clear()
-        lengths = {"time": records, self._series: self.samples}
+        lengths = {"time": records, SERIES: self.samples}
         for name, axes in self._axes.items():
             if axes and axes[0] in lengths:
                 shape = self._consolidated["metadata"][f"{name}/.zarray"]["shape"]
@@ -139,47 +131,3 @@ class GrowingStore(Growing):
     @property
     def _root(self) -> Path:
         return self._place if self._in_place else part_of(self._place)
-
-
-class _Stored:
-    """What has attributes, with the names that the netCDF library has."""
-
-    _attributes: dict[str, Any]
-
-    def ncattrs(self) -> list[str]:
-        """Names of the attributes."""
-        return [*self._attributes]
-
-    def getncattr(self, name: str) -> Any:
-        """One of them."""
-        return self._attributes[name]
-
-
-class StoredVariable(_Stored):
-    """An array of a store with the names that variables of the netCDF library have."""
-
-    def __init__(self, array: Any) -> None:
-        self._array, self._attributes = array, dict(array.attrs)
-        self.name, self.ndim, self.dtype = array.basename, array.ndim, array.dtype
-        told = getattr(array.metadata, "dimension_names", None)  # those of Zarr 3
-        self.dimensions = tuple(array.attrs.get(DIMENSIONS, told) or ())
-
-    def __getitem__(self, key: Any) -> Any:
-        return np.asarray(self._array[key])
-
-
-class StoredDataset(_Stored):
-    """A store, open for reading, with the names that datasets of the netCDF library have."""
-
-    def __init__(self, path: Path) -> None:
-        check_zarr(path)
-        import zarr
-
-        group = zarr.open_group(path, mode="r")
-        self._attributes = dict(group.attrs)
-        self.variables = {name: StoredVariable(array) for name, array in group.arrays()}
-        axes = [v.dimensions for v in self.variables.values()]
-        self.dimensions = dict.fromkeys(name for names in axes for name in names)
-
-    def __getitem__(self, name: str) -> StoredVariable:
-        return self.variables[name]

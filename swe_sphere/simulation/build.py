@@ -183,7 +183,7 @@ class Setup:
 
     def check_reference(self, days: float) -> None:
         """Raise ConfigError if the reference is of another time than the end of the run [days]."""
-        time = None if self.reference is None else self.reference.time
+        time = None if self.reference is None else self.reference.nearest(None)
         if time is not None and abs(time - days * DAY) > 1.0:
             raise ConfigError(
                 f"{self.config.reference} is of day {time / DAY:g}, the run ends at day {days:g}:"

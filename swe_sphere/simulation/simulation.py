@@ -491,7 +491,7 @@ class Simulation:
     def to_xarray(self) -> xr.Dataset:
         """Return the state as a frame of a file: fields on (time, node), points, areas, bottom."""
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
-        from swe_sphere.io.runfile import frame_dataset
+        from swe_sphere.io.layout import frame_dataset
 
         now = self.snapshot
         fields = now.with_constants | now.own_fields

@@ -72,7 +72,7 @@ def choose_reference(
 
 
 def _of_user(path: Path, report_days: Sequence[float]) -> tuple[float, Path]:
-    time = Reference(path).time
+    time = Reference(path).nearest(None)
     if time is None:
         return report_days[-1], path
     near = [day for day in report_days if abs(day * DAY - time) < 1.0]
