@@ -6,6 +6,7 @@ once this module is imported.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Mapping
 from functools import cached_property
@@ -16,17 +17,17 @@ import numpy as np
 import xarray as xr
 
 from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
-from swe_sphere.analysis.regrid import Points, on_grid, on_nodes, regridder
-from swe_sphere.analysis.runs import holding, mesh_of, planet_of, seconds
+from swe_sphere.analysis.regrid import Points, holding, on_grid, on_nodes, regridder
 from swe_sphere.analysis.winds import Poisson, grid_for, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
-from swe_sphere.io.layout import VARIABLES, plain
+from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
 from swe_sphere.io.norms import norms
 from swe_sphere.io.runfile import TOLERANCE, RunFile, engine
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
+from swe_sphere.planet import Planet
 from swe_sphere.settings.values import convert, validated
 
 if TYPE_CHECKING:
@@ -101,8 +102,18 @@ class Analysis:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The mesh of the run."""
-        return mesh_of(self._data)
+        """The mesh on whose nodes the fields are, made again from the attributes."""
+        values = in_python(self._data.attrs)
+        if not {*MESH_ATTRIBUTES} <= values.keys() or "node" not in self._data.dims:
+            raise ConfigError(
+                "this dataset is not of a run: open a file of one (swe_sphere.open_run)"
+            )
+        mesh = Mesh.build(**{name: values[name] for name in MESH_ATTRIBUTES})
+        if mesh.size != self._data.sizes["node"]:
+            raise ConfigError(
+                "this dataset holds a part of the nodes only: the whole run is needed"
+            )
+        return mesh
 
     def to_latlon(
         self, rows: int = 181, columns: int = 360, conservative: bool = False
@@ -126,8 +137,7 @@ class Analysis:
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:
         """Means of all fields along circles of latitude: (..., lat)."""
         fine = self.to_latlon(rows, 4 * truncation(self.mesh))
-        kept = fine.drop_vars(["lon_bnds", "cell_area"])
-        means = kept.mean("lon", keep_attrs=True)
+        means = fine.drop_vars(["lon_bnds", "cell_area"]).mean("lon", keep_attrs=True)
         for variable in means.data_vars.values():
             variable.attrs["cell_methods"] = "longitude: mean"
         return means
@@ -175,15 +185,16 @@ class Analysis:
 
         As in the series of the run's file; see `swe_sphere.io.integrals`.
         """
-        planet, mesh = planet_of(self._data), self.mesh
+        told = self._data.attrs.get("planet", {})
+        planet = Planet(**(json.loads(told) if isinstance(told, str) else told))
         names = ("u", "v", "h", "b", "f", "vorticity", "divergence")
         holding(self._data, *names)
-        rows = []
-        for k in range(self._times.size):
-            rows.append(integrals(mesh, planet, **self._frame(k, names)))
-        series = {name: [row[name] for row in rows] for name in rows[0]}
+        frames = (self._frame(k, names) for k in range(self._times.size))
+        rows = [integrals(self.mesh, planet, **frame) for frame in frames]
         about = VARIABLES["series"]
-        return self._series({k: ("time", values, about[k]) for k, values in series.items()})
+        return self._series(
+            {name: ("time", [row[name] for row in rows], about[name]) for name in rows[0]}
+        )
 
     def error_norms(self, other: xr.Dataset, fields: Iterable[str] = ("h", "wind")) -> xr.Dataset:
         """l1, l2 and linf of this run against another, taken for right, at all common times.
@@ -206,10 +217,9 @@ class Analysis:
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}
-        names = [fields] if isinstance(fields, str) else [*fields]
         for k, j in pairs:
             ours, right = self._frame(k), theirs._frame(j)
-            for field in names:
+            for field in [fields] if isinstance(fields, str) else fields:
                 here = derive(ours, field) if points is None else evaluate(points, ours, field)
                 errors = norms(theirs.mesh.area, here, derive(right, field))
                 for norm, value in errors.items():
@@ -236,18 +246,25 @@ class Analysis:
         from swe_sphere.pictures.plot import draw_state
 
         k = self._times.size - 1 if time is None else int(np.abs(self._times - time).argmin())
-        if time is not None and not abs(self._times[k] - time) <= TOLERANCE:
+        now = float(self._times[k])
+        if time is not None and not abs(now - time) <= TOLERANCE:
             raise ConfigError(f"there is no frame at {time:g} s")
         run = {str(name): value for name, value in self._data.attrs.items()}
         about = {str(name): field.attrs for name, field in self._data.data_vars.items()}
         frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
-        now = float(self._times[k])
-        asked = validated(Look, look)
-        return draw_state(self.mesh, frame, now, run, field, ax, asked, about=about)
+        return draw_state(self.mesh, frame, now, run, field, ax, validated(Look, look), about)
 
     @cached_property
     def _times(self) -> Array:
-        return seconds(self._data)
+        """Times (T,) since the start [s]; one where there is no such dimension."""
+        if "time" not in self._data.coords:
+            return np.zeros(1)
+        times = np.atleast_1d(self._data["time"].values)
+        if times.size == 0:
+            raise ConfigError("this dataset holds no frame")
+        if np.issubdtype(times.dtype, np.datetime64):
+            times = (times - np.datetime64(START)) / np.timedelta64(1, "s")
+        return times.astype(np.float64)
 
     def _series(self, values: dict[str, Any], which: list[int] | None = None) -> xr.Dataset:
         """Numbers at the times of the frames, or at some of them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -12,9 +12,9 @@ import xarray as xr
 from scipy import sparse
 
 from swe_sphere.analysis.grids import Grid
-from swe_sphere.analysis.runs import holding
 from swe_sphere.arrays import Array
-from swe_sphere.io.layout import TOPOLOGY
+from swe_sphere.errors import ConfigError
+from swe_sphere.io.layout import TOPOLOGY, VARIABLES
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.mesh.sphere import frame
 
@@ -121,32 +121,39 @@ def regridder(mesh: Mesh, grid: Grid, conservative: bool = False) -> Regridder:
 
 MESH_ONLY = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
 """Attributes of variables that say how they lie on the mesh."""
-LEFT_OUT = ("area",)
 
 
 def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
-    """All fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
-    names = [name for name in fields_of(data) if name not in LEFT_OUT]
+    """Return all fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
+    names = [name for name in fields_of(data) if name != "area"]
     sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))
-    found: dict[Any, xr.DataArray] = {}
+    found: dict[str, xr.DataArray] = {}
     if {"u", "v"} & set(names):
         pair = holding(data, "u", "v")
-        winds = on_nodes(bring.wind, sizes, *pair, results=2, at_once=True)
-        found |= dict(zip("uv", winds, strict=True))
+        found["u"], found["v"] = on_nodes(bring.wind, sizes, *pair, results=2, at_once=True)
+    means = {"cell_methods": "area: mean"} if isinstance(bring, CellMeans) else {}
     for name in names:
         if name not in found:
             found[name] = on_nodes(bring.scalar, sizes, data[name], at_once=True)
-    for name in names:
-        found[name].attrs = _attributes(data[name].attrs, isinstance(bring, CellMeans))
+        kept = {k: value for k, value in data[name].attrs.items() if k not in MESH_ONLY}
+        found[name].attrs = kept | means
     attributes = data.attrs | {"Conventions": "CF-1.11", "grid": bring.grid.name}
     result = xr.Dataset({name: found[name] for name in names}, attrs=attributes)
     return result.assign_coords(_coordinates(bring.grid, bring.mesh.radius))
 
 
 def fields_of(data: xr.Dataset) -> list[str]:
-    """Names of the variables that have a value at each node."""
+    """Return the names of the variables that have a value at each node."""
     names = [str(name) for name in data.data_vars if "node" in data[name].dims]
     return [name for name in names if name not in TOPOLOGY]
+
+
+def holding(data: xr.Dataset, *names: Hashable) -> list[xr.DataArray]:
+    """Return the variables of those names; ConfigError if one is missing."""
+    missing = [str(name) for name in names if name not in data]
+    if missing:
+        raise ConfigError(f"this dataset does not hold {', '.join(missing)}")
+    return [data[name] for name in names]
 
 
 def on_nodes(
@@ -168,26 +175,18 @@ def on_nodes(
     )  # fmt: skip
 
 
-def _attributes(attributes: dict[Any, Any], conservative: bool) -> dict[Any, Any]:
-    """Those of a variable on the nodes, for one on a grid."""
-    kept = {k: value for k, value in attributes.items() if k not in MESH_ONLY}
-    return kept | ({"cell_methods": "area: mean"} if conservative else {})
-
-
 def _coordinates(grid: Grid, radius: float) -> dict[str, Any]:
-    """Latitudes, longitudes, their bounds [degrees] and areas [m2] of cells, for xarray."""
+    """Return latitudes, longitudes, their bounds [degrees] and areas [m2] of cells, for xarray."""
+    about = {"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"}
     zones = 4.0 * np.pi * radius**2 * grid.zones / grid.lon.size
-    named: dict[str, Any] = {}
-    for name, centre, edges, text in (
-        ("lat", grid.lat, grid.edges, "north"), ("lon", grid.lon, grid.lon_edges, "east"),
+    area = np.broadcast_to(zones[:, None], grid.shape)
+    named: dict[str, Any] = {"cell_area": (("lat", "lon"), area, about)}
+    for name, centre, edges in (
+        ("lat", grid.lat, grid.edges), ("lon", grid.lon, grid.lon_edges),
     ):  # fmt: skip
-        about = {
-            "standard_name": {"lat": "latitude", "lon": "longitude"}[name],
-            "units": f"degrees_{text}", "bounds": f"{name}_bnds",
-        }  # fmt: skip
+        known = VARIABLES["coordinates"][name]
+        about = {k: known[k] for k in ("standard_name", "units")} | {"bounds": f"{name}_bnds"}
         bounds = np.degrees(np.stack([edges[:-1], edges[1:]], axis=-1))
         named[name] = (name, np.degrees(centre), about)
         named[f"{name}_bnds"] = ((name, "bnds"), bounds)
-    about = {"standard_name": "cell_area", "long_name": "area of the cell", "units": "m2"}
-    area = np.broadcast_to(zones[:, None], grid.shape)
-    return named | {"cell_area": (("lat", "lon"), area, about)}
+    return named

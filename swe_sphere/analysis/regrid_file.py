@@ -50,7 +50,13 @@ def regrid_file(
     if found.times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
     bring = regridder(found.mesh, parse_grid(grid), conservative)
-    _check_place(path, out, overwrite)
+    if out.suffix not in (".nc", ".zarr"):
+        raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
+    if not out.parent.is_dir():
+        raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
+    _check_other(path, out, overwrite)
+    if out.suffix == ".zarr":
+        check_zarr(out)
     part = part_of(out)
     with (
         xr.open_dataset(path, engine=engine(path), decode_times=False) as data,
@@ -68,16 +74,6 @@ def regrid_file(
     return out
 
 
-def _check_place(path: Path, out: Path, overwrite: bool) -> None:
-    if out.suffix not in (".nc", ".zarr"):
-        raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
-    if not out.parent.is_dir():
-        raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
-    _check_other(path, out, overwrite)
-    if out.suffix == ".zarr":
-        check_zarr(out)
-
-
 def _check_other(path: Path, out: Path, overwrite: bool) -> None:
     refuse_to_replace(out, overwrite)
     if out.exists() and out.samefile(path):
@@ -87,9 +83,8 @@ def _check_other(path: Path, out: Path, overwrite: bool) -> None:
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     """The fields asked for, with the series of diagnostics; only what lies on the nodes counts."""
     there = fields_of(data)
-    for name in fields:
-        if name not in there:
-            raise unknown_name("field", name, there)
+    for name in sorted({*fields}.difference(there)):
+        raise unknown_name("field", name, there)
     series = [name for name in data.data_vars if data[name].dims == (SERIES,)]
     # east and north of one place are not those of the next: the wind goes as a whole
     whole = ["u", "v"] if {"u", "v"} & set(fields) else []
@@ -97,15 +92,13 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
 
 
 def _frames(data: xr.Dataset, bring: Regridder) -> Iterator[xr.Dataset]:
-    """Frame after frame on the grid; the series come with the first."""
+    """Yield frame after frame on the grid; the series come with the first."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")
-    changing = [name for name in data.data_vars if "time" in data[name].dims]
-    for k in range(data.sizes["time"]):
-        if k:
-            yield on_grid(data[changing].isel(time=[k]).load(), bring)
-        else:
-            yield on_grid(data.isel(time=[k]).load(), bring).merge(series)
+    yield on_grid(data.isel(time=[0]).load(), bring).merge(series)
+    changing = data[[name for name in data.data_vars if "time" in data[name].dims]]
+    for k in range(1, data.sizes["time"]):
+        yield on_grid(changing.isel(time=[k]).load(), bring)
 
 
 def _write_netcdf(path: Path, frames: Iterator[xr.Dataset]) -> None:

@@ -26,17 +26,25 @@ if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
 
 LEVELS, DIVERGING_LEVELS = 14, 8
-"""At most about so many contour lines."""
-
+"""Largest number of contour lines, approximately."""
 FLAT = 1e-9
 """A field that varies by less than this part of its values is round-off."""
 NEAR, PLATEAU = 0.1, 0.4
 """A level is not drawn where this share of the map lies nearer to it than so many intervals: its
 contours would follow the ripples of a plateau.  (Of a field spread evenly it is a fiftieth.)"""
+NARROW = 1e-3
+"""A scale whose ends differ by less than this part has room for few numbers: they are long."""
+SEEN = 4e-3
+"""Parts of the bottom's height above its lowest point that get a contour."""
+SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
+"""Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
+the map, which leaves room for the labels of the meridians [points]."""
+LABELS = 14.0
+"""Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
 
 def limits(values: Array, kind: Field) -> tuple[float, float]:
-    """Ends of the colour scale; symmetric about zero for a diverging field, never equal."""
+    """Return the ends of the colour scale; symmetric for a diverging field, never equal."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     if kind.diverging:
         low, high = -max(-low, high), max(-low, high)
@@ -48,32 +56,24 @@ def limits(values: Array, kind: Field) -> tuple[float, float]:
 def contours(
     values: Array, kind: Field, ends: tuple[float, float], count: int | None = None
 ) -> tuple[Array, float]:
-    """Levels to draw, and the interval between them; about `count` of them where that is given."""
+    """Return the levels to draw and the interval between them; about `count` of them if given."""
     most = count or (DIVERGING_LEVELS if kind.diverging else LEVELS)
     levels = np.asarray(MaxNLocator(most).tick_values(*ends), dtype=np.float64)
     interval = float(levels[1] - levels[0])
     found = values[np.isfinite(values)]
     if np.ptp(found) <= 2.0 * FLAT * np.abs(found).max():
         return levels[:0], interval
-    return drawable(levels, found, interval, kind.diverging), interval
+    kept = drawable(levels, found)
+    return kept[np.abs(kept) > 1e-6 * interval] if kind.diverging else kept, interval
 
 
-def drawable(levels: Array, values: Array, interval: float, diverging: bool) -> Array:
-    """The levels that cut through the field, but for plateaus and the zero of a diverging one."""
+def drawable(levels: Array, values: Array) -> Array:
+    """Return the levels, evenly spaced, that cut through the field but for plateaus."""
+    near = NEAR * (levels[1] - levels[0])
     inside = levels[(levels > values.min()) & (levels < values.max())]
-    keep = [
-        np.mean(np.abs(values - level) < NEAR * interval) < PLATEAU
-        and not (diverging and abs(level) < 1e-6 * interval)
-        for level in inside
-    ]
+    keep = [np.mean(np.abs(values - level) < near) < PLATEAU for level in inside]
     kept: Array = inside[np.array(keep, dtype=bool)]
     return kept
-
-
-NARROW = 1e-3
-"""A scale whose ends differ by less than this part has room for few numbers: they are long."""
-SEEN = 4e-3
-"""Parts of the bottom's height above its lowest point that get a contour."""
 
 
 class Drawing:
@@ -130,8 +130,7 @@ class Drawing:
             interpolation="bilinear",
             extent=(x[0, 0] - dx, x[0, -1] + dx, y[0, 0] - dy, y[-1, 0] + dy),
         )  # fmt: skip
-        notes = [self._contoured(axes, values, (low, high)), self._bottom(axes, time)]
-        notes.append(self._overlaid(axes, time))
+        notes = [self._contoured(axes, values, (low, high)), *self._overlaid(axes, time)]
         draw_graticule(axes, self.grid)
         _draw_scale(axes, image, self.kind)
         _write_titles(axes, self.source, self.kind, time)
@@ -142,6 +141,7 @@ class Drawing:
         )  # fmt: skip
 
     def _contoured(self, axes: GeoAxes, values: Array, ends: tuple[float, float]) -> str:
+        """Draw contours of the field; return their caption."""
         if not self.kind.contours:
             return ""
         levels, interval = contours(values, self.kind, ends, self.look.levels)
@@ -153,12 +153,28 @@ class Drawing:
         )  # fmt: skip
         return f"Contours every {interval:.4g} {self.kind.plain_units}".rstrip() + "."
 
+    def _overlaid(self, axes: GeoAxes, time: float | None) -> list[str]:
+        """Draw bottom, mesh and winds of a run; return their captions."""
+        source = self.source
+        notes: list[str] = []
+        if not isinstance(source, Nodal):
+            return notes
+        if self.field != "b" and source.bottom.any():
+            notes.append(self._bottom(axes, time))
+        if self.look.mesh:
+            draw_mesh(axes, source.mesh)
+        if how := self.look.winds:
+            strongest = draw_winds(axes, source.mesh, source.frame(time), how)
+            notes.append(f"{how.capitalize()}: wind, at most {strongest:.3g} m/s.")
+        return notes
+
     def _bottom(self, axes: GeoAxes, time: float | None) -> str:
-        """Contours of the bottom in brown; what they are in words."""
-        if self.field == "b" or not isinstance(self.source, Nodal) or not self.source.bottom.any():
-            return ""
+        """Draw about four round heights of the bottom in brown, none of them at a plain."""
         bottom = self._evaluated("b", time).reshape(self.grid.x.shape)
-        levels = _bottom_levels(bottom)
+        low, high = float(bottom.min()), float(bottom.max())
+        round_numbers = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+        levels = drawable(np.asarray(round_numbers), bottom)
+        levels = levels[levels > low + SEEN * (high - low)]
         if levels.size == 0:
             return ""
         for colour, width in (("white", 1.8), ("#5b3a1e", 0.9)):
@@ -167,25 +183,6 @@ class Drawing:
                 linestyles="solid", zorder=3,
             )  # fmt: skip
         return f"Brown: bottom at {', '.join(f'{level:.6g}' for level in levels)} m."
-
-    def _overlaid(self, axes: GeoAxes, time: float | None) -> str:
-        if not isinstance(self.source, Nodal):
-            return ""
-        if self.look.mesh:
-            draw_mesh(axes, self.source.mesh)
-        if self.look.winds is None:
-            return ""
-        fields, how = self.source.frame(time), self.look.winds
-        strongest = draw_winds(axes, self.source.mesh, fields, how)
-        return f"{how.capitalize()}: wind, at most {strongest:.3g} m/s."
-
-
-def _bottom_levels(bottom: Array) -> Array:
-    """About four round heights, none of them at a plain."""
-    low, high = float(bottom.min()), float(bottom.max())
-    levels = np.asarray(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
-    found = drawable(levels, bottom, float(levels[1] - levels[0]), diverging=False)
-    return found[found > low + SEEN * (high - low)]
 
 
 def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
@@ -200,13 +197,6 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
     bar.outline.set_linewidth(0.5)
     bar.ax.tick_params(labelsize=9, width=0.5)
     bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
-
-
-SUBTITLE, TITLE, CAPTION = 6.0, 20.0, 20.0
-"""Distances of the subtitle from the map, of the title from the subtitle, and of the caption from
-the map, which leaves room for the labels of the meridians [points]."""
-LABELS = 14.0
-"""Height of the labels above a polar map [points]; cartopy moves the title above them itself."""
 
 
 def _write_titles(axes: GeoAxes, source: Source | Nodal, kind: Field, time: float | None) -> None:

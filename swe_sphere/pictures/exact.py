@@ -27,35 +27,26 @@ class Exact:
             raise ConfigError(f"no exact solution of {scene.name} is known: compare with a file")
         self._scene, self._mesh = scene, mesh
 
-    def nearest(self, time: float | None) -> float | None:
-        """Any time will do."""
-        return time
-
     def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
         """A field at points lon, lat (M,) [rad]: (M,); ConfigError where it is not known."""
-        time = time or 0.0
-        if field in DERIVATIVES:
-            u, v, _ = self._flow(self._mesh.lon, self._mesh.lat, time)
-            nodal = DERIVATIVES[field](self._mesh, u, v)
-            found = Interpolator(self._mesh, lon, lat)(nodal)
-        elif field.startswith(TRACER):
-            found = self._ratio(field.removeprefix(TRACER), lon, lat, time)
+        scene, mesh, now = self._scene, self._mesh, time or 0.0
+        if field.startswith(TRACER):
+            name = field.removeprefix(TRACER)
+            known = {} if scene.exact_tracers is None else scene.exact_tracers(lon, lat, now)
+            if name not in known:
+                raise ConfigError(
+                    f"no exact mixing ratio of {name!r} is known: compare with a file"
+                )
+            found: Array = known[name]
+        elif scene.exact is None:
+            raise ConfigError(f"of {scene.name} only tracers are known: name one")
+        elif field in DERIVATIVES:
+            u, v, _ = scene.exact(mesh.lon, mesh.lat, now)
+            found = Interpolator(mesh, lon, lat)(DERIVATIVES[field](mesh, u, v))
         else:
-            u, v, h = self._flow(lon, lat, time)
-            bottom = 0.0 * lon if self._scene.bottom is None else self._scene.bottom(lon, lat)
+            u, v, h = scene.exact(lon, lat, now)
+            bottom = 0.0 * lon if scene.bottom is None else scene.bottom(lon, lat)
             found = derive({"u": u, "v": v, "h": h, "b": bottom}, field)
         if np.isnan(found).all():
-            raise ConfigError(f"{field} of {self._scene.name} is not known at day {time / DAY:g}")
+            raise ConfigError(f"{field} of {scene.name} is not known at day {now / DAY:g}")
         return found
-
-    def _flow(self, lon: Array, lat: Array, time: float) -> tuple[Array, Array, Array]:
-        if self._scene.exact is None:
-            raise ConfigError(f"of {self._scene.name} only tracers are known: name one")
-        return self._scene.exact(lon, lat, time)
-
-    def _ratio(self, name: str, lon: Array, lat: Array, time: float) -> Array:
-        known = self._scene.exact_tracers
-        if known is None or name not in (ratios := known(lon, lat, time)):
-            raise ConfigError(f"no exact mixing ratio of {name!r} is known: compare with a file")
-        ratio: Array = ratios[name]
-        return ratio

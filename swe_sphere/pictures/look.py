@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 Pair = tuple[float, float]
 Four = tuple[float, float, float, float]
 
-
 PROJECTIONS = (
     "equal-earth", "robinson", "lat-lon", "orthographic", "north-polar", "south-polar",
 )  # fmt: skip
@@ -85,11 +84,9 @@ class Look(BaseModel):
             raise ConfigError(
                 f"the latitude of the centre is -90 to 90 degrees, not {self.centre[1]:g}"
             )
-        if self.region:
-            self._check_region(*self.region)
-        return self
-
-    def _check_region(self, west: float, east: float, south: float, north: float) -> None:
+        if self.region is None:
+            return self
+        west, east, south, north = self.region
         if not (-90.0 <= south < north <= 90.0 and west != east and -360.0 <= east - west <= 360.0):
             raise ConfigError(
                 "a region is west,east,south,north in degrees: east within 360 degrees of west and"
@@ -100,6 +97,7 @@ class Look(BaseModel):
             raise ConfigError("the orthographic globe takes a centre and no region")
         if self.projection in POLAR and self.lowest < -LOWEST:
             raise ConfigError("a polar map reaches to 60 degrees beyond the equator at most")
+        return self
 
     @property
     def edges(self) -> Four:

@@ -57,27 +57,16 @@ class PolarMap(crs.Stereographic):  # type: ignore[misc]
     edge: latitude of the rim [degrees].
     """
 
+    boundary: Any = None  # attributes, where cartopy has properties
+    x_limits: Any = None
+    y_limits: Any = None
+
     def __init__(self, pole: float, lon: float, edge: float) -> None:
         super().__init__(central_latitude=pole, central_longitude=lon, globe=GLOBE)
         radius = math.hypot(*self.transform_point(lon, edge, crs.Geodetic()))
         turn = np.linspace(0.0, 2.0 * np.pi, 361)
-        self._rim = LinearRing(radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
-        self._span = -radius, radius
-
-    @property
-    def boundary(self) -> LinearRing:
-        """Rim of the disc."""
-        return self._rim
-
-    @property
-    def x_limits(self) -> tuple[float, float]:
-        """Leftmost and rightmost x [m]."""
-        return self._span
-
-    @property
-    def y_limits(self) -> tuple[float, float]:
-        """Lowest and highest y [m]."""
-        return self._span
+        self.boundary = LinearRing(radius * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+        self.x_limits = self.y_limits = -radius, radius
 
 
 def new_map(figure: Figure | SubFigure, look: Look) -> GeoAxes:

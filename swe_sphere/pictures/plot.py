@@ -73,8 +73,7 @@ def plot_file(
             draw_panel(below, panel, time)
     with clear_errors(f"cannot write {out}"):
         png = out.suffix.lower() == ".png"
-        smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
-        figure.savefig(out, dpi=DOTS_PER_INCH, **smaller)
+        figure.savefig(out, dpi=DOTS_PER_INCH, pil_kwargs={"optimize": True} if png else None)
     return out
 
 
