@@ -28,16 +28,23 @@ from swe_sphere.planet import EARTH
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
 from swe_sphere.testcases.random_flow import BalancedFlow, inverse_laplacian
 
-AXES = {"lat": ("lat", "latitude"), "lon": ("lon", "longitude")}
-FIELDS = {"u": ("u", "uwnd", "ua"), "v": ("v", "vwnd", "va"), "z": ("z", "hgt", "zg")}
+NAMES = {
+    "lat": ("lat", "latitude"),
+    "lon": ("lon", "longitude"),
+    "u": ("u", "uwnd", "ua"),
+    "v": ("v", "vwnd", "va"),
+    "z": ("z", "hgt", "zg"),
+}
 PASCALS = {"Pa": 1.0, "hPa": 100.0, "millibar": 100.0, "millibars": 100.0, "mb": 100.0}
 LEVEL = 5e4
-"""Pressure [Pa] of the level that is taken."""
-WIND = ("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1")
-METRES = ("m", "metre", "metres", "meter", "meters", "gpm")
-GEOPOTENTIAL = ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2")
+"""Pressure [Pa] of the level that is read."""
+WIND = dict.fromkeys(("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1"), 1.0)
+HEIGHT = dict.fromkeys(("m", "metre", "metres", "meter", "meters", "gpm"), 1.0) | dict.fromkeys(
+    ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2"), 1.0 / EARTH.gravity
+)
+"""Factors that take numbers of these units to m s-1 and to m."""
 LEAST = 8
-"""So many latitudes and longitudes there must be."""
+"""Smallest number of latitudes and of longitudes."""
 
 
 @dataclass(frozen=True)
@@ -113,35 +120,32 @@ def read_analysis(path: Path) -> Analysis:
 
 
 def _read(dataset: Any) -> Analysis:
-    lat, lon = (_axis(dataset, name) for name in AXES)
-    dims = [dataset[_name_of(dataset, AXES[name])].dimensions[0] for name in AXES]
-    fields = {name: _field(dataset, name, dims) for name in FIELDS}
-    lat, lon = np.radians(lat), np.radians(lon)
+    lat_name, lon_name = (_name_of(dataset, axis) for axis in ("lat", "lon"))
+    lat, lon = (_degrees(dataset[name], name) for name in (lat_name, lon_name))
+    _check_latitudes(lat_name, lat)
+    _check_longitudes(lon_name, lon)
+    dims = [dataset[name].dimensions[0] for name in (lat_name, lon_name)]
     order = np.argsort(lat)
-    u, v, z = (field[order] for field in fields.values())
-    return Analysis(lat[order], lon, u, v, z)
+    u, v, z = (_field(dataset, field, dims)[order] for field in "uvz")
+    return Analysis(np.radians(lat)[order], np.radians(lon), u, v, z)
 
 
-def _name_of(dataset: Any, names: tuple[str, ...]) -> str:
-    for name in names:
+def _name_of(dataset: Any, ours: str) -> str:
+    for name in NAMES[ours]:
         if name in dataset.variables:
             return name
-    wanted = "; u, v and z are needed" if names in FIELDS.values() else ""
-    raise ConfigError(f"there is no variable {' or '.join(names)}{wanted}")
+    wanted = "; u, v and z are needed" if ours in "uvz" else ""
+    raise ConfigError(f"there is no variable {' or '.join(NAMES[ours])}{wanted}")
 
 
-def _axis(dataset: Any, axis: str) -> Array:
-    """Latitudes or longitudes [degrees]."""
-    name = _name_of(dataset, AXES[axis])
-    variable = dataset[name]
+def _degrees(variable: Any, name: str) -> Array:
+    """Return latitudes or longitudes [degrees]."""
     if variable.ndim != 1 or variable.size < LEAST:
         raise ConfigError(f"{name} must have one dimension and at least {LEAST} values")
     units = getattr(variable, "units", "degrees")
     if not units.startswith("degree"):
         raise ConfigError(f"{name} must be in degrees, not in {units!r}")
-    values = _numbers(variable, name)
-    (_check_latitudes if axis == "lat" else _check_longitudes)(name, values)
-    return values
+    return _numbers(variable, name)
 
 
 def _check_latitudes(name: str, lat: Array) -> None:
@@ -165,28 +169,29 @@ def _check_longitudes(name: str, lon: Array) -> None:
         raise ConfigError(f"{name} must be {len(lon)} equal steps of {step:.4g} degrees eastward")
 
 
-def _field(dataset: Any, field: str, dims: list[str]) -> Array:
-    """A field (latitudes, longitudes) in m s-1 or m."""
-    name = _name_of(dataset, FIELDS[field])
+def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
+    """Return a field (latitudes, longitudes) in m s-1 or m."""
+    name = _name_of(dataset, ours)
     variable = dataset[name]
-    factor = _factor(field, name, str(getattr(variable, "units", "")).strip())
-    levels = {d: _level(dataset, d) for d in variable.dimensions if d not in dims}
-    key = tuple(levels.get(d, slice(None)) for d in variable.dimensions)
-    sizes = zip(variable.dimensions, variable.shape, key, strict=True)
-    kept = [d for d, n, taken in sizes if n > 1 and isinstance(taken, slice)]
+    units, known = str(getattr(variable, "units", "")).strip(), HEIGHT if ours == "z" else WIND
+    if units not in known:
+        wanted = "'m' (height) or 'm2 s-2' (geopotential)" if ours == "z" else "'m s-1'"
+        raise ConfigError(f"{name} must have units {wanted}, not {units!r}")
+    sizes = dict(zip(variable.dimensions, variable.shape, strict=True))
+    levels = {d: _level(dataset, d) for d in sizes if d not in dims}
+    key = tuple(levels.get(d, slice(None)) for d in sizes)
+    kept = [d for d, n in sizes.items() if n > 1 and not isinstance(levels.get(d), int)]
     if sorted(kept) != sorted(dims):
-        shape = ", ".join(
-            f"{d}={n}" for d, n in zip(variable.dimensions, variable.shape, strict=True)
-        )
+        shape = ", ".join(f"{d}={n}" for d, n in sizes.items())
         raise ConfigError(
             f"{name} must be on ({', '.join(dims)}), not on ({shape}): take one level and time"
         )
-    values = _numbers(variable, name, key).squeeze() * factor
+    values = _numbers(variable, name, key).squeeze() * known[units]
     return values if kept == dims else values.T
 
 
 def _level(dataset: Any, axis: str) -> int | slice:
-    """The index of 500 hPa on an axis of pressures, all of any other."""
+    """Return the index of 500 hPa on an axis of pressures, all of any other."""
     variable = dataset.variables.get(axis)
     factor = PASCALS.get(getattr(variable, "units", ""))
     if factor is None or variable.shape == (1,):
@@ -195,21 +200,6 @@ def _level(dataset: Any, axis: str) -> int | slice:
     if found.size != 1:
         raise ConfigError(f"{axis} does not hold the level of 500 hPa")
     return int(found[0])
-
-
-def _factor(field: str, name: str, units: str) -> float:
-    """What the numbers are to be multiplied by."""
-    if field != "z":
-        if units in WIND:
-            return 1.0
-        raise ConfigError(f"{name} must have units 'm s-1', not {units!r}")
-    if units in METRES:
-        return 1.0
-    if units in GEOPOTENTIAL:
-        return 1.0 / EARTH.gravity
-    raise ConfigError(
-        f"{name} must have units 'm' (height) or 'm2 s-2' (geopotential), not {units!r}"
-    )
 
 
 def _numbers(variable: Any, name: str, key: Any = slice(None)) -> Array:

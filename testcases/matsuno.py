@@ -14,6 +14,7 @@ from swe_sphere.testcases.flows import at_rest
 from swe_sphere.testcases.recommended import recommended
 
 Wave = Literal["rossby", "eig", "wig"]
+NAMES = {"rossby": "Rossby", "eig": "eastward inertia-gravity", "wig": "westward inertia-gravity"}
 PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
 DEPTH = 30.0
 """Depth at rest [m]: so thin that the waves are trapped near the equator."""
@@ -65,13 +66,6 @@ def matsuno(
         report="speed of the pattern against ω / k; shape after a period",
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
     )
-
-
-NAMES = {
-    "rossby": "Rossby",
-    "eig": "eastward inertia-gravity",
-    "wig": "westward inertia-gravity",
-}
 
 
 @dataclass(frozen=True)

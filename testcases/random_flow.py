@@ -98,7 +98,7 @@ def random_streamfunction(
 def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
     """Mean of |v|²/2 over the sphere [m2 s-2], degree by degree."""
     n = np.arange(len(streamfunction))
-    weights = np.where(np.arange(len(streamfunction)) == 0, 1.0, 0.5)
+    weights = np.where(n == 0, 1.0, 0.5)
     squares: Array = np.abs(streamfunction) ** 2 @ weights
     return 0.5 * n * (n + 1) / radius**2 * squares
 
@@ -149,21 +149,6 @@ def turbulence(
     Raises:
         ConfigError: a parameter out of range, or a wind too strong to be balanced by 10 km.
     """
-    planet = EARTH if rotating else Planet(EARTH.radius, EARTH.gravity, 0.0)
-    flow = BalancedFlow(_streamfunction(speed, wavenumber, seed), planet, DEPTH)
-
-    return Scene(
-        name="turbulence",
-        title="decaying turbulence",
-        reference=PAPER,
-        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
-        initial=lambda lon, lat: _deep_enough(flow.state(lon, lat), speed),
-        planet=planet,
-        report="vorticity at days 5, 10 and 20; decay of energy and potential enstrophy",
-    )
-
-
-def _streamfunction(speed: float, wavenumber: int, seed: int) -> Complex:
     if not 2 <= wavenumber <= 40:
         raise ConfigError(f"turbulence: wavenumber must be 2 to 40, not {wavenumber}")
     if not speed > 0.0:
@@ -175,12 +160,24 @@ def _streamfunction(speed: float, wavenumber: int, seed: int) -> Complex:
         ratio: Array = np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)  # 1 at the peak
         return ratio**STEEPNESS
 
-    found: Complex = random_streamfunction(spectrum, 3 * wavenumber, speed, EARTH.radius, seed)
-    return found
+    planet = EARTH if rotating else Planet(EARTH.radius, EARTH.gravity, 0.0)
+    streamfunction = random_streamfunction(spectrum, 3 * wavenumber, speed, EARTH.radius, seed)
+    flow = BalancedFlow(streamfunction, planet, DEPTH)
 
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, depth = flow.state(lon, lat)
+        if depth.min() <= 0.0:
+            raise ConfigError(
+                f"turbulence: a mean depth of 10 km cannot balance {speed:g} m/s: less"
+            )
+        return u, v, depth
 
-def _deep_enough(state: tuple[Array, Array, Array], speed: float) -> tuple[Array, Array, Array]:
-    """The state, if its depth is positive everywhere."""
-    if state[2].min() <= 0.0:
-        raise ConfigError(f"turbulence: a mean depth of 10 km cannot balance {speed:g} m/s: less")
-    return state
+    return Scene(
+        name="turbulence",
+        title="decaying turbulence",
+        reference=PAPER,
+        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
+        initial=initial,
+        planet=planet,
+        report="vorticity at days 5, 10 and 20; decay of energy and potential enstrophy",
+    )

@@ -36,7 +36,9 @@ def splash(rotating: bool = False) -> Scene:
     spin = WIND / EARTH.radius
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-        return (WIND * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, _heap(lon, lat)
+        within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
+        depth = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
+        return (WIND * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, depth
 
     return Scene(
         name="splash",
@@ -45,19 +47,14 @@ def splash(rotating: bool = False) -> Scene:
         "doi:10.1016/j.jcp.2007.07.022",
         effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
         initial=initial,
-        bottom=(lambda lon, lat: (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon)
-        if rotating
-        else None,
+        bottom=_centrifugal if rotating else None,
         planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
         report="time and height of the crest at the antipode; loss of symmetry about the centre",
     )
 
 
-def _heap(lon: Array, lat: Array) -> Array:
-    """Depth of the splash [m]."""
-    within = np.minimum(3.0 * distance(lon, lat, *CENTRE), 1.0)
-    depth: Array = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
-    return depth
+def _centrifugal(lon: Array, lat: Array) -> Array:
+    return (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
 
 
 BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))

@@ -10,7 +10,7 @@ equilibrium tide η_eq it is a linear system. Source: Longuet-Higgins (1968), Ph
 262, 511-607, doi:10.1098/rsta.1968.0003, in other variables.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -152,9 +152,8 @@ class TidalEquations:
         force = np.zeros((3, DEGREES))
         force[1, : len(equilibrium)] = self.planet.gravity * equilibrium
         matrix = frequency * np.eye(3 * DEGREES) - self._matrix
-        return self._wave(
-            frequency, np.asarray(np.linalg.solve(matrix, force.ravel()), dtype=np.float64)
-        )
+        solution = np.linalg.solve(matrix, force.ravel())
+        return self._wave(frequency, np.asarray(solution, dtype=np.float64))
 
     def free(self, n: int) -> HoughWave:
         """The planetary wave (Rossby's) whose wind is mostly rotation of degree n, unscaled.
@@ -226,7 +225,10 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, not {m} and {n}")
     if not 0.0 < speed <= 10.0:
         raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, not {speed:g}")
-    wave = _scaled(TidalEquations(m, DEPTH, EARTH).free(n), speed)
+    wave = TidalEquations(m, DEPTH, EARTH).free(n)
+    u, v, _ = wave.state(*GaussGrid(64).points, 0.0)
+    factor = speed / float(np.hypot(u, v).max())
+    wave = replace(wave, coefficients=factor * wave.coefficients)
 
     return Scene(
         name="slow-ocean",
@@ -239,11 +241,3 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         base=at_rest(DEPTH) if linear else None,
         report="speed of the wave; gravity waves that a step too long leaves out or lets loose",
     )
-
-
-def _scaled(wave: HoughWave, speed: float) -> HoughWave:
-    """The wave with that strongest current [m s-1]."""
-    lon, lat = GaussGrid(64).points
-    u, v, _ = wave.state(lon, lat, 0.0)
-    factor = speed / float(np.hypot(u, v).max())
-    return HoughWave(wave.frequency, factor * wave.coefficients, wave.depth, wave.planet)

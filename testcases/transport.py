@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from swe_sphere.equations.effects import PrescribedWind, Tracers
-from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState, UnsteadyTracers, Wind
+from swe_sphere.equations.scene import Array, Scalar, Scene, Wind
 from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import distance, solid_body, turned
@@ -83,6 +83,15 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
     """
     wind, centres = _CASES[case]
     tracers = _tracers(centres)
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        known = _unless_away(t) if case == 3 else 0.0  # a wind that diverges changes the depth
+        return *wind(lon, lat, t), AIR + known + 0.0 * (lon + lat)
+
+    def exact_tracers(lon: Array, lat: Array, t: float) -> dict[str, Array]:
+        known = _unless_away(t)
+        return {name: formula(lon, lat) + known for name, formula in tracers.items()}
+
     return Scene(
         name="deformational",
         title=f"deformational flow, case {case}",
@@ -90,11 +99,11 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         "doi:10.1016/j.jcp.2010.08.014; Lauritzen et al. (2012), Geosci. Model Dev. 5, 887-901, "
         "doi:10.5194/gmd-5-887-2012",
         effects=(PrescribedWind(), Tracers()),
-        initial=lambda lon, lat: (*wind(lon, lat, 0.0), AIR + 0.0 * (lon + lat)),
-        exact=_known_air(wind, steady=case != 3),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
         wind=wind,
         tracers=tracers,
-        exact_tracers=_returned(tracers),
+        exact_tracers=exact_tracers,
         report="l1, l2, linf, minimum and maximum of the tracers after 12 days; filaments and "
         "mixing after 6",
     )
@@ -196,26 +205,6 @@ def _slotted_cylinders(centres: Centres, lon: Array, lat: Array) -> Array:
     return np.where(inside, 1.0, 0.1)
 
 
-def _is_back(t: float) -> bool:
-    """Whether everything is where it started: after whole periods."""
-    return abs(t / PERIOD - round(t / PERIOD)) < 1e-9
-
-
-def _returned(tracers: dict[str, Scalar]) -> UnsteadyTracers:
-    """The initial tracers after whole periods, NaN in between."""
-
-    def exact(lon: Array, lat: Array, t: float) -> dict[str, Array]:
-        known = 0.0 if _is_back(t) else np.nan
-        return {name: formula(lon, lat) + known for name, formula in tracers.items()}
-
-    return exact
-
-
-def _known_air(wind: Wind, steady: bool) -> UnsteadyState:
-    """The even depth, NaN while a wind that diverges changes it."""
-
-    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        known = 0.0 if steady or _is_back(t) else np.nan
-        return *wind(lon, lat, t), AIR + known + 0.0 * (lon + lat)
-
-    return exact
+def _unless_away(t: float) -> float:
+    """Zero after whole periods, when everything is where it started; NaN in between."""
+    return 0.0 if abs(t / PERIOD - round(t / PERIOD)) < 1e-9 else np.nan

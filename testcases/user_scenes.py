@@ -94,34 +94,33 @@ def load(
             scene does not have.
     """
     if is_user_file(path):
-        return _from_python(path, parameters)
+        factory = getattr(load_file(path, "scene"), "scene", None)
+        if not callable(factory):
+            raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
+        return guarded(f"scene() of {path}", made, str(path), factory, parameters)
     if depth == DEPTH:
         raise ConfigError(f"{path}: its bases go round in a circle")
-    file = _checked(path)
+    file_contents(path, "scene")
+    try:
+        file = _File.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_complaint(error)}") from None
     given = {**file.parameters, **parameters}
     try:
-        scene = _with_effects(_base(path, file.base, given, by_name, depth), file)
+        if is_scene_file(file.base):
+            scene = load(path.parent / file.base, given, by_name, depth + 1)
+        else:
+            scene = by_name(file.base, **given)
+        for name, values in file.effects.items():
+            if values is False:
+                scene = scene.without_effect(name)
+            else:
+                scene = with_parameters(scene, {name: values})
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}" if depth == 0 else str(error)) from None
     asked = {key: getattr(file, key) for key in ("title", "report", "ne", "np", "dt", "days")}
     said = {key: value for key, value in asked.items() if value is not None}
     return replace(scene, name=file.name or path.stem, **said)
-
-
-def _from_python(path: Path, parameters: Mapping[str, Parameter]) -> Scene:
-    factory = getattr(load_file(path, "scene"), "scene", None)
-    if not callable(factory):
-        raise ConfigError(f"{path} must define scene(**parameters) -> Scene")
-    return guarded(f"scene() of {path}", made, str(path), factory, parameters)
-
-
-def _checked(path: Path) -> _File:
-    """What the file says."""
-    file_contents(path, "scene")
-    try:
-        return _File.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise ConfigError(f"{path}: {_complaint(error)}") from None
 
 
 def _complaint(error: ValidationError) -> str:
@@ -135,28 +134,6 @@ def _complaint(error: ValidationError) -> str:
     if first["loc"][0] == "effects" and len(first["loc"]) > 1:
         return f"{key} must be false or a table of parameters, not {given}"
     return f"{key}: {complaint(error)}, not {given}"
-
-
-def _base(
-    path: Path,
-    base: str,
-    given: Mapping[str, Parameter],
-    by_name: Callable[..., Scene],
-    depth: int,
-) -> Scene:
-    """The scene that the file builds on; paths are relative to the file."""
-    if is_scene_file(base):
-        return load(path.parent / base, given, by_name, depth + 1)
-    return by_name(base, **given)
-
-
-def _with_effects(scene: Scene, file: _File) -> Scene:
-    for name, values in file.effects.items():
-        if values is False:
-            scene = scene.without_effect(name)
-        else:
-            scene = with_parameters(scene, {name: values})
-    return scene
 
 
 SceneFactory = Callable[..., Scene]
@@ -175,14 +152,8 @@ def checked(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) ->
         if key not in known:
             has = ", ".join(known) or "no parameters"
             raise ConfigError(f"scene {name} has no parameter {key!r}; it has {has}")
-    return {
-        key: convert(f"{name}: {key}", _kind(known[key]), value) for key, value in given.items()
-    }
-
-
-def _kind(parameter: inspect.Parameter) -> Any:
-    """Its annotation; numbers where there is none."""
-    return float if parameter.annotation is parameter.empty else parameter.annotation
+    kinds = {k: float if p.annotation is p.empty else p.annotation for k, p in known.items()}
+    return {key: convert(f"{name}: {key}", kinds[key], value) for key, value in given.items()}
 
 
 def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Scene:
@@ -198,9 +169,9 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
         raise ConfigError(f"scene() of {name} must return a Scene, not {type(scene).__name__}")
     known = inspect.signature(factory).parameters
     defaults = {key: p.default for key, p in known.items() if p.default is not p.empty}
-    told = {key: _plain(value) for key, value in (defaults | values).items() if value is not None}
+    told = {
+        key: value if isinstance(value, (bool, int, float, str)) else str(value)
+        for key, value in (defaults | values).items()
+        if value is not None
+    }
     return replace(scene, parameters=dict(scene.parameters) | told)
-
-
-def _plain(value: object) -> Parameter:
-    return value if isinstance(value, (bool, int, float, str)) else str(value)

@@ -6,7 +6,7 @@ doi:10.1016/S0021-9991(05)80016-6
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Rotation
-from swe_sphere.equations.scene import Array, Scene, Wind
+from swe_sphere.equations.scene import Array, Scene, UnsteadyState, Wind
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases.flows import cone, solid_body, tilted_latitude, turned
@@ -73,16 +73,7 @@ def williamson2(alpha: float = 0.0) -> Scene:
         depth = 2.94e4 / EARTH.gravity - fall * tilted_latitude(lon, lat, alpha) ** 2
         return *wind(lon, lat, t), depth
 
-    return Scene(
-        name="williamson2",
-        title="steady geostrophic flow",
-        reference=f"{PAPER}, case 2",
-        effects=(*DYNAMICS, Rotation()),
-        initial=lambda lon, lat: exact(lon, lat, 0.0),
-        exact=exact,
-        coriolis=lambda lon, lat: 2.0 * EARTH.rotation * tilted_latitude(lon, lat, alpha),
-        report="l1, l2, linf of h and of the wind after 5 days",
-    )
+    return _steady(2, "steady geostrophic flow", exact, alpha)
 
 
 @recommended(ne=8, np=8, dt=300.0, days=5.0)
@@ -110,10 +101,15 @@ def williamson3(alpha: float = 0.0) -> Scene:
         depth = (2.94e4 - JET.balance.drop(latitude)) / EARTH.gravity
         return turning * east, turning * north, depth
 
+    return _steady(3, "steady jet of compact support", exact, alpha)
+
+
+def _steady(case: int, title: str, exact: UnsteadyState, alpha: float) -> Scene:
+    """A steady flow about an axis of rotation that is tilted by alpha [rad]."""
     return Scene(
-        name="williamson3",
-        title="steady jet of compact support",
-        reference=f"{PAPER}, case 3",
+        name=f"williamson{case}",
+        title=title,
+        reference=f"{PAPER}, case {case}",
         effects=(*DYNAMICS, Rotation()),
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,

@@ -56,19 +56,16 @@ def williamson7(
     if file is None:
         if seed < 0:
             raise ConfigError(f"williamson7: seed must not be negative, but is {seed}")
-        title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state; the case: "
+        title, source = "SYNTHETIC 500 hPa-like flow", "SYNTHETIC initial state"
         initial: State = BalancedFlow(_streamfunction(seed), EARTH, DEPTH, linear=True).state
     else:
-        title, source = (
-            f"500 hPa flow from {file.name}",
-            f"initial state from {file.name}; the case: ",
-        )
+        title, source = f"500 hPa flow from {file.name}", f"initial state from {file.name}"
         initial = _analysed(file, degree, balanced)
 
     return Scene(
         name="williamson7",
         title=title,
-        reference=f"{source}{PAPER}, case 7",
+        reference=f"{source}; the case: {PAPER}, case 7",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
         report="height at days 1 to 5 against a reference; drift of energy and potential enstrophy",

@@ -217,9 +217,10 @@ class Analysis:
         same = np.array_equal(self.mesh.xyz, theirs.mesh.xyz)
         points = None if same else Interpolator(self.mesh, theirs.mesh.lon, theirs.mesh.lat)
         found: dict[str, list[float]] = {}
+        names = [fields] if isinstance(fields, str) else [*fields]
         for k, j in pairs:
             ours, right = self._frame(k), theirs._frame(j)
-            for field in [fields] if isinstance(fields, str) else fields:
+            for field in names:
                 here = derive(ours, field) if points is None else evaluate(points, ours, field)
                 errors = norms(theirs.mesh.area, here, derive(right, field))
                 for norm, value in errors.items():

@@ -73,7 +73,8 @@ def plot_file(
             draw_panel(below, panel, time)
     with clear_errors(f"cannot write {out}"):
         png = out.suffix.lower() == ".png"
-        figure.savefig(out, dpi=DOTS_PER_INCH, pil_kwargs={"optimize": True} if png else None)
+        smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
+        figure.savefig(out, dpi=DOTS_PER_INCH, **smaller)
     return out
 
 
