@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 
-from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.layout import MESH_ATTRIBUTES
@@ -47,28 +46,25 @@ def compare(
         _check_scenes(ours, theirs)
     time = _common_time(ours, theirs) if time is None else time
     field = _common_field(ours, theirs, field)
-    errors = norms(theirs.area, _on_points_of(theirs, ours, field, time),
-                   theirs.values(field, time))  # fmt: skip
-    return {"field": field, "time": time, **errors}
+    runs = isinstance(ours, RunFile) and isinstance(theirs, RunFile)
+    if runs and all(ours.attributes[x] == theirs.attributes[x] for x in MESH_ATTRIBUTES):
+        found = ours.values(field, time)  # nothing is interpolated, and equal is equal
+    else:
+        found = ours.at(field, *theirs.points, time)
+    return {"field": field, "time": time, **norms(theirs.area, found, theirs.values(field, time))}
 
 
 def _check_scenes(ours: Source, theirs: Source) -> None:
     """ConfigError for runs of different scenes; a reference does not say of which it is."""
     one, other = (source.attributes.get("scene") for source in (ours, theirs))
-    if None in (one, other):
+    # fingerprints of the files that hold the scenes; none of a scene of the package
+    files = [table_in(str(s.attributes.get("sources"))).get(SCENE_FILE) for s in (ours, theirs)]
+    if None in (one, other) or (one == other and files[0] == files[1]):
         return
+    what = f"{ours.path} and {theirs.path} are runs of two scenes of the name {one}"
     if one != other:
         what = f"{ours.path} is a run of {one}, {theirs.path} one of {other}"
-    elif _scene_file(ours) != _scene_file(theirs):
-        what = f"{ours.path} and {theirs.path} are runs of two scenes of the name {one}"
-    else:
-        return
     raise ConfigError(f"{what}: compare runs of one scene, or say --across-scenes")
-
-
-def _scene_file(source: Source) -> str | None:
-    """Fingerprint of the file that holds the scene; None of a scene of the package."""
-    return table_in(str(source.attributes.get("sources", "{}"))).get(SCENE_FILE)
 
 
 def _common_time(ours: Source, theirs: Source) -> float | None:
@@ -91,20 +87,7 @@ def _common_field(ours: Source, theirs: Source, field: str | None) -> str:
     if field is None:
         return "surface" if any("h" not in r.fields for r in references) else "h"
     field = check_field(field, [*ours.about, *theirs.about], vector=True)
-    bottoms = [s.bottom for s in (ours, theirs) if isinstance(s, RunFile)]
+    bottom = next((s.bottom for s in (ours, theirs) if isinstance(s, RunFile)), None)
     for reference in references:
-        field = reference_field(reference, field, bottoms[0] if bottoms else None)
+        field = reference_field(reference, field, bottom)
     return field
-
-
-def _on_points_of(target: Source, source: Source, field: str, time: float | None) -> Array:
-    if _same_mesh(source, target):
-        return source.values(field, time)
-    return source.at(field, *target.points, time)
-
-
-def _same_mesh(one: Source, other: Source) -> bool:
-    """Whether two runs share their nodes: then nothing is interpolated, and equal is equal."""
-    return all(isinstance(s, RunFile) for s in (one, other)) and all(
-        one.attributes[name] == other.attributes[name] for name in MESH_ATTRIBUTES
-    )

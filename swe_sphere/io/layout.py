@@ -97,7 +97,7 @@ def make_layout(
     """Describe a file.
 
     attributes: of the run.  constants: height of the bottom "b" [m] and Coriolis parameter "f"
-    [s-1] at the nodes, zero where absent.  fields: those of every frame with their attributes.
+    [s-1], a number or (N,).  fields: those of every frame with their attributes.
     diagnostics: the series, with attributes where they are user-defined; without any there is no
     dimension for them either.  samples: the most of each series.
 
@@ -147,7 +147,7 @@ def _topology(mesh: Mesh, quads: NDArray[np.integer[Any]]) -> dict[str, Variable
 
 def _on_nodes(mesh: Mesh, constants: Mapping[str, ArrayLike]) -> dict[str, Variable]:
     """Return the coordinates of the nodes with the bounds of their cells, and constant fields."""
-    values = {name: np.full(mesh.size, constants.get(name, 0.0), float) for name in ("b", "f")}
+    values = {name: np.full(mesh.size, constants[name], float) for name in ("b", "f")}
     values["area"], found = mesh.area, {}
     places = zip(("lon", "lat"), (mesh.lon, mesh.lat), cell_corners(mesh), strict=True)
     for name, centre, corners in places:

@@ -75,9 +75,15 @@ class FrameWriter:
         self.path = Path(path)
         self._mesh, self._samples = mesh, samples
         constants = {"b": bottom, "f": coriolis}
-        self._constants = {k: values for k, values in constants.items() if values is not None}
-        self._earlier = None if append_from is None else EarlierFrames(self.path, append_from, mesh)
-        kept = {} if self._earlier is None else self._earlier.attributes
+        self._constants = {k: 0.0 if x is None else x for k, x in constants.items()}
+        self._earlier = None if append_from is None else RunFile(self.path)
+        self._from = append_from or 0.0
+        if self._earlier is not None and (nodes := self._earlier.bottom.size) != mesh.size:
+            raise ConfigError(
+                f"cannot go on in {path}: its mesh has {nodes} nodes, not {mesh.size}"
+            )
+        before = {} if self._earlier is None else self._earlier.attributes
+        kept = {name: before[name] for name in KEPT if name in before}
         self._own = dict(own or {})
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
         self._fields = {name: every[name] for name in _chosen(only, every)}
@@ -90,7 +96,7 @@ class FrameWriter:
         """That of the earlier run where that is resumed."""
         self._series: tuple[str, ...] = ()
         size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
-        size += 0 if self._earlier is None else self._earlier.all_bytes
+        size += 0 if self._earlier is None else self.path.stat().st_size
         place = self.path.resolve() if self.path.is_symlink() else self.path
         with clear_errors(f"cannot write {self.path}"):
             self._growing: GrowingFile | GrowingStore = (
@@ -123,7 +129,7 @@ class FrameWriter:
             if diagnostics:
                 self._growing.add_sample(self._sample(time, diagnostics))
             self._begun = True
-            if self._earlier is None or self.frames >= self._earlier.all_frames:
+            if self._earlier is None or self.frames >= self._earlier.times.size:
                 self._growing.put_in_place()
 
     def record(self, time: float, diagnostics: Mapping[str, float | None]) -> None:
@@ -179,18 +185,35 @@ class FrameWriter:
         """Write everything but new frames and samples."""
         self._series = tuple(diagnostics)
         series = {name: self._own.get(name, {}) for name in self._series}
-        room = self._samples + (0 if self._earlier is None else self._earlier.sample_times.size)
+        times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
+        times = times[times < self._from]
         self._growing.define(
-            make_layout(self._mesh, self._attributes, self._constants, self._fields, series, room)
-        )
+            make_layout(
+                self._mesh, self._attributes, self._constants, self._fields, series,
+                self._samples + times.size,
+            )
+        )  # fmt: skip
         self._growing.set_text(SUMMARY, json.dumps({"completed": False}))
-        if self._earlier is not None:
-            for values in self._earlier.records({"time", *self._fields}):
-                self._growing.add_record(values, sync=False)
-            for k, time in enumerate(self._earlier.sample_times):
-                sample = {name: values[k] for name, values in self._earlier.series.items()}
-                kept = {name: sample[name] for name in self._series if name in sample}
-                self._growing.add_sample(self._sample(time, kept))
+        for values in self._earlier_frames():
+            self._growing.add_record(values, sync=False)
+        kept = {name: earlier[name] for name in self._series if name in earlier}
+        for k, time in enumerate(times):
+            sample = {name: values[k] for name, values in kept.items()}
+            self._growing.add_sample(self._sample(time, sample))
+
+    def _earlier_frames(self) -> Iterator[dict[str, Array]]:
+        """Yield the frames of the earlier run; ConfigError if they hold other fields.
+
+        Frames that it wrote after its last checkpoint are left out: they are written again.
+        """
+        if self._earlier is None:
+            return
+        names = {"time", *self._fields}
+        with reading(self.path) as data:
+            if {name for name, v in data.variables.items() if "time" in v.dims} != names:
+                raise ConfigError(f"cannot go on in {self.path}: its frames hold other fields")
+            for k in range(np.count_nonzero(self._earlier.times < self._from)):
+                yield {name: data[name].isel(time=k).values for name in names}
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
         """Return a number for every series; ValueError if there is one without a series."""
@@ -214,34 +237,3 @@ def _chosen(only: Iterable[str], every: Iterable[str]) -> list[str]:
     for name in sorted(wanted.difference(names)):
         raise unknown_name("field", name, names)
     return [name for name in names if name in wanted or not wanted]
-
-
-class EarlierFrames:
-    """The frames and samples in a file of a run that are of times before a given one [s].
-
-    Later ones, by a run that was killed before its next checkpoint, are left out: the resumed run
-    writes them again.  Raises ConfigError if the file is damaged, or is not of that mesh.
-    """
-
-    def __init__(self, path: Path, time: float, mesh: Mesh) -> None:
-        run = RunFile(path)
-        if run.bottom.size != mesh.size:
-            raise ConfigError(
-                f"cannot go on in {path}: its mesh has {run.bottom.size} nodes, not {mesh.size}"
-            )
-        times, self.series = run.series()
-        self.sample_times = times[times < time]
-        """Times [s] of the samples, the first ones in `series`."""
-        self._path, self._frames = path, int(np.count_nonzero(run.times < time))
-        self.all_frames = run.times.size
-        """Number of frames in the file, with the later ones."""
-        self.all_bytes = path.stat().st_size
-        self.attributes = {k: run.attributes[k] for k in KEPT if k in run.attributes}
-
-    def records(self, names: set[str]) -> Iterator[dict[str, Array]]:
-        """Yield the frames; ConfigError if they hold other variables than those named."""
-        with reading(self._path) as data:
-            if {name for name, v in data.variables.items() if "time" in v.dims} != names:
-                raise ConfigError(f"cannot go on in {self._path}: its frames hold other fields")
-            for k in range(self._frames):
-                yield {name: data[name].isel(time=k).values for name in names}

@@ -10,13 +10,13 @@ import functools
 import math
 import os
 import signal
-import stat
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -57,12 +57,9 @@ class Messages:
         requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
         requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
         weakref.finalize(self, _free, requests)
-        self._start = functools.partial(Prequest.Startall, requests)
+        self.start = functools.partial(Prequest.Startall, requests)
+        """Sends all outgoing arrays, which must not change before `wait`, and receives."""
         self._are_complete = functools.partial(Prequest.Testall, requests)
-
-    def start(self) -> None:
-        """Send all outgoing arrays, which must not change before `wait`, and begin to receive."""
-        self._start()
 
     def wait(self) -> None:
         """Return when all arrays have been sent and received."""
@@ -76,8 +73,6 @@ def _free(requests: list[Any]) -> None:
 
 def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
     """Poll until the test holds, at most `patience` seconds; returns whether it does."""
-    if test():
-        return True
     began = time.monotonic()
     while not test():
         waited = time.monotonic() - began
@@ -186,15 +181,14 @@ class MpiCommunicator(Communicator):
 
     def on_root(self, function: Callable[[], T]) -> T:
         """Call the function on rank 0 and broadcast its result."""
-        value: Any = None
-        error: Exception | None = None
+        told: tuple[T | None, Exception | None] = None, None
         if self.rank == 0:
             try:
-                value = function()
+                told = function(), None
             except Exception as raised:
-                error = raised
+                told = None, raised
         self._wait_for_all()
-        value, error = self._comm.bcast((value, error))
+        value, error = self._comm.bcast(told)
         if error is not None:
             raise error
         return cast(T, value)
@@ -215,11 +209,10 @@ class MpiCommunicator(Communicator):
 
     def any_lately(self, mine: bool) -> bool:
         """Return the answer to the call before: its message travels while ranks compute."""
-        known = self._answer is not None
-        if known:
+        if self._answer is not None:
             _complete(self._answer.Test)
-        said, heard = self._asked
-        found = known and bool(heard[0])
+        said, heard = self._asked  # zeros before the first call
+        found = bool(heard[0])
         said[0] = mine and not found
         self._answer = self._comm.Iallreduce(said, heard, self._mpi.MAX)
         return found
@@ -286,18 +279,11 @@ def started_ranks() -> int | None:
     """
     said = [os.environ[name] for name in SIZES if name in os.environ]
     socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
-    if socket.isdigit() and not _is_socket(int(socket)):
+    if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
         return None
     if not said and "PMIX_RANK" in os.environ:
         said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
     return int(said[0]) if said and said[0].isdigit() else None
-
-
-def _is_socket(number: int) -> bool:
-    try:
-        return stat.S_ISSOCK(os.fstat(number).st_mode)
-    except OSError:
-        return False
 
 
 def leave_ranks() -> None:

@@ -27,29 +27,19 @@ def _of_machine() -> float | None:
 
 def _of_group() -> float | None:
     """Return what the limits of control groups (Linux) leave, without pages of files."""
+    free: list[float] = []
     with suppress(OSError):
-        lines = Path("/proc/self/cgroup").read_text().splitlines()
-        free = [_left(*place) for line in lines for place in _places(*line.split(":", 2)[1:])]
-        return min((known for known in free if known is not None), default=None)
-    return None
-
-
-def _places(controllers: str, path: str) -> list[tuple[Path, str, str]]:
-    """Return folders of a control group and those above it, with names of limit and usage."""
-    if controllers == "":  # the second version of Linux control groups
-        base, limit, usage = GROUPS, "memory.max", "memory.current"
-    elif "memory" in controllers.split(","):
-        base, limit, usage = GROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"
-    else:
-        return []
-    inside = Path(path.lstrip("/"))
-    return [(base / part, limit, usage) for part in (inside, *inside.parents)]
-
-
-def _left(folder: Path, limit: str, usage: str) -> float | None:
-    with suppress(OSError, ValueError):
-        largest, used = (float((folder / name).read_text()) for name in (limit, usage))
-        lines = (folder / "memory.stat").read_text().splitlines()
-        cached = dict(line.split() for line in lines)
-        return largest - used + float(cached.get("inactive_file", 0))
-    return None
+        for line in Path("/proc/self/cgroup").read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            base, limit, usage = GROUPS, "memory.max", "memory.current"
+            if controllers:  # the first version of control groups, a tree for each kind
+                base = GROUPS / controllers
+                limit, usage = "memory.limit_in_bytes", "memory.usage_in_bytes"
+            inside = Path(path.lstrip("/"))
+            for folder in (base / part for part in (inside, *inside.parents)):
+                with suppress(OSError, ValueError):
+                    largest, used = (float((folder / x).read_text()) for x in (limit, usage))
+                    lines = (folder / "memory.stat").read_text().splitlines()
+                    cached = dict(line.split() for line in lines)
+                    free.append(largest - used + float(cached.get("inactive_file", 0)))
+    return min(free, default=None)
