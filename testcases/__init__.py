@@ -18,27 +18,21 @@ __all__ = ["SCENES", "get_scene", "list_scenes"]
 
 
 def _factories() -> Iterator[tuple[str, SceneFactory]]:
-    """By name the public functions of the files here that make a scene."""
+    """Yield by name the public functions here that make a scene, without arguments too."""
     for found in pkgutil.iter_modules(__path__, f"{__name__}."):
         module = importlib.import_module(found.name)
         for name, function in inspect.getmembers(module, inspect.isfunction):
-            own = function.__module__ == found.name and not name.startswith("_")
-            if own and _makes_scene(function):
+            if function.__module__ != found.name or name.startswith("_"):
+                continue
+            called = inspect.signature(function)
+            optional = all(each.default is not each.empty for each in called.parameters.values())
+            if optional and called.return_annotation in (Scene, "Scene"):
                 yield name.replace("_", "-"), function
 
 
-def _makes_scene(function: SceneFactory) -> bool:
-    """Whether it returns a scene, called without arguments too."""
-    called = inspect.signature(function)
-    optional = all(each.default is not each.empty for each in called.parameters.values())
-    return optional and called.return_annotation in (Scene, "Scene")
-
-
-def _place(item: tuple[str, SceneFactory]) -> tuple[bool, str]:
-    return not item[0].startswith("williamson"), item[0]
-
-
-SCENES = dict(sorted(_factories(), key=_place))
+_FOUND = dict(_factories())
+_ORDER = sorted(_FOUND, key=lambda name: (not name.startswith("williamson"), name))
+SCENES = {name: _FOUND[name] for name in _ORDER}
 """Factories by name, the standard set first; their keyword parameters are those of the scene."""
 
 

@@ -1,6 +1,5 @@
 """Transport by prescribed winds that stir: moving vortices and deformational flow."""
 
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -172,37 +171,30 @@ _CASES: dict[int, tuple[Wind, Centres]] = {
 def _tracers(centres: Centres) -> dict[str, Scalar]:
     """The mixing ratios of Lauritzen et al. (2012), section 3, about two centres."""
 
+    def gaussian_hills(lon: Array, lat: Array) -> Array:
+        offsets = [position(lon, lat) - position(*centre) for centre in centres]
+        hills: Array = 0.95 * np.sum(np.exp(-5.0 * np.sum(np.square(offsets), axis=-1)), axis=0)
+        return hills
+
+    def cosine_bells(lon: Array, lat: Array) -> Array:
+        one, other = (np.minimum(2.0 * distance(lon, lat, *centre), 1.0) for centre in centres)
+        bells: Array = 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
+        return bells
+
     def correlated(lon: Array, lat: Array) -> Array:
-        return -0.8 * _cosine_bells(centres, lon, lat) ** 2 + 0.9
+        return -0.8 * cosine_bells(lon, lat) ** 2 + 0.9
 
-    return {
-        "gaussian_hills": partial(_gaussian_hills, centres),
-        "cosine_bells": partial(_cosine_bells, centres),
-        "correlated": correlated,
-        "slotted_cylinders": partial(_slotted_cylinders, centres),
-    }
+    def slotted_cylinders(lon: Array, lat: Array) -> Array:
+        """Radius 1/2, with a slot 1/6 wide: open to the north in one, else to the south."""
+        inside = np.zeros(np.shape(lon), dtype=bool)
+        for centre, side in zip(centres, (-1.0, 1.0), strict=True):
+            beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
+            beyond = side * (lat - centre[1]) > 5.0 / 24.0
+            inside |= (distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
+        return np.where(inside, 1.0, 0.1)
 
-
-def _gaussian_hills(centres: Centres, lon: Array, lat: Array) -> Array:
-    offsets = [position(lon, lat) - position(*centre) for centre in centres]
-    hills: Array = 0.95 * np.sum(np.exp(-5.0 * np.sum(np.square(offsets), axis=-1)), axis=0)
-    return hills
-
-
-def _cosine_bells(centres: Centres, lon: Array, lat: Array) -> Array:
-    one, other = (np.minimum(2.0 * distance(lon, lat, *centre), 1.0) for centre in centres)
-    bells: Array = 0.1 + 0.45 * (2.0 + np.cos(np.pi * one) + np.cos(np.pi * other))
-    return bells
-
-
-def _slotted_cylinders(centres: Centres, lon: Array, lat: Array) -> Array:
-    """Cylinders of radius 1/2 with a slot 1/6 wide: open to the north in one, else to the south."""
-    inside = np.zeros(np.shape(lon), dtype=bool)
-    for centre, side in zip(centres, (-1.0, 1.0), strict=True):
-        beside = np.abs(lon - centre[0]) >= 1.0 / 12.0
-        beyond = side * (lat - centre[1]) > 5.0 / 24.0
-        inside |= (distance(lon, lat, *centre) <= 0.5) & (beside | beyond)
-    return np.where(inside, 1.0, 0.1)
+    found = (gaussian_hills, cosine_bells, correlated, slotted_cylinders)
+    return {function.__name__: function for function in found}
 
 
 def _unless_away(t: float) -> float:

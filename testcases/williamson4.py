@@ -87,9 +87,11 @@ class _Flow:
         """
         a, speed = EARTH.radius, self.u0 / EARTH.radius
         low = _Low.at(lon, lat)
-        mean, mean_tan = _jet(self.u0, lat), _jet_tan(self.u0, lat)
+        sin, cos = np.sin(2.0 * lat), np.cos(2.0 * lat)
+        mean = _jet(self.u0, lat)
+        mean_tan = 2.0 * self.u0 * sin**13 * np.sin(lat) ** 2  # ū tan θ: zero at the poles
         u, spin = mean + low.u, 2.0 * EARTH.rotation * np.cos(lat)
-        shear = _jet_slope(self.u0, lat) / a + low.u_lat
+        shear = 28.0 * self.u0 * sin**13 * cos / a + low.u_lat
         east = -speed * low.u_lon - u * low.v_lat + low.v * shear
         north = -speed * low.v_lon + u * low.bend + low.v * low.v_lat
         north += (mean_tan * low.u + spin * low.psi) / a
@@ -150,15 +152,3 @@ def _jet(u0: float, lat: Array) -> Array:
     """ū [m s-1]."""
     wind: Array = u0 * np.sin(2.0 * lat) ** 14
     return wind
-
-
-def _jet_slope(u0: float, lat: Array) -> Array:
-    """dū/dθ [m s-1 rad-1]."""
-    slope: Array = 28.0 * u0 * np.sin(2.0 * lat) ** 13 * np.cos(2.0 * lat)
-    return slope
-
-
-def _jet_tan(u0: float, lat: Array) -> Array:
-    """ū tan θ [m s-1]: zero at the poles."""
-    product: Array = 2.0 * u0 * np.sin(2.0 * lat) ** 13 * np.sin(lat) ** 2
-    return product

@@ -21,7 +21,7 @@ from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.norms import area_mean
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import RunFile
-from swe_sphere.mesh import Mesh
+from swe_sphere.mesh import Mesh, cubed_sphere
 from swe_sphere.mesh.cells import cell_corners
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.plot import plot_file

@@ -30,15 +30,15 @@ def integrals(
     u: Array,
     v: Array,
     h: Array,
-    b: Array | None = None,
-    f: Array | None = None,
+    b: Array | float = 0.0,
+    f: Array | float = 0.0,
     vorticity: Array | float = 0.0,
     divergence: Array | float = 0.0,
 ) -> dict[str, float]:
     """Integrals and extremes of a state given at the nodes, all arrays (N,).
 
-    u, v [m s-1], h [m], bottom b [m] and Coriolis parameter f [s-1] (zero where None), relative
-    vorticity and divergence [s-1].  Returns
+    u, v [m s-1], h [m], bottom b [m], Coriolis parameter f, relative vorticity and divergence
+    [s-1].  Returns
         mass                 I(h) [m]
         energy               I(h |V|^2 / 2 + g ((h + b)^2 - b^2) / 2) [m3 s-2]
         potential_enstrophy  I((vorticity + f)^2 / (2 h)) [m-1 s-2]; NaN where a depth is not > 0
@@ -48,16 +48,15 @@ def integrals(
         max_wave             largest gravity wave speed sqrt(g h) [m s-1]
         max_signal           largest |V| + sqrt(g h) [m s-1]
     """
-    bottom = 0.0 if b is None else b
-    coriolis = 0.0 if f is None else f
     square = u**2 + v**2
     speed = np.sqrt(square)  # a fifth of the time of np.hypot
     wave = np.sqrt(planet.gravity * np.maximum(h, 0.0))
-    energy = 0.5 * (h * square + planet.gravity * h * (h + 2.0 * bottom))
+    enstrophy = (vorticity + f) ** 2 / (2.0 * h) if h.min() > 0.0 else np.nan * h
+    energy = 0.5 * (h * square + planet.gravity * h * (h + 2.0 * b))
     return {
         "mass": area_mean(mesh.area, h),
         "energy": area_mean(mesh.area, energy),
-        "potential_enstrophy": _potential_enstrophy(mesh, vorticity + coriolis, h),
+        "potential_enstrophy": area_mean(mesh.area, enstrophy),
         "total_vorticity": area_mean(mesh.area, np.broadcast_to(vorticity, h.shape)),
         "total_divergence": area_mean(mesh.area, np.broadcast_to(divergence, h.shape)),
         "max_wind": float(speed.max()),
@@ -67,17 +66,8 @@ def integrals(
     }
 
 
-def _potential_enstrophy(mesh: Mesh, absolute: Array | float, h: Array) -> float:
-    if not h.min() > 0.0:
-        return float("nan")
-    return area_mean(mesh.area, absolute**2 / (2.0 * h))
-
-
 def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, float]:
-    """Relative changes mass_drift, energy_drift, enstrophy_drift: (X - X0) / X0.
-
-    start, now: what `integrals` returned then and now.  NaN where X0 is zero or NaN.
-    """
+    """Return the relative changes (X - X0) / X0 of integrals; NaN where X0 is zero or NaN."""
     return {
         name: (now[key] - start[key]) / start[key] if start[key] else float("nan")
         for name, key in DRIFTS.items()
@@ -85,10 +75,9 @@ def drifts(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, fl
 
 
 def courant_numbers(mesh: Mesh, dt: float, now: Mapping[str, float]) -> dict[str, float]:
-    """Courant numbers of a step dt [s] on the smallest mean node spacing of the mesh.
+    """Return the Courant numbers of a step dt [s] on the smallest mean node spacing of the mesh.
 
-    now: what `integrals` returned.  Keys: courant_advective (wind), courant_gravity
-    (wind and gravity waves together).
+    now: integrals; courant_gravity is that of wind and gravity waves together.
     """
     rate = abs(dt) / mesh.spacing()[0]
     return {
@@ -107,10 +96,9 @@ def tracer_masses(
 def tracer_numbers(
     mesh: Mesh, fields: Mapping[str, Array], start: Mapping[str, float]
 ) -> dict[str, float]:
-    """Of each tracer mass_drift_q_NAME, min_q_NAME and max_q_NAME.
+    """Return mass_drift_q_NAME, min_q_NAME and max_q_NAME of each tracer.
 
-    start: what `tracer_masses` returned at the start.  The drift is relative, NaN where the mass
-    of the start is zero.
+    start: masses at the start.  The drift is relative, NaN where the mass at the start is zero.
     """
     numbers = {}
     for name, mass in tracer_masses(mesh, fields, start).items():
@@ -123,10 +111,7 @@ def tracer_numbers(
 def tracer_errors(
     mesh: Mesh, fields: Mapping[str, Array], exact: Mapping[str, Array]
 ) -> dict[str, float]:
-    """Of each tracer l1_q_NAME, l2_q_NAME and linf_q_NAME against exact mixing ratios (N,).
-
-    NaN where the exact ones are: at times at which they are not known.
-    """
+    """Return l1_q_NAME, l2_q_NAME and linf_q_NAME of each tracer; NaN where `exact` is."""
     return {
         f"{norm}_q_{name}": value
         for name, q in exact.items()

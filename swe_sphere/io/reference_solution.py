@@ -159,12 +159,10 @@ class OnGrid:
         self._interpolator = Interpolator(mesh, *reference.points)
 
     def norms(self, fields: Mapping[str, Array], field: str = "h") -> dict[str, float]:
-        """l1, l2, linf of a spectral-element solution, the polynomials it is, at the grid's points.
+        """Return l1, l2, linf of the polynomials in the elements at the points of the grid.
 
         fields: u, v [m s-1], h, b [m], vorticity, divergence [s-1] at the nodes (N,), as far as the
         field needs them.  field: "h", "surface" (h + b), "vorticity", "wind" (the vector), ...
-        Where the reference has only the free surface, "h" can be asked for if there is no
-        orography.
         Raises ConfigError for an unknown field, or one that the reference does not have.
         """
         name = reference_field(self._reference, check_field(field, vector=True), fields.get("b"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.layout import TRACER
+from swe_sphere.io.layout import TRACER, VARIABLES
 from swe_sphere.mesh import Interpolator, Mesh
 
 
@@ -36,16 +36,7 @@ class Field:
 POWER, RAISED = re.compile(r"\$\^\{(.*?)\}\$"), str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-FIELDS = {
-    "h": Field("fluid depth", "m", "devon_r"),
-    "surface": Field("height of the free surface", "m", "devon_r"),
-    "b": Field("height of the bottom", "m", "bilbao"),
-    "u": Field("eastward wind", "m s$^{-1}$", "vik", diverging=True),
-    "v": Field("northward wind", "m s$^{-1}$", "vik", diverging=True),
-    "speed": Field("wind speed", "m s$^{-1}$", "bamako_r"),
-    "vorticity": Field("relative vorticity", "s$^{-1}$", "vik", diverging=True, contours=False),
-    "divergence": Field("divergence", "s$^{-1}$", "vik", diverging=True, contours=False),
-}
+FIELDS = {name: Field(**table) for name, table in VARIABLES["pictures"].items()}
 """Scalar fields by name.  Besides these, errors can be asked for of the vector "wind", and a run
 with tracers has the mixing ratio "q_NAME" of each."""
 
@@ -56,9 +47,11 @@ def describe(name: str, about: Mapping[str, Any] | None = None) -> Field:
         return Field(
             f"mixing ratio of {name.removeprefix(TRACER)}", "1", "lajolla_r", contours=False
         )
+    if name in FIELDS:
+        return FIELDS[name]
     told = {"long_name": name.replace("_", " "), "units": "", **(about or {})}
     units = re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", str(told["units"]))
-    return FIELDS.get(name) or Field(str(told["long_name"]), units, "lapaz_r", contours=False)
+    return Field(str(told["long_name"]), units, "lapaz_r", contours=False)
 
 
 def check_field(name: str, own: Iterable[str] = (), *, vector: bool = False) -> str:
