@@ -37,9 +37,8 @@ Tell = Callable[[Any], None]
 """Sends one result to the process that stores results."""
 
 MOST_JOBS = 1024
-IGNORED = {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}
+IGNORED = {signal.SIGINT, signal.SIGHUP}
 """Signals to which only the process that started the others reacts: it then ends them."""
-KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 LOOK = 0.2
 """Seconds between two checks for results and for an interruption."""
 
@@ -94,8 +93,12 @@ def in_processes(
                 interruption.check()
                 for future in done:
                     future.result()
+                # the pool does not watch a process that it started while it waited for others
+                if any(each.exitcode for each in processes):
+                    raise BrokenProcessPool
         except BrokenProcessPool:
-            pool.shutdown()
+            ours.close()
+            pool.shutdown(cancel_futures=True)
             raise RunFailed(
                 f"jobs: one of the processes {_end_of(processes)}: take fewer if memory ran out;"
                 " finished runs stay where `out` keeps them"
@@ -114,7 +117,7 @@ def _send(folder: str, result: object) -> None:
 def _end_of(processes: Sequence[BaseProcess]) -> str:
     """Return how the process that died came to its end, the others being killed or terminated."""
     codes = {each.exitcode or 0 for each in processes} - {0, -signal.SIGTERM}
-    code = min(codes - {-KILL} or codes, default=0)
+    code = min(codes - {-signal.SIGKILL} or codes, default=0)
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with {code}" if code else "has died"
@@ -125,14 +128,12 @@ def _private_start() -> Iterator[None]:
     """Start processes in the block that ignore Ctrl-C and do not run the user's script again."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
-    blocks = hasattr(signal, "pthread_sigmask")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED) if blocks else set()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, IGNORED)
     try:
         yield
     finally:
         sys.modules["__main__"] = main
-        if blocks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _work: Callable[[], Callable[[Any], None]]
@@ -160,4 +161,4 @@ def _do(task: object) -> None:
 def _end_with_parent(alive: Connection) -> None:
     """End this process when the other end of the pipe is closed or its process has died."""
     alive.poll(None)
-    os.kill(os.getpid(), KILL)
+    os.kill(os.getpid(), signal.SIGKILL)
