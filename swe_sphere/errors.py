@@ -23,8 +23,6 @@ class ConfigError(SweError):
 class RunFailed(SweError):
     """A run had to stop early (NaN, negative depth, a step that cannot be solved, a full disk)."""
 
-    exit_status = 1
-
 
 class Unstable(RunFailed):
     """The solution makes no sense any more (NaN, negative depth, runaway energy)."""

@@ -118,7 +118,7 @@ def test_looking_at_the_health_reads_no_state(monkeypatch):
     monkeypatch.setattr(vector_space, "HostSpace", vector_space.DeviceSpace)
     sim = Simulation("williamson5", ne=2, np=4, dt=900.0)
     sim.begin()
-    check, numpy = HealthCheck(sim.snapshot, sim.plan, sim.stable_dt), wp.array.numpy
+    check, numpy = HealthCheck(sim), wp.array.numpy
     monkeypatch.setattr(wp.array, "numpy", lambda array: pytest.fail("read"))
     check.observe(sim.snapshot)
     monkeypatch.setattr(wp.array, "numpy", numpy)

@@ -1,6 +1,7 @@
 """Classes by name, each put into its registry where it is defined."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import UserDict
+from collections.abc import Callable, Mapping
 from inspect import isabstract
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -18,7 +19,7 @@ class Named(Protocol):
 T = TypeVar("T", bound=Named)
 
 
-class Registry(Mapping[str, type[T]]):
+class Registry(UserDict[str, type[T]]):
     """The classes of one kind by name, in an order of their own.
 
     A class that is defined again (a cell of a notebook) replaces the earlier one.
@@ -35,31 +36,20 @@ class Registry(Mapping[str, type[T]]):
         order: Callable[[type[T]], Any] = lambda cls: 0,
         aliases: Mapping[str, str] | None = None,
     ) -> None:
+        super().__init__()
         self.kind, self.aliases, self._order = kind, aliases or {}, order
-        self._classes: dict[str, type[T]] = {}
         self._files: dict[Path, tuple[bytes, type[T]]] = {}
 
     def add(self, cls: type[T]) -> None:
         """Enter a class by its name; ConfigError where the name belongs to another."""
-        there = self._classes.get(cls.name, cls)
+        there = self.get(cls.name, cls)
         if (there.__module__, there.__qualname__) != (cls.__module__, cls.__qualname__):
             raise ConfigError(
                 f"class {cls.__qualname__}: there is a {self.kind} {cls.name!r} already, in"
                 f" {there.__module__}: give it another name"
             )
-        self._classes[cls.name] = cls
-
-    def __getitem__(self, name: str) -> type[T]:
-        """Return the class of that name."""
-        return self._classes[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the names, in order."""
-        return iter(sorted(self._classes, key=lambda name: self._order(self._classes[name])))
-
-    def __len__(self) -> int:
-        """Return the number of classes."""
-        return len(self._classes)
+        self[cls.name] = cls
+        self.data = dict(sorted(self.data.items(), key=lambda named: self._order(named[1])))
 
     def find(self, which: str | Path | type[T]) -> type[T]:
         """Return the class of that name or alias, the one in that Python file, or the class itself.
@@ -74,9 +64,9 @@ class Registry(Mapping[str, type[T]]):
             found = self._loaded(Path(which))
         else:
             name = self.aliases.get(str(which), str(which))
-            if name not in self._classes:
+            if name not in self:
                 raise unknown_name(self.kind, str(which), (*self, *self.aliases))
-            found = self._classes[name]
+            found = self[name]
         if isabstract(found):
             lacking = ", ".join(sorted(found.__abstractmethods__))
             raise ConfigError(f"{self.kind} {found.__qualname__} does not define {lacking}")
@@ -87,13 +77,14 @@ class Registry(Mapping[str, type[T]]):
 
         The class does not stay among those known by name.
         """
-        contents, before = file_contents(path, self.kind), dict(self._classes)
+        contents, before = file_contents(path, self.kind), self.data
         if path not in self._files or self._files[path][0] != contents:
+            self.data = dict(before)
             try:
                 load_file(path, self.kind)
-                found = [cls for name, cls in self._classes.items() if before.get(name) is not cls]
+                found = [cls for name, cls in self.items() if before.get(name) is not cls]
             finally:
-                self._classes = before
+                self.data = before
             if len(found) != 1:
                 names = ", ".join(cls.name for cls in found) or "none"
                 raise ConfigError(

@@ -58,22 +58,20 @@ RUNAWAY = 10.0
 class HealthCheck(Observer):
     """Ends a run where a value is NaN, a depth is negative or the energy runs away.
 
-    It computes sums on the device of the state, and copies no field.  stable_dt: returns the
-    stability limit [s], for the advice in the message.
+    It computes sums on the device of the state, and copies no field.  sim: the simulation.
     """
 
-    def __init__(self, snapshot: Snapshot, plan: RunPlan, stable_dt: Callable[[], float]) -> None:
+    def __init__(self, sim: Any) -> None:
         from swe_sphere.solvers.vector_space import VectorSpace  # imports Warp
         from swe_sphere.steppers.stage_solver import energy_weights
 
-        model, mesh = snapshot.model, snapshot.model.device_mesh
+        self._sim, model, mesh = sim, sim.model, sim.model.device_mesh
         self._space = VectorSpace(energy_weights(model), model.device, mesh.real, mesh=mesh)
         first = model.names.index("h") * mesh.size
         self._depth = first, first + mesh.size
         self._linear = model.scene.linear
         start = model.initial_state()
         self._energy = self._space.dot(start, start)
-        self._dt, self._stable_dt = plan.dt, stable_dt
 
     def due(self, step: int) -> bool:
         """Every few steps."""
@@ -81,28 +79,25 @@ class HealthCheck(Observer):
 
     def observe(self, snapshot: Snapshot) -> None:
         """Raise Unstable, with what is wrong, when, and what to change, where the state is."""
-        failure = self._failure(snapshot)
-        if failure:
-            limit = self._stable_dt()
-            advice = "take a smaller dt"
-            if self._dt <= limit:
-                advice = "try a finer mesh, a smaller dt or more dissipation"
-            raise Unstable(
-                f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt ="
-                f" {self._dt:.6g} s, stability limit at the start about {limit:.4g} s; {advice}"
-            )
-
-    def _failure(self, snapshot: Snapshot) -> str | None:
         energy = self._space.dot(snapshot.state, snapshot.state)
-        if not math.isfinite(energy):
-            return "the solution is NaN"
         # a passive h, and that of a linear wave, may undershoot zero without harm
-        if not self._linear:
-            depth = self._space.lowest(snapshot.state, *self._depth)
-            if depth < 0.0:
-                return f"the depth is negative ({depth:.3g} m)"
-        growth = energy / self._energy
-        return f"the energy has grown {growth:.3g} times" if growth > RUNAWAY else None
+        depth = 0.0 if self._linear else self._space.lowest(snapshot.state, *self._depth)
+        if not math.isfinite(energy):
+            failure = "the solution is NaN"
+        elif depth < 0.0:
+            failure = f"the depth is negative ({depth:.3g} m)"
+        elif energy > RUNAWAY * self._energy:
+            failure = f"the energy has grown {energy / self._energy:.3g} times"
+        else:
+            return
+        dt, limit = self._sim.plan.dt, self._sim.stable_dt()
+        advice = "take a smaller dt"
+        if dt <= limit:
+            advice = "try a finer mesh, a smaller dt or more dissipation"
+        raise Unstable(
+            f"{failure} at day {snapshot.time / DAY:.4g} (step {snapshot.steps}): dt = {dt:.6g} s,"
+            f" stability limit at the start about {limit:.4g} s; {advice}"
+        )
 
 
 SAMPLES = 200

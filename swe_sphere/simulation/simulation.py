@@ -274,8 +274,7 @@ class Simulation:
                         observer.begin(self.plan, self.snapshot)
                         stack.callback(observer.end)
                     _ = self.snapshot.own_fields  # one that fails does so before the first step
-                    health = HealthCheck(self.snapshot, self.plan, self.stable_dt)
-                    loop = Loop(self, health, observers, time_limit)
+                    loop = Loop(self, HealthCheck(self), observers, time_limit)
                     with nullcontext(interruption) if interruption else Interruption() as noted:
                         loop.run(noted)
                     _ = self.diagnostics  # one that fails ends the run like other errors
@@ -371,7 +370,7 @@ class Simulation:
                 reason = self.outcome.reason
                 if self.outcome.is_sound and not self.outcome.completed:
                     try:
-                        HealthCheck(self.snapshot, self.plan, self.stable_dt).observe(self.snapshot)
+                        HealthCheck(self).observe(self.snapshot)
                         recorder.frame(self.snapshot)
                     except RunFailed as error:
                         reason = f"{reason}; its last state was not kept: {error}"
