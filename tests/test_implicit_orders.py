@@ -108,8 +108,7 @@ def test_gauss_splits_its_matrix() -> None:
 @pytest.mark.parametrize(("weights", "order"), [("b", 3), ("embedded", 2)])
 def test_rosenbrock_w_satisfies_its_order_conditions(weights: str, order: int) -> None:
     """With any matrix for the Jacobian: every tree with alpha or Gamma on each of its edges."""
-    b, alpha = np.array(getattr(RosenbrockW, weights)), np.array(RosenbrockW.alpha)
-    gamma = np.array(RosenbrockW.lower) + RosenbrockW.gamma * np.eye(len(b))
+    b, (alpha, gamma) = np.array(getattr(RosenbrockW, weights)), RosenbrockW.matrices
     a, g = alpha.sum(axis=1), gamma.sum(axis=1)
     conditions = [b.sum() - 1.0, b @ a - 1 / 2, b @ g]
     if order == 3:
@@ -119,8 +118,7 @@ def test_rosenbrock_w_satisfies_its_order_conditions(weights: str, order: int) -
 
 
 def test_rosenbrock_w_damps_the_fastest_waves() -> None:
-    both = np.array(RosenbrockW.alpha) + np.array(RosenbrockW.lower)
-    both += RosenbrockW.gamma * np.eye(len(both))
+    both = sum(RosenbrockW.matrices)
     at_infinity = [
         1.0 - np.array(weights) @ np.linalg.solve(both, np.ones(len(both)))
         for weights in (RosenbrockW.b, RosenbrockW.embedded)

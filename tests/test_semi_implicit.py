@@ -76,6 +76,21 @@ def test_solver_inverts_the_operator(small_mesh, coriolis: str, tau: float) -> N
     assert again.iterations <= 1, "the guess was not used"
 
 
+@pytest.mark.parametrize("coriolis", CORIOLIS)
+def test_number_type_of_the_step_changes_no_bits(small_mesh, coriolis: str) -> None:
+    """A numpy.float64 would turn arrays of float32 into arrays of float64."""
+    model = Model(small_mesh, make_scene(*WAVES), precision="float32")
+    rhs, found = model.device_mesh.upload(random_state(model)), []
+    for number in (float, np.float64):
+        solver, out = GravityWaveSolver(GravityWaves(model, coriolis)), model.zeros()
+        solver.setup(number(1234.5))
+        assert type(solver.tau) is float
+        guess = wp.zeros(small_mesh.size, dtype=wp.float32, device="cpu")
+        solver.solve(rhs, guess, out, 1e-3)
+        found.append(out.numpy())
+    assert np.array_equal(*found)
+
+
 def test_reference_depth_is_that_below_a_level_surface_and_deep_enough(small_mesh) -> None:
     flat = make_scene("advection", "pressure", "rotation")
     assert reference_depth(Model(small_mesh, flat)) == pytest.approx(1000.0)

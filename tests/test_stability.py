@@ -8,6 +8,7 @@ from support import EXPLICIT, make_scene, random_state
 
 from swe_sphere.equations.effects import Drag, Viscosity
 from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.leapfrog import Leapfrog, filtered_growth
@@ -140,3 +141,84 @@ def test_growth_of_the_filtered_scheme_is_that_of_its_map():
     matrix = np.transpose([stepped(1.0, 0.0), stepped(0.0, 1.0)], (2, 1, 0))
     expected = np.abs(np.linalg.eigvals(matrix)).max(axis=-1)
     np.testing.assert_allclose(filtered_growth(old, new), expected, rtol=1e-12)
+
+
+# --- coefficients of custom methods
+
+GAMMA = 1.0 - np.sqrt(0.5)
+IMEX = {
+    "explicit": ((2.0 * GAMMA,), (0.5, 0.5)),
+    "implicit": ((GAMMA, GAMMA), (0.25 * np.sqrt(2.0), 0.25 * np.sqrt(2.0), GAMMA)),
+    "b": (0.25 * np.sqrt(2.0), 0.25 * np.sqrt(2.0), GAMMA),
+}
+LINEARLY_IMPLICIT = {"gamma": 0.5, "alpha": ((1.0,),), "lower": ((-1.0,),), "b": (0.5, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("family", "order", "coefficients", "message"),
+    [
+        (
+            "rk4",
+            1,
+            {"a": ((0.5,),), "b": (1.0,)},
+            r"rows of `a` must have \[\] numbers, as `b` has 1",
+        ),
+        ("rk4", 1, {"a": ((0.5, 0.5),), "b": (0.5, 0.5)}, r"`a` must have \[1\] .* not \[2\]"),
+        ("rk4", 1, {"a": ((0.5,),), "b": (0.5, 0.4)}, r"order 1 requires sum b = 1, .* by -0\.1"),
+        ("rk4", 2, {"a": ((0.5,),), "b": (0.5, 0.5)}, "order 2 requires sum b c = 1/2"),
+        ("rk4", 3, {"a": ((0.5,),), "b": (0.0, 1.0)}, r"order 3 requires sum b c\^2 = 1/3"),
+        (
+            "rk4",
+            4,
+            {"a": ((2 / 3,), (2 / 3, 0.0)), "b": (0.25, 0.375, 0.375)},
+            "order 4 requires sum b A c = 1/6",
+        ),
+        ("sdirk3", 1, {"a": ((1.0, 0.0),), "b": (1.0,)}, r"`a` must have \[1\] .* not \[2\]"),
+        ("sdirk3", 1, {"a": ((0.5,), (0.5,)), "b": (0.5, 0.5)}, r"must have \[1, 2\] numbers"),
+        ("sdirk3", 2, {"a": ((1.0,),), "b": (1.0,)}, "order 2 requires sum b c = 1/2"),
+        ("rosenbrock-w", 2, LINEARLY_IMPLICIT | {"gamma": 0.3}, "order 2 requires sum b c = 1/2"),
+        (
+            "rosenbrock-w",
+            2,
+            LINEARLY_IMPLICIT | {"lower": ((-1.0, 0.3),)},
+            r"`lower` must have \[1\]",
+        ),
+        ("ark2", 2, IMEX | {"explicit": ((2.0 * GAMMA,), (0.5, 0.4))}, "requires sum b c = 1/2"),
+        ("ark2", 3, IMEX, r"order 3 requires sum b c\^2 = 1/3"),
+        (
+            "ark2",
+            1,
+            {
+                "explicit": ((0.5,), (0.5, 0.5)),
+                "implicit": ((0.0, 0.5), (0.25, 0.5, 0.25)),
+                "b": (0.25, 0.5, 0.25),
+            },
+            r"its diagonal, must be equal and positive, not \[0\.5, 0\.25\]",
+        ),
+        (
+            "ark2",
+            1,
+            IMEX | {"implicit": ((GAMMA,), (GAMMA,))},
+            r"`implicit` must have \[2, 3\] numbers",
+        ),
+    ],
+)
+def test_coefficients_that_miss_a_condition_are_refused(
+    family: str, order: int, coefficients: dict, message: str
+) -> None:
+    """A method is checked where it is defined; one that fails is not registered."""
+    base = STEPPERS[family].__bases__[0]
+    with pytest.raises(ConfigError, match=f"^stepper mine: .*{message}") as error:
+        type("Mine", (base,), {"name": "mine", "order": order} | coefficients)
+    assert "\n" not in str(error.value)
+    assert "mine" not in STEPPERS
+
+
+@pytest.mark.parametrize(
+    ("family", "coefficients"), [("ark2", IMEX), ("rosenbrock-w", LINEARLY_IMPLICIT)]
+)
+def test_coefficients_of_the_declared_order_are_accepted(family: str, coefficients: dict) -> None:
+    method = type("Mine", (STEPPERS[family].__bases__[0],), {"order": 2} | coefficients)
+    method.name = "mine"  # later, so that it is not registered
+    method.complete()
+    assert method.error_constant > 0.0

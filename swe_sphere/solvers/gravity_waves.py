@@ -178,12 +178,10 @@ class GravityWaveSolver:
 
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
-        if tau != self.tau:
-            self._make(tau)
-
-    def _make(self, tau: float) -> None:
+        if tau == self.tau:
+            return
         start = time.perf_counter()
-        self.tau = tau
+        self.tau = tau = float(tau)  # a numpy.float64 would make float32 arrays float64
         depth = self.waves.depth
         self.operator.configure(tau, depth, self._inner.prepare(tau, depth))
         launch = self.operator.launch

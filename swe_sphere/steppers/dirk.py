@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.steppers.stability import error_constant, tableau
+from swe_sphere.steppers.stability import check_order, checked_tableau, error_constant
 from swe_sphere.steppers.stepper import read_methods
 from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
@@ -33,11 +33,11 @@ class DiagonallyImplicit(ImplicitStepper):
     """The part of a change of slope that the guess of the next stage follows.  Slow flow would have
     all of it, but so the noise of fast waves grows: it pays for tight tolerances."""
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "name" in vars(cls):
-            matrix = tableau(cls.a, len(cls.b))
-            cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
+    @classmethod
+    def complete(cls) -> None:
+        matrix = checked_tableau(cls, "a")
+        check_order(cls, matrix)
+        cls.error_constant = error_constant(matrix, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:
         stages = len(self.b)

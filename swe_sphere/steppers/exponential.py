@@ -38,8 +38,8 @@ class ExponentialMultistep(VariableStepper):
     courant, longest = 0.25, 10800.0
     # still stable in rough flow, and so long that a longer step saves nothing: docs/steppers.md
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
+    @classmethod
+    def complete(cls) -> None:
         cls.error_constant = abs(_remainder(cls.weights, cls.order))
 
     def __init__(self, model: Model, dt: float, tolerance: float | None = None) -> None:

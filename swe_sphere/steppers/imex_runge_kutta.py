@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.spectrum import Spectrum
+from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gravity_waves import GravityWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.combinations import Combiner
@@ -17,6 +18,8 @@ from swe_sphere.steppers.flow_limit import strongest_advection
 from swe_sphere.steppers.stability import (
     Complex,
     Rows,
+    check_order,
+    checked_tableau,
     error_constant,
     runge_kutta_growth,
     tableau,
@@ -102,11 +105,18 @@ class ImexRungeKutta(ImexStepper):
     b: ClassVar[tuple[float, ...]]
     """The weights of both."""
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "name" in vars(cls):
-            implicit = tableau(cls.implicit, len(cls.b))
-            cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
+    @classmethod
+    def complete(cls) -> None:
+        explicit = checked_tableau(cls, "explicit", first=1, diagonal=False)
+        implicit = checked_tableau(cls, "implicit", first=1)
+        diagonal = [row[-1] for row in cls.implicit]
+        if len({*diagonal}) != 1 or not diagonal[0] > 0.0:
+            raise ConfigError(
+                f"stepper {cls.name}: the last numbers in the rows of `implicit`, its diagonal,"
+                f" must be equal and positive, not {diagonal}"
+            )
+        check_order(cls, explicit, implicit)
+        cls.error_constant = error_constant(implicit, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:
         model, mesh, dt, stages = self.model, self.model.device_mesh, self.dt, len(self.b)

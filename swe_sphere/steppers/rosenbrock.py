@@ -1,54 +1,55 @@
 """Linearly implicit Runge-Kutta methods: one linear system a stage, no Newton iteration."""
 
+from typing import ClassVar
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.steppers.dirk import DiagonallyImplicit
+from swe_sphere.steppers.stability import Rows, check_order, checked_tableau, error_constant
+from swe_sphere.steppers.stepper import read_methods
 
 FRACTION = 1e-3
 """Spacing of the differences that give dF/dt, in time steps."""
 
 
-class RosenbrockW(DiagonallyImplicit):
-    """Rosenbrock-W method RA34PW2: linearly implicit, four stages, third order, L-stable.
+class Rosenbrock(DiagonallyImplicit):
+    """Rosenbrock-W method: linearly implicit, one linear system with the same matrix a stage.
 
     (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
-    keeps its order with an inexact J (Rang & Angermann 2005, doi:10.1007/s10543-005-0035-y).  It is
-    solved for u = Gamma k/dt: no product with J is on the right then (Hairer & Wanner 1996, IV.7).
-    A solve is as exact as `tolerance` says, relative to the change of the state in gamma dt.
+    keeps its order with an inexact J.  It is solved for u = Gamma k/dt: no product with J is on the
+    right then (Hairer & Wanner 1996, IV.7).  A solve is as exact as `tolerance` says, relative to
+    the change of the state in gamma dt.
     """
 
-    name, order = "rosenbrock-w", 3
-    style = ("#A55E50", (3, 1, 0))
-    estimate_order = 3
-    gamma = 0.4358665215084590
-    alpha = (
-        (0.0, 0.0, 0.0, 0.0),
-        (0.87173304301691801, 0.0, 0.0, 0.0),
-        (0.84457060015369423, -0.11299064236484185, 0.0, 0.0),
-        (0.0, 0.0, 1.0, 0.0),
-    )
-    lower = (
-        (0.0, 0.0, 0.0, 0.0),
-        (-0.87173304301691801, 0.0, 0.0, 0.0),
-        (-0.90338057013044082, 0.054180672388095326, 0.0, 0.0),
-        (0.24212380706095346, -1.2232505839045147, 0.54526025533510214, 0.0),
-    )
-    b = (0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900)
-    embedded = (0.37810903145819369, -0.096042292212423178, 0.5, 0.21793326075422950)
-    a = tuple(map(tuple, (np.array(alpha) + lower + gamma * np.eye(4)).tolist()))
-    """For linear equations the method is a diagonally implicit one with this tableau."""
+    gamma: ClassVar[float]
+    alpha: ClassVar[Rows]
+    """Rows of the a_ij from the second stage on, as those of `lower`, which are the g_ij."""
+    lower: ClassVar[Rows]
+    matrices: ClassVar[tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """The a_ij, and Gamma: the g_ij with gamma on the diagonal."""
+
+    @classmethod
+    def complete(cls) -> None:
+        alpha, lower = (
+            checked_tableau(cls, name, first=1, diagonal=False) for name in ("alpha", "lower")
+        )
+        cls.matrices = alpha, lower + cls.gamma * np.eye(len(cls.b))
+        # for linear equations the method is a diagonally implicit one with this tableau
+        both = alpha + cls.matrices[1]
+        check_order(cls, alpha, both, nonlinear=1)
+        cls.error_constant = error_constant(both, np.array(cls.b), cls.order)
 
     def allocate(self) -> None:
         super().allocate()
         self._point, self._drift = self.model.zeros(), self.model.zeros()
         self._has_drift = not self.model.scene.autonomous
-        sums = np.array(self.lower) + self.gamma * np.eye(len(self.b))
+        alpha, sums = self.matrices
         self._inverse = np.linalg.inv(sums)
-        self._c, self._sums = np.array(self.alpha).sum(axis=1), sums.sum(axis=1)
-        self._inner, self._coupling = self.alpha @ self._inverse, -np.tril(self._inverse, -1)
+        self._c, self._sums = alpha.sum(axis=1), sums.sum(axis=1)
+        self._inner, self._coupling = alpha @ self._inverse, -np.tril(self._inverse, -1)
 
     def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
         weights: NDArray[np.float64] = b @ self._inverse
@@ -106,3 +107,6 @@ class RosenbrockW(DiagonallyImplicit):
         for ahead, weight in enumerate((-1.5, 2.0, -0.5)):
             self.model.tendency(self.state, t + ahead * FRACTION * dt, self._point)
             self.space.axpy(weight / (FRACTION * dt), self._point, self._drift)
+
+
+(RosenbrockW,) = read_methods(Rosenbrock)

@@ -11,7 +11,13 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers.combinations import Mixer
-from swe_sphere.steppers.stability import Complex, runge_kutta_growth, tableau
+from swe_sphere.steppers.stability import (
+    Complex,
+    check_order,
+    checked_tableau,
+    runge_kutta_growth,
+    tableau,
+)  # fmt: skip
 from swe_sphere.steppers.stepper import Stepper, read_methods
 
 
@@ -38,10 +44,10 @@ class RungeKutta(Stepper):
     b: ClassVar[tuple[float, ...]]
     repeats_from = 0
 
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if "name" in vars(cls):
-            cls.reach = 2.0 * len(cls.b)
+    @classmethod
+    def complete(cls) -> None:
+        check_order(cls, checked_tableau(cls, "a", first=1, diagonal=False))
+        cls.reach = 2.0 * len(cls.b)
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)

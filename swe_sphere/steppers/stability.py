@@ -2,13 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import combinations_with_replacement, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swe_sphere.errors import ConfigError
+
 Complex = NDArray[np.complex128]
 Rows = tuple[tuple[float, ...], ...]
 TOLERANCE = 1e-7
+ROUNDING = 1e-6
+"""Largest residual of an order condition that may be rounding of coefficients."""
 
 
 def largest_step(
@@ -50,6 +56,46 @@ def tableau(rows: Sequence[Sequence[float]], stages: int) -> NDArray[np.float64]
     for i, row in enumerate(rows, start=stages - len(rows)):
         a[i, : len(row)] = row
     return a
+
+
+def checked_tableau(
+    cls: Any, attribute: str, first: int = 0, diagonal: bool = True
+) -> NDArray[np.float64]:
+    """Return the matrix A of the rows in an attribute of a method with the weights `b`.
+
+    Rows begin with stage `first` and end on the diagonal, or before it without `diagonal`.  Raises
+    ConfigError for another number of rows, and for rows of another length.
+    """
+    rows, lengths = getattr(cls, attribute), range(first + diagonal, len(cls.b) + diagonal)
+    fits = [n * diagonal <= len(row) <= n for row, n in zip(rows, lengths, strict=False)]
+    if len(rows) != len(lengths) or not all(fits):
+        raise ConfigError(
+            f"stepper {cls.name}: the rows of `{attribute}` must have {[*lengths]} numbers, as `b`"
+            f" has {len(cls.b)}, not {[len(row) for row in rows]}"
+        )
+    return tableau(rows, len(cls.b))
+
+
+def check_order(cls: Any, *matrices: NDArray[np.float64], nonlinear: int | None = None) -> None:
+    """Raise ConfigError where a method misses an order condition of its `order`, up to the third.
+
+    matrices: A of each part of the right-hand side.  Conditions hold for all their combinations
+    (Kennedy & Carpenter 2003), but those with c^2 only for the first `nonlinear` of the matrices.
+    """
+    b, nodes = np.array(cls.b), [a.sum(axis=1) for a in matrices]
+    squares = combinations_with_replacement(nodes[:nonlinear], 2)
+    conditions = [
+        (1, "sum b = 1", b.sum() - 1.0),
+        *((2, "sum b c = 1/2", b @ c - 1 / 2) for c in nodes),
+        *((3, "sum b c^2 = 1/3", b @ (c * d) - 1 / 3) for c, d in squares),
+        *((3, "sum b A c = 1/6", b @ a @ c - 1 / 6) for a, c in product(matrices, nodes)),
+    ]
+    for order, condition, residual in conditions:
+        if order <= cls.order and not abs(residual) <= ROUNDING:
+            raise ConfigError(
+                f"stepper {cls.name}: order {cls.order} requires {condition}, which its"
+                f" coefficients miss by {residual:.3g}"
+            )
 
 
 def error_constant(a: NDArray[np.float64], b: NDArray[np.float64], order: int) -> float:

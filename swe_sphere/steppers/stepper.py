@@ -170,7 +170,12 @@ class Stepper(Trajectory, ABC):
                 raise ConfigError(
                     f"stepper {cls.name}: `family` is one of {', '.join(known)}, not {cls.family!r}"
                 )
+            cls.complete()
             STEPPERS.add(cls)
+
+    @classmethod
+    def complete(cls) -> None:
+        """Check the coefficients of a new method, and set the attributes that follow from them."""
 
     def __init__(self, model: Model, dt: float) -> None:
         super().__init__(model, dt)
