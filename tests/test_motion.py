@@ -15,7 +15,7 @@ from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.dirk import SDIRK3, TRBDF2
 from swe_sphere.steppers.imex_runge_kutta import ARK2, ARS343
-from swe_sphere.steppers.semi_implicit import SemiImplicit
+from swe_sphere.steppers.leapfrog import SemiImplicit
 from swe_sphere.steppers.stage_solver import Motion
 from swe_sphere.testcases import get_scene
 

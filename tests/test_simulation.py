@@ -17,7 +17,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.build import Inputs
+from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
 from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
@@ -379,6 +379,6 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone():
 def test_a_fluid_at_rest_does_not_get_a_step_as_long_as_the_run(stepper: str) -> None:
     """Split steppers are limited by the wind alone, and there is none when the dam breaks."""
     config = make_config({"scene": "dam-break", "stepper": stepper, "ne": 4, "days": 0.5})
-    sim = Simulation(Inputs(config))
+    sim = Simulation(Setup(config))
     sim.begin()
     assert sim.plan.dt == 3600.0

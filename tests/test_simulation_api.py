@@ -19,7 +19,7 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.build import Inputs
+from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Observer, every
@@ -321,7 +321,7 @@ def test_a_limit_is_none_only_where_there_is_none():
 def test_inputs_are_all_arguments():
     inputs = small().setup.config
     with pytest.raises(ConfigError, match="leave out stepper, ne"):
-        Simulation(Inputs(inputs), ne=5, stepper="ars343")
+        Simulation(Setup(inputs), ne=5, stepper="ars343")
 
 
 def test_a_picture_that_fails_leaves_the_numbers_of_the_run(tmp_path, monkeypatch):

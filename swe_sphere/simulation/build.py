@@ -8,7 +8,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,112 +42,40 @@ if TYPE_CHECKING:
     from swe_sphere.solvers.preconditioners import Preconditioner
     from swe_sphere.steppers import Stepper, Trajectory
 
-Name = str | Path | None
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """A configuration, and the objects that stand behind its names; None where a name counts."""
-
-    config: RunConfig
-    scene: Scene | None = None
-    mesh: Mesh | None = None
-    stepper: type[Stepper] | None = None
-    preconditioner: type[Preconditioner] | None = None
-    effects: tuple[Effect, ...] = ()
-    """Effects to add to the scene."""
-    checkpoint: Checkpoint | None = None
-    """The state to resume from, where it has been read already."""
-
-
-def read_inputs(
-    scene: Any,
-    *,
-    stepper: Any = None,
-    mesh: Any = None,
-    preconditioner: Any = None,
-    effects: Any = (),
-    parameters: Mapping[str, object] | None = None,
-    options: Mapping[str, object] | None = None,
-    settings: object = (),
-    **fields: Any,
-) -> Inputs:
-    """Return the inputs in the arguments of `Simulation`.
-
-    Raises ConfigError where an object is not of the requested kind, an argument belongs elsewhere,
-    or two arguments contradict each other.
-    """
-    for name in OF_ONE_RUN.keys() & fields.keys():
-        raise ConfigError(f"{name} is no setting of a simulation: see {OF_ONE_RUN[name]}")
-    _check_kinds(scene, stepper, mesh, preconditioner, parameters, options)
-    changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
-    added = tuple(added) if isinstance(added, Iterable) else (added,)
-    if not all(isinstance(effect, Effect) for effect in added):
-        raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
-    values: dict[str, object] = {}
-    if mesh is not None:
-        values = {name: getattr(mesh, name) for name in ("ne", "np", "stretch", "spin")}
-        values["centre_lon"], values["centre_lat"] = mesh.centre
-    for name in values.keys() & fields.keys():
-        raise ConfigError(f"{name} is given twice: as {name}, and by the mesh")
-    given = {"scene": scene, "stepper": stepper, "preconditioner": preconditioner}
-    objects = {what: thing for what, thing in given.items() if not isinstance(thing, Name)}
-    for what, thing in given.items():
-        if thing is not None:
-            values[what] = thing.name if what in objects else str(thing)
-    tables = {SCENE: parameters or {}, STEPPER: options or {}}
-    if said := [one for each in (changes, tables, settings) for one in read_settings(each)]:
-        values["settings"] = said
-    config = make_config(values | fields)
-    if "scene" in objects and (config.alpha is not None or config.settings_of(SCENE)):
-        raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
-    return Inputs(config, mesh=mesh, effects=added, **objects)
-
-
-def _check_kinds(
-    scene: object, stepper: object, mesh: object, preconditioner: object, *tables: object
-) -> None:
-    from swe_sphere.solvers.preconditioners import Preconditioner
-    from swe_sphere.steppers import Stepper
-
-    if not isinstance(scene, Scene | str | Path):
-        raise _unfit("scene", "a name, a file or a Scene", scene)
-    if not isinstance(mesh, Mesh | None):
-        raise _unfit("mesh", "a Mesh", mesh)
-    methods = ("stepper", stepper, Stepper), ("preconditioner", preconditioner, Preconditioner)
-    for what, method, kind in methods:
-        is_kind = isinstance(method, type) and issubclass(method, kind)
-        if not (is_kind or isinstance(method, Name)):
-            raise _unfit(what, "a name, a file or a class", method)
-    examples = ("parameters", "{'alpha': 0.8}"), ("options", "{'tolerance': 1e-6}")
-    for (what, example), table in zip(examples, tables, strict=True):
-        if not isinstance(table, Mapping | None):
-            raise _unfit(what, example, table)
-
-
-def _unfit(what: str, choice: str, thing: object) -> ConfigError:
-    return ConfigError(f"{what}: give {choice}, not {shown(thing)}")
-
 
 class Setup:
     """Everything of a run that stays the same while it is stepped; cheap checks come first.
 
-    Raises ConfigError where the inputs cannot be run.
+    Args:
+        config: all settings and names.
+        scene, mesh, stepper, preconditioner: objects in the place of the named ones.
+        effects: further effects of the scene.
+        checkpoint: the state to resume from, where it has been read already.
+
+    Raises ConfigError where the run cannot be made.
     """
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(
+        self,
+        config: RunConfig,
+        scene: Scene | None = None,
+        mesh: Mesh | None = None,
+        stepper: type[Stepper] | None = None,
+        preconditioner: type[Preconditioner] | None = None,
+        effects: Iterable[Effect] = (),
+        checkpoint: Checkpoint | None = None,
+    ) -> None:
         from swe_sphere.steppers import get_stepper
 
-        config, checkpoint = inputs.config, inputs.checkpoint
         if checkpoint is None and config.restart is not None:
             checkpoint = read_restart(config)
         self.config = config = config if checkpoint is None else adopt(config, checkpoint)
         self.checkpoint = checkpoint
         """The state that the run resumes from."""
-        self.kind = get_stepper(inputs.stepper or config.stepper)
+        self.kind = get_stepper(stepper or config.stepper)
         """The class of the stepper."""
-        self.scene = make_scene(config, inputs.scene, inputs.effects)
-        self.mesh = make_mesh(config, self.scene, inputs.mesh)
+        self.scene = make_scene(config, scene, effects)
+        self.mesh = make_mesh(config, self.scene, mesh)
         self.identity = identity(config, self.scene, self.mesh)
         """All that a run must share with this one to resume it."""
         self.comm = world()
@@ -166,7 +93,7 @@ class Setup:
             self.check_reference(config.days)
         for path in config.diagnostics:
             load_diagnostics(path)
-        self._preconditioner = inputs.preconditioner
+        self._preconditioner = preconditioner
         self.options = stepper_options(self.kind, config)
         """Options of the stepper by name."""
         start_warp()  # takes its time
@@ -235,6 +162,71 @@ class Setup:
             radius = self.model.spectrum(self.model.initial_state()).wave
             self.limits["gravity"] = 1.0 / radius if radius > 0.0 else math.inf
         return self.limits["gravity"]
+
+
+def read_setup(
+    scene: Any,
+    *,
+    mesh: Any = None,
+    effects: Any = (),
+    parameters: Mapping[str, object] | None = None,
+    options: Mapping[str, object] | None = None,
+    settings: object = (),
+    resumed: tuple[Path, Checkpoint] | None = None,
+    **values: Any,
+) -> Setup:
+    """Return the set-up in the arguments of `Simulation`; resumed: from which file, and its state.
+
+    Raises ConfigError where an object is not of the requested kind, an argument belongs elsewhere,
+    or two arguments contradict each other.
+    """
+    from swe_sphere.solvers.preconditioners import Preconditioner
+    from swe_sphere.steppers import Stepper
+
+    for name in OF_ONE_RUN.keys() & values.keys():
+        raise ConfigError(f"{name} is no setting of a simulation: see {OF_ONE_RUN[name]}")
+    if not isinstance(scene, Scene | str | Path):
+        raise _unfit("scene", "a name, a file or a Scene", scene)
+    if not isinstance(mesh, Mesh | None):
+        raise _unfit("mesh", "a Mesh", mesh)
+    examples = ("parameters", "{'alpha': 0.8}"), ("options", "{'tolerance': 1e-6}")
+    for (what, example), table in zip(examples, (parameters, options), strict=True):
+        if not isinstance(table, Mapping | None):
+            raise _unfit(what, example, table)
+    changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
+    added = tuple(added) if isinstance(added, Iterable) else (added,)
+    if not all(isinstance(effect, Effect) for effect in added):
+        raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
+    objects: dict[str, Any] = {"mesh": mesh, "effects": added}
+    for what, kind in (("stepper", Stepper), ("preconditioner", Preconditioner)):
+        method = values.pop(what, None)
+        if isinstance(method, type) and issubclass(method, kind):
+            objects[what], values[what] = method, method.name
+        elif isinstance(method, str | Path):
+            values[what] = str(method)
+        elif method is not None:
+            raise _unfit(what, "a name, a file or a class", method)
+    if mesh is not None:
+        of_mesh = {name: getattr(mesh, name) for name in ("ne", "np", "stretch", "spin")}
+        of_mesh["centre_lon"], of_mesh["centre_lat"] = mesh.centre
+        for name in of_mesh.keys() & values.keys():
+            raise ConfigError(f"{name} is given twice: as {name}, and by the mesh")
+        values |= of_mesh
+    tables = {SCENE: parameters or {}, STEPPER: options or {}}
+    if said := [one for each in (changes, tables, settings) for one in read_settings(each)]:
+        values["settings"] = said
+    if resumed is not None:
+        values["restart"], objects["checkpoint"] = resumed
+    if not isinstance(scene, Scene):
+        return Setup(make_config(values | {"scene": str(scene)}), **objects)
+    config = make_config(values | {"scene": scene.name})
+    if config.alpha is not None or config.settings_of(SCENE):
+        raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
+    return Setup(config, scene, **objects)
+
+
+def _unfit(what: str, choice: str, thing: object) -> ConfigError:
+    return ConfigError(f"{what}: give {choice}, not {shown(thing)}")
 
 
 def make_scene(

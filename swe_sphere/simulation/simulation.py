@@ -26,7 +26,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.settings.values import validated
 from swe_sphere.simulation import planning, restart
-from swe_sphere.simulation.build import Inputs, Setup, read_inputs
+from swe_sphere.simulation.build import Setup, read_setup
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
     Evaluator,
@@ -76,7 +76,7 @@ class Simulation:
 
     Args:
         scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`; or all
-            arguments at once as `Inputs`.
+            arguments at once as a `Setup`.
         stepper: the name of a stepper, the path of a .py file with one, or a class.
         mesh: in the place of ne, np, stretch, centre_lon, centre_lat and spin.
         preconditioner: of an implicit stepper, by name, path or class.
@@ -102,7 +102,7 @@ class Simulation:
 
     def __init__(
         self,
-        scene: str | Path | Scene | Inputs,
+        scene: str | Path | Scene | Setup,
         *,
         stepper: Any = None,
         mesh: Mesh | None = None,
@@ -116,11 +116,11 @@ class Simulation:
             "stepper": stepper, "mesh": mesh, "preconditioner": preconditioner, "effects": effects,
             "parameters": parameters, "options": options, **settings,
         }  # fmt: skip
-        if not isinstance(scene, Inputs):
-            scene = read_inputs(scene, **given)
+        if not isinstance(scene, Setup):
+            scene = read_setup(scene, **given)
         elif more := [name for name, value in given.items() if value not in (None, ())]:
-            raise ConfigError(f"Inputs hold all arguments already: leave out {', '.join(more)}")
-        self.setup = setup = Setup(scene)
+            raise ConfigError(f"a Setup holds all arguments already: leave out {', '.join(more)}")
+        self.setup = setup = scene
         """What stays the same while it is stepped: scene, mesh, model, options, limits, ..."""
         self.config: RunConfig = setup.config
         """The configuration, with what the present run was asked for."""
@@ -160,9 +160,7 @@ class Simulation:
 
         checkpoint = read_checkpoint(path)
         scene = scene or str(restart.configured(path, checkpoint)["scene"])
-        inputs = read_inputs(scene, **settings)
-        config = inputs.config.model_copy(update={"restart": Path(path)})
-        return cls(replace(inputs, config=config, checkpoint=checkpoint))
+        return cls(read_setup(scene, **settings, resumed=(Path(path), checkpoint)))
 
     # --- what it is made of
 
@@ -579,7 +577,7 @@ def run(
         ConfigError: it cannot be run as requested.
     """
     started = time.perf_counter()
-    sim = Simulation(Inputs(config))
+    sim = Simulation(Setup(config))
     live = [] if config.live is None else [LiveView(config.live, sim.comm)]
     with ExitStack() as stack:
         out = config.out

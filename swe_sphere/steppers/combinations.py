@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import combine_kernel
-from swe_sphere.kernels.simd.stages import mix_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
 
 
@@ -31,19 +30,3 @@ class Combiner:
         for kernel, part in zip(self._kernels, self._parts, strict=True):
             self._model.launch(kernel, self._model.size, x, *part, out)
             x = out
-
-
-class Mixer:
-    """out = x + sum_k w_k (levels_k - x), fixed likewise; `out` is another array."""
-
-    def __init__(self, model: Model, levels: wp.array, weights: NDArray[np.float64]) -> None:
-        mesh, (used,) = model.device_mesh, np.nonzero(weights)
-        first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, 0)
-        lanes = mesh.lanes if model.size >= mesh.lanes else 1
-        self._launch, self._kernel = model.launch, mix_kernel(mesh.real, lanes)
-        self._dim, self._size = -(-model.size // lanes), model.size
-        self._given = levels, mesh.upload(weights), first, last
-        model.launch.load(self._kernel)
-
-    def __call__(self, x: wp.array, out: wp.array) -> None:
-        self._launch(self._kernel, self._dim, self._size, x, *self._given, out)

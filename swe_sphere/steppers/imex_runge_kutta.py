@@ -51,10 +51,10 @@ class ImexStepper(Stepper):
         self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit",
         solver: WaveSolver | None = None,
     ) -> None:  # fmt: skip
-        super().__init__(model, dt)
         self.solver = solver or WaveSolver(
             model, self.solver_tolerance(tolerance), coriolis, self.name
         )
+        super().__init__(model, dt)
         self.counters, self.space = self.solver.counters, self.solver.space
         n = model.device_mesh.size
         self._depth = slice(2 * n, 3 * n)

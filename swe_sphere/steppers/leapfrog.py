@@ -1,4 +1,4 @@
-"""Leapfrog with the Robert-Asselin-Williams filter."""
+"""Leapfrog with the Robert-Asselin-Williams filter, explicit and semi-implicit."""
 
 from typing import Any, ClassVar
 
@@ -7,8 +7,9 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
+from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import leapfrog_kernel
-from swe_sphere.steppers.combinations import Combiner
+from swe_sphere.steppers.imex_runge_kutta import ARK2, ImexStepper
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex, largest_eigenvalue
 from swe_sphere.steppers.stepper import Stepper
@@ -40,37 +41,43 @@ class Leapfrog(Stepper):
         self, model: Model, dt: float, strength: float | None = None, share: float | None = None
     ) -> None:
         super().__init__(model, dt)
-        self._displacement = 0.5 * (self.default_strength if strength is None else strength)
-        self._share = self.default_share if share is None else share
-        self.previous, self._slope = model.zeros(), model.zeros()
-        self._damping = wp.zeros((1, model.size), dtype=self.state.dtype, device=model.device)
-        self._add_damping = Combiner(model, self._damping, np.ones(1))
-        self._starter = RK4(model, dt)
+        strength = self.default_strength if strength is None else strength
+        self._filter = 0.5 * strength, self.default_share if share is None else share
+        self.previous, self._slope, self._part = (model.zeros() for _ in range(3))
+        self._starter = self._make_starter(model)
         real = model.device_mesh.real
-        self._kernel = leapfrog_kernel(real)
-        model.launch.load(self._kernel)
+        self._kernel, self._add = leapfrog_kernel(real), combine_kernel(real, 1)
+        model.launch.load(self._kernel, self._add)
+
+    def _make_starter(self, model: Model) -> Stepper:
+        """Make the stepper that takes the first step."""
+        return RK4(model, self.dt)
 
     def advance(self) -> None:
-        """Take a step from the past level; the first one by rk4."""
+        """Take a step from the past level; the first one by the other stepper."""
         if self.steps == 0:
-            self._first_step()
+            wp.copy(self.previous, self.state)
+            self._starter.start(self.state, self.time)
+            self._starter.step()
+            wp.copy(self.state, self._starter.state)
             return
-        self.model.conservative_tendency(self.state, self.time, self._slope)
-        if self.model.dissipative:
-            self.model.dissipative_tendency(self.previous, self._damping[0])
-            self._add_damping(self._slope, self._slope)
+        model, slope, size = self.model, self._slope, self.model.size
+        model.conservative_tendency(self.state, self.time, slope)
+        self._add_waves()
+        if model.dissipative:
+            model.dissipative_tendency(self.previous, self._part)
+            model.launch(self._add, size, slope, self._part, 1.0, slope)
         if self.diffusion is not None:
-            self.diffusion.join(self.previous, self._slope)
-        self.model.launch(
-            self._kernel, self.model.size, self.previous, self.state, self._slope,
-            2.0 * self.dt, self._displacement, self._share,
-        )  # fmt: skip
+            self.diffusion.join(self.previous, slope)
+        change, tau = self._solve()
+        model.launch(self._kernel, size, self.previous, self.state, change, tau, *self._filter)
 
-    def _first_step(self) -> None:
-        wp.copy(self.previous, self.state)
-        self._starter.start(self.state, self.time)
-        self._starter.step()
-        wp.copy(self.state, self._starter.state)
+    def _add_waves(self) -> None:
+        """Add to the slope what implicit waves change of it."""
+
+    def _solve(self) -> tuple[wp.array, float]:
+        """Return an array and the factor by which it is the change over two steps."""
+        return self._slope, 2.0 * self.dt
 
     @classmethod
     def order_in(cls, model: Model, **options: Any) -> int:
@@ -81,6 +88,70 @@ class Leapfrog(Stepper):
     @classmethod
     def growth(cls, z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
         return filtered_growth(1.0 + 2.0 * z_dissipation, 2.0 * z_wave)
+
+
+class SemiImplicit(ImexStepper, Leapfrog):
+    """Semi-implicit leapfrog, Robert-Asselin-Williams filter: one right-hand side and one solve.
+
+    (I - dt L) x+ = x- + 2 dt [F(x) - L x] + dt L x- (Robert 1969; Hoskins & Simmons 1975,
+    doi:10.1002/qj.49710142918), solved for the change x+ - x-: its right-hand side is
+    2 dt [F(x) + L (x- - x)], and the one change before is the guess.  Diffusion joins the
+    right-hand side.  Started by ARK2.  The default tolerance leaves a hundredth of the error in
+    time in williamson5 after 5 days.
+    """
+
+    name = "semi-implicit"
+    memory = "state", "previous", "guess"  # the last change of depth
+    default_tolerance = 1e-2
+    error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
+    style = ("#E69F00", "D")
+
+    def __init__(
+        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"
+    ) -> None:
+        super().__init__(model, dt, tolerance, coriolis)
+
+    def allocate(self) -> None:
+        self._change, self._difference = self.model.zeros(), self.model.zeros()
+        self.guess = wp.zeros_like(self._change[self._depth])
+
+    def _make_starter(self, model: Model) -> Stepper:
+        return ARK2(model, self.dt, solver=self.solver)
+
+    def begin(self, slope: wp.array) -> None:
+        """Forget the change before."""
+        self.guess.zero_()
+
+    def advance(self) -> None:
+        super().advance()
+        if self.steps > 0:
+            self.solver.motion.accept(self.previous, self.state, self.dt)
+            return
+        self.space.copy(self.state, self._difference)
+        self.space.axpby(-2.0, self.previous, 2.0, self._difference)
+        wp.copy(self.guess, self._difference[self._depth])
+
+    def _add_waves(self) -> None:
+        """slope += L (x- - x)."""
+        self.solver.waves.linearise(self.state)
+        self.space.copy(self.previous, self._difference)
+        self.space.axpy(-1.0, self.state, self._difference)
+        self.solver.waves.apply(self._difference, self._part)
+        self.space.axpy(1.0, self._part, self._slope)
+
+    def _solve(self) -> tuple[wp.array, float]:
+        self.solver.aim(self.state, self.error_constant, self.order, self.dt)
+        self.space.scale(2.0 * self.dt, self._slope)
+        self.solver.solve(self.dt, self.time, self._slope, self.guess, self._change)
+        wp.copy(self.guess, self._change[self._depth])
+        return self._change, 1.0
+
+    @classmethod
+    def split_growth(
+        cls, z_implicit: Complex, z_wave: Complex, z_dissipation: Complex
+    ) -> NDArray[np.float64]:
+        old = (1.0 + z_implicit + 2.0 * z_dissipation) / (1.0 - z_implicit)
+        return filtered_growth(old, 2.0 * z_wave / (1.0 - z_implicit))
 
 
 def filtered_growth(old: Complex, new: Complex) -> NDArray[np.float64]:

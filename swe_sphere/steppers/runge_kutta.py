@@ -1,16 +1,15 @@
 """Explicit Runge-Kutta methods: a method is its Butcher tableau."""
 
 from collections.abc import Iterator
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.right_hand_side import RightHandSide
 from swe_sphere.errors import ConfigError
-from swe_sphere.steppers.combinations import Mixer
+from swe_sphere.kernels.simd.stages import mix_kernel
 from swe_sphere.steppers.stability import (
     Complex,
     check_order,
@@ -19,17 +18,6 @@ from swe_sphere.steppers.stability import (
     tableau,
 )  # fmt: skip
 from swe_sphere.steppers.stepper import Stepper, read_methods
-
-
-class _Stage(NamedTuple):
-    """level = start + dt share K(point, offset), with `start` mixed of the levels before."""
-
-    mixer: Mixer | None
-    start: wp.array
-    point: wp.array
-    offset: float
-    rhs: RightHandSide
-    level: wp.array
 
 
 class RungeKutta(Stepper):
@@ -54,21 +42,30 @@ class RungeKutta(Stepper):
         stack = wp.zeros((len(self.a), model.size), dtype=self.state.dtype, device=model.device)
         levels = [*(stack[i] for i in range(len(self.a))), self.state]
         offsets = dt * np.array([0.0, *(sum(row) for row in self.a)])
-        point, mixed, alone = self.state, model.zeros(), len(self.b) == 1
-        self._stages: list[_Stage] = []
+        mesh, point, mixed, alone = model.device_mesh, self.state, model.zeros(), len(self.b) == 1
+        lanes = mesh.lanes if model.size >= mesh.lanes else 1
+        self._mix, self._dim = mix_kernel(mesh.real, lanes), -(-model.size // lanes)
+        model.launch.load(self._mix)
+        self._stages: list[tuple[Any, ...]] = []
+        """Of each stage level = start + dt share K(point, offset): the terms of the sum of levels
+        before it in `start`, `start`, the right-hand side, `point`, `offset` and `level`."""
         for (weights, share), offset, level in zip(self._sums(), offsets, levels, strict=True):
-            mixer = Mixer(model, stack, weights) if alone or weights.any() else None
-            start = self.state if mixer is None else mixed if share else model.zeros()
+            (used,), terms, start = np.nonzero(weights), None, self.state
+            if alone or used.size:
+                first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, 0)
+                terms = stack, mesh.upload(weights), first, last
+                start = mixed if share else model.zeros()
             rhs = self.model.right_hand_side(stage=(start, dt * (share or 1.0)))
             where = start if alone else point  # not what is written
-            self._stages.append(_Stage(mixer, start, where, offset, rhs, level))
+            self._stages.append((terms, start, rhs, where, offset, level))
             point = level if share else start
 
     def advance(self) -> None:
-        for stage in self._stages:
-            if stage.mixer is not None:
-                stage.mixer(self.state, stage.start)
-            stage.rhs(stage.point, self.time + stage.offset, stage.level)
+        launch, size = self.model.launch, self.model.size
+        for terms, start, rhs, point, offset, level in self._stages:
+            if terms is not None:  # start = x + sum_k w_k (level_k - x)
+                launch(self._mix, self._dim, size, self.state, *terms, start)
+            rhs(point, self.time + offset, level)
 
     @classmethod
     def _sums(cls) -> Iterator[tuple[NDArray[np.float64], float]]:

@@ -114,16 +114,16 @@ SCHEMES = (
     ),
     Edit(
         "semi-implicit: waves 1 % too fast on the right",
-        "swe_sphere/steppers/semi_implicit.py",
+        "swe_sphere/steppers/leapfrog.py",
         ("stepper-semi-implicit",),
-        "self.space.axpy(1.0, self._linear, self._slope)\n        if self.model",
-        "self.space.axpy(1.01, self._linear, self._slope)\n        if self.model",
+        "self.space.axpy(1.0, self._part, self._slope)",
+        "self.space.axpy(1.01, self._part, self._slope)",
     ),
     Edit(
         "stage times of Runge-Kutta a step late",
         "swe_sphere/steppers/runge_kutta.py",
         FORCED,
-        "self.time + stage.offset",
+        "self.time + offset",
         "self.time + self.dt",
     ),
 )

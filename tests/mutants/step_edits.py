@@ -49,7 +49,7 @@ TOLERANCE = _edits(
     ),
     (
         "error constant of semi-implicit leapfrog × 10",
-        f"{STEPPERS}/semi_implicit.py",
+        f"{STEPPERS}/leapfrog.py",
         _SHARED,
         "error_constant = 1.0 / 6.0",
         "error_constant = 10.0 / 6.0",

@@ -21,7 +21,7 @@ from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import Inputs
+from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Snapshot, exact_fields, flow_errors, state_integrals
 from swe_sphere.simulation.loop import Interrupted
@@ -107,7 +107,7 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
 
 
 def _simulation(run: RunConfig) -> Simulation:
-    return Simulation(Inputs(run, make_scene(run)))
+    return Simulation(Setup(run, make_scene(run)))
 
 
 def _begun(run: RunConfig) -> Simulation:

@@ -27,7 +27,7 @@ from swe_sphere.files.fingerprints import (
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import Inputs, make_mesh, make_scene, start_warp, stepper_options
+from swe_sphere.simulation.build import Setup, make_mesh, make_scene, start_warp, stepper_options
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
@@ -81,7 +81,7 @@ class Discretisation:
         Raises:
             ConfigError: the stepper does not suit the scene, or takes no such option.
         """
-        return Simulation(Inputs(config, self._own, self.mesh))
+        return Simulation(Setup(config, self._own, self.mesh))
 
     @cached_property
     def _sim(self) -> Simulation:
