@@ -112,5 +112,5 @@ def test_a_start_knows_its_frequency() -> None:
     model.tendency(stepper.state, 0.0, slope)
     model.linearise(stepper.state, 0.0)(slope, bend)
     size = stepper.space.norm
-    assert stepper.solver.motion.rate == pytest.approx(size(slope), rel=1e-12)
-    assert stepper.solver.motion.frequencies[0] == pytest.approx(size(bend) / size(slope), rel=1e-2)
+    assert stepper.solver.rate == pytest.approx(size(slope), rel=1e-12)
+    assert stepper.solver.frequencies[0] == pytest.approx(size(bend) / size(slope), rel=1e-2)

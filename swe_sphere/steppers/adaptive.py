@@ -111,7 +111,7 @@ class EnergyDrift:
 
 def _relative_rate(scheme: ImplicitStepper) -> float:
     """Rate of the last step [s-1], over the norm of the state."""
-    return scheme.solver.motion.rate / scheme.space.norm(scheme.state)
+    return scheme.solver.rate / scheme.space.norm(scheme.state)
 
 
 def _with_estimate() -> str:
@@ -128,22 +128,12 @@ class AdaptiveSteps(Trajectory):
     """Steps of an implicit scheme that follow their error; `dt` is the outer step, met exactly.
 
     `by="embedded"`: the difference to the embedded method in the energy norm, over the norm of the
-    state, a step.  The error of a run then goes with the tolerance for rosenbrock-w, whose estimate
-    is that of an embedded method of lower order, and with its power 2/3 for tr-bdf2; for esdirk4
-    with a power between the two while steps are longer than the fastest gravity waves (`lauter`,
-    ne 3).
+    state, a step.  `by="energy"`: the relative drift of the total energy per day, all of which is
+    the time integrator's.  It goes with the error of schemes that damp, though as a sum over the
+    globe it may pass through zero, and it says nothing of phases; for schemes that conserve energy
+    it only shows that the solver fails.
 
-    `by="energy"`: relative drift of the total energy, per day.  All of it is the time integrator's,
-    as the discretisation in space keeps energy.  It goes with the error of schemes that damp
-    (implicit-euler, bdf2, tr-bdf2, sdirk3, esdirk4, rosenbrock-w), though as a sum over the globe
-    it may pass through zero, and it says nothing of phases.  It is no measure of error, but an
-    alarm that the solver is not well, for implicit-midpoint, crank-nicolson, gauss-legendre and
-    average-vector-field: on williamson5 at dt = 7200 s midpoint drifts by 4e-10 where depths are
-    wrong by 1e-3.
-
-    Errors of the solver are part of the error: its tolerance is `SOLVER` of this one, or that of
-    the scheme where it is stricter.
-
+    The tolerance of the solver is `SOLVER` of this one, or that of the scheme where it is stricter.
     A step that is not good enough, or cannot be solved, is taken again, shorter, and noted in
     `cuts`; no step is longer than the outer one.  `first`: length of the very first step [s].
     Raises ConfigError for what has no such estimate.
@@ -183,17 +173,13 @@ class AdaptiveSteps(Trajectory):
         super().start(state, t)
         self.scheme.start(state, t)
         self._before = self.tolerance
-        self.next_dt = min(self.dt, self._first or self._first_guess())
+        first, solver = self._first or self.dt, self.scheme.solver
+        if self._first is None and solver.rate > 0.0:  # from the time in which the state changes
+            scale = solver.space.norm(self.state) / solver.rate
+            part = self.tolerance ** (1.0 / self._measure.order)
+            first = float(max(CAUTION * part * scale, 1e-3 * self.dt))
+        self.next_dt = min(self.dt, first)
         self.cuts.clear()
-
-    def _first_guess(self) -> float:
-        """A step [s] from the time the state takes to change by itself; the outer one at rest."""
-        solver = self.scheme.solver
-        if solver.motion.rate == 0.0:
-            return self.dt
-        scale = solver.space.norm(self.state) / solver.motion.rate
-        part = self.tolerance ** (1.0 / self._measure.order)
-        return float(max(CAUTION * part * scale, 1e-3 * self.dt))
 
     def step(self) -> None:
         done = 0.0

@@ -59,10 +59,7 @@ class AverageVectorField(ImplicitStepper):
 
     def allocate(self) -> None:
         self.slope = self.model.zeros()
-
-    def begin(self, slope: wp.array) -> None:
-        """Guess the slope at the start for the first step."""
-        self.space.copy(slope, self.slope)
+        self.guesses = (self.slope,)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         self.space.copy(self.state, out)

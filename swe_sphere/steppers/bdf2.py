@@ -31,16 +31,16 @@ class BDF2(ImplicitStepper):
         self._starter = TRBDF2(self.model, self.dt, solver=self.solver)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        motion = self.solver.motion
-        if motion.last_dt == 0.0:
+        before = self.solver.last_dt
+        if before == 0.0:
             return self._start_up(t, dt, out)
-        w = dt / motion.last_dt
+        w = dt / before
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.copy(self.state, self._rhs)
         self.space.axpby(past, self.previous, now, self._rhs)
         self.space.copy(self.state, out)
         self.space.axpby(-w, self.previous, 1.0 + w, out)
-        self.space.axpy(0.5 * EXPECTED * dt * (dt + motion.last_dt), motion.bend, out)
+        self.space.axpy(0.5 * EXPECTED * dt * (dt + before), self.solver.bend, out)
         return self.solver.solve(dt * (1.0 + w) / (1.0 + 2.0 * w), t + dt, self._rhs, out)
 
     def accept(self, dt: float) -> None:

@@ -43,13 +43,8 @@ class DiagonallyImplicit(ImplicitStepper):
         stages = len(self.b)
         self._stack, self.slopes = self.space.stack(stages), self.space.stack(stages)
         self._slopes = [self._stack[i] for i in range(stages)]
-        self._guesses = [self.slopes[i] for i in range(stages)]
+        self.guesses = [self.slopes[i] for i in range(stages)]
         self._rhs, self._attempted = self.model.zeros(), 0.0
-
-    def begin(self, slope: wp.array) -> None:
-        """Guess the slope at the start for all stages."""
-        for guess in self._guesses:
-            self.space.copy(slope, guess)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         for i, row in enumerate(self.a):
@@ -69,10 +64,10 @@ class DiagonallyImplicit(ImplicitStepper):
     def _guess(self, i: int, gamma: float, out: wp.array) -> None:
         """The stage i that would have the slope guessed for it."""
         self.space.copy(self._rhs, out)
-        self.space.axpy(gamma, self._guesses[i], out)
+        self.space.axpy(gamma, self.guesses[i], out)
         if i > 0 and self.followed:
             self.space.axpy(self.followed * gamma, self._slopes[i - 1], out)
-            self.space.axpy(-self.followed * gamma, self._guesses[i - 1], out)
+            self.space.axpy(-self.followed * gamma, self.guesses[i - 1], out)
 
     def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
         """Weights of the vectors in the stack for the weights b of the tableau."""

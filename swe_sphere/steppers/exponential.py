@@ -127,7 +127,7 @@ class ExponentialMultistep(VariableStepper):
     def _propagate(self, length: float, dt: float, terms: int, out: wp.array) -> str | None:
         """out = state + the solution of the linear equations after `length`; or what is wrong."""
         solver = self.solver
-        goal = max(solver.tolerance * solver.motion.rate * dt, solver.worthless())
+        goal = max(solver.tolerance * solver.rate * dt, solver.worthless())
         result = self._krylov.solve(self._jacobian, self._sources, terms, length, goal, out)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps

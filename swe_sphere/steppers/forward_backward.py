@@ -103,7 +103,13 @@ class ForwardBackward(SplitExplicit):
     def advance(self) -> None:
         """Step the depth, then the wind; the first two steps are those of rk4."""
         if self.steps < self.repeats_from:
-            self._first_step()
+            wp.copy(self.older, self.previous)
+            wp.copy(self.previous, self.state)
+            self._starter.start(self.state, self.time)
+            self._starter.step()
+            wp.copy(self.state, self._starter.state)
+            if self.steps == 1:
+                self._extrapolate()
             return
         now, past, passes, dt = self.state, self.previous, self._passes, self.dt
         if self._altered:
@@ -127,15 +133,6 @@ class ForwardBackward(SplitExplicit):
         if self._altered:
             self.older = self.previous
         self.state, self.previous = new, self.state
-
-    def _first_step(self) -> None:
-        wp.copy(self.older, self.previous)
-        wp.copy(self.previous, self.state)
-        self._starter.start(self.state, self.time)
-        self._starter.step()
-        wp.copy(self.state, self._starter.state)
-        if self.steps == 1:
-            self._extrapolate()
 
     def _extrapolate(self) -> None:
         levels = self.state, self.previous, self.older

@@ -136,14 +136,13 @@ class GaussLegendre(ImplicitStepper):
     memory = "state", "slopes"  # those of the last step
 
     def allocate(self) -> None:
-        self.slopes, self._pair = self.space.stack(len(C)), self.solver.problem.space.zeros()
+        self.slopes = self.space.stack(len(C))
+        self.guesses, self._pair = (
+            [self.slopes[i] for i in range(len(C))],
+            self.solver.problem.space.zeros(),
+        )
         # what the solved stages have more than the state: at rest exactly nothing
         self._changes = self._pair.reshape((len(C), self.space.n))
-
-    def begin(self, slope: wp.array) -> None:
-        """Guess the slope at the start for both stages."""
-        for i in range(len(C)):
-            self.space.copy(slope, self.slopes[i])
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         stages = split(self._pair)
@@ -159,6 +158,6 @@ class GaussLegendre(ImplicitStepper):
     def accept(self, dt: float) -> None:
         """Make `new` the present state, and keep the slopes for the guess of the next step."""
         for i, row in enumerate(INVERSE / dt):
-            self.space.copy(self._changes[0], self.slopes[i])
-            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self.slopes[i])
+            self.space.copy(self._changes[0], self.guesses[i])
+            self.space.axpby(float(row[1]), self._changes[1], float(row[0]), self.guesses[i])
         super().accept(dt)

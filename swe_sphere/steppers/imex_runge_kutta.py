@@ -155,7 +155,7 @@ class ImexRungeKutta(ImexStepper):
             self.space.axpy(1.0, self._change, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
         self._last(self.state, self._stage)
-        self.solver.motion.accept(self.state, self._stage, self.dt)
+        self.solver.accept(self.state, self._stage, self.dt)
         self.space.copy(self._stage, self.state)
 
     def _solve_stage(self, i: int) -> None:

@@ -25,7 +25,8 @@ class Leapfrog(Stepper):
     """
 
     name, order = "leapfrog", 2
-    memory = levels = "state", "previous"
+    levels = "state", "previous"
+    memory: ClassVar[tuple[str, ...]] = levels
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
@@ -125,7 +126,7 @@ class SemiImplicit(ImexStepper, Leapfrog):
     def advance(self) -> None:
         super().advance()
         if self.steps > 0:
-            self.solver.motion.accept(self.previous, self.state, self.dt)
+            self.solver.accept(self.previous, self.state, self.dt)
             return
         self.space.copy(self.state, self._difference)
         self.space.axpby(-2.0, self.previous, 2.0, self._difference)

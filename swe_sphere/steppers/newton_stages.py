@@ -115,7 +115,7 @@ class NewtonStages(StageSolver):
         problem.tau, problem.time, problem.rhs = tau, t, rhs
         self.prepare(tau)
         self.newton.rtol = self.tolerance
-        result = self.newton.solve(problem, x, tau * self.motion.rate, self.worthless())
+        result = self.newton.solve(problem, x, tau * self.rate, self.worthless())
         self.counters["newton_iterations"] += result.newton_iterations
         self.counters["krylov_iterations"] += result.krylov_iterations
         if not result.converged:
@@ -174,9 +174,9 @@ class NewtonStages(StageSolver):
         learnt = {"nonlinearity": np.array(-1.0 if known is None else known)}
         return super().state_dict() | in_use | learnt
 
-    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
-        super().load_state_dict(state)
-        known = float(state["nonlinearity"])
+    def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
+        super().load_state_dict(saved)
+        known = float(saved["nonlinearity"])
         self.newton.nonlinearity = known if known >= 0.0 else None
         if self.problem.precondition is not None:
-            self.problem.precondition.load_state_dict(state)
+            self.problem.precondition.load_state_dict(saved)

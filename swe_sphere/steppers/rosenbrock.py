@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.solvers.linear_result import LinearResult
 from swe_sphere.steppers.dirk import DiagonallyImplicit
 from swe_sphere.steppers.stability import Rows, check_order, checked_tableau, error_constant
 from swe_sphere.steppers.stepper import read_methods
@@ -58,19 +57,24 @@ class Rosenbrock(DiagonallyImplicit):
     def begin(self, slope: wp.array) -> None:
         """Guess the solutions that the slope at the start would have."""
         super().begin(slope)
-        for guess, part in zip(self._guesses, self._sums, strict=True):
+        for guess, part in zip(self.guesses, self._sums, strict=True):
             self.space.scale(float(part), guess)
 
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        problem = self.solver.problem
+        space, solver, problem = self.space, self.solver, self.solver.problem
+        goal = solver.tolerance * self.gamma * solver.rate
         problem.tau = self.gamma * dt
-        self.solver.prepare(problem.tau)
+        solver.prepare(problem.tau)
         self._differentiate(t, dt)
         problem.time = t
         problem.linearise(self.state)
         for i in range(len(self.b)):
             self._right_hand_side(i, t, dt)
-            result = self._solve_stage(i, dt)
+            # (I - tau J) u_i = right-hand side; u_i has its mass, which J does not move
+            u = self._slopes[i]
+            space.copy(self.guesses[i], u)
+            result = solver.solve_linear(self._rhs, u, atol=goal, floor=solver.worthless() / dt)
+            solver.restore_mass(self._rhs, u)
             if not result.converged:
                 return result.message
         self._finish(dt, out)
@@ -85,16 +89,6 @@ class Rosenbrock(DiagonallyImplicit):
         space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
         if self._has_drift:
             space.axpy(self.gamma * self._sums[i] * dt, self._drift, self._rhs)
-
-    def _solve_stage(self, i: int, dt: float) -> LinearResult:
-        """(I - tau J) u_i = right-hand side; u_i has its mass, which J does not move."""
-        u = self._slopes[i]
-        self.space.copy(self._guesses[i], u)
-        solver = self.solver
-        goal, floor = solver.tolerance * self.gamma * solver.motion.rate, solver.worthless() / dt
-        result = solver.solve_linear(self._rhs, u, atol=goal, floor=floor)
-        solver.restore_mass(self._rhs, u)
-        return result
 
     def _differentiate(self, t: float, dt: float) -> None:
         """dF/dt at the start, for a wind or forcing that changes, by differences.

@@ -57,7 +57,7 @@ class Motion:
     """
 
     def __init__(self, space: VectorSpace) -> None:
-        self._space = space
+        self.space = space
         self._slope, self._work = space.zeros(), space.zeros()
         self.bend = space.zeros()
         """x'' between the last two steps."""
@@ -65,26 +65,9 @@ class Motion:
         """The latter is the length [s] of the last step, 0 before the first."""
         self.frequencies = (0.0, 0.0)
 
-    def start(self, model: Model, state: wp.array, t: float, dt: float) -> wp.array:
-        """Begin at a state at t [s], from which steps of dt [s] are to be taken; returns F there.
-
-        The array returned is that of the slope, not a copy.
-        """
-        space, probe = self._space, PROBE * dt
-        model.tendency(state, t, self._slope)
-        space.copy(state, self._work)
-        space.axpy(probe, self._slope, self._work)
-        model.tendency(self._work, t + probe, self.bend)
-        space.axpy(-1.0, self._slope, self.bend)
-        self.rate, self.last_dt = space.norm(self._slope), 0.0
-        frequency = _ratio(space.norm(self.bend), probe * self.rate)
-        self.frequencies = frequency, frequency
-        space.clear(self.bend)
-        return self._slope
-
     def accept(self, old: wp.array, new: wp.array, dt: float) -> None:
-        """Take note of a step of dt [s] between two states."""
-        space, slope, bend, before = self._space, self._work, self._slope, self.bend
+        """Record a step of dt [s] between two states."""
+        space, slope, bend, before = self.space, self._work, self._slope, self.bend
         apart = 0.5 * (dt + self.last_dt)
         space.copy(old, slope)
         space.axpby(1.0 / dt, new, -1.0 / dt, slope)
@@ -106,17 +89,17 @@ class Motion:
         return SHARE * constant * first * float(second ** (order - 1))
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What an exact restart needs."""
+        """Return what an exact restart needs."""
         numbers = np.array([self.rate, self.last_dt, *self.frequencies])
-        slope, bend = self._space.saved(self._slope), self._space.saved(self.bend)
+        slope, bend = self.space.saved(self._slope), self.space.saved(self.bend)
         return {"motion": numbers, "mean_slope": slope, "bend": bend}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         """Resume from the result of `state_dict`."""
         self.rate, self.last_dt, first, second = saved["motion"].tolist()
         self.frequencies = first, second
-        self._space.load(saved["mean_slope"], self._slope)
-        self._space.load(saved["bend"], self.bend)
+        self.space.load(saved["mean_slope"], self._slope)
+        self.space.load(saved["bend"], self.bend)
 
 
 def _ratio(above: float, below: float) -> float:
@@ -126,8 +109,8 @@ def _ratio(above: float, below: float) -> float:
     return above / below if below > 0.0 else math.inf
 
 
-class StageSolver:
-    """What all solvers of stages share: solves leave less than the truncation error of a step.
+class StageSolver(Motion):
+    """A solver of stages, whose solves leave less than the truncation error of a step.
 
     `tolerance`: largest residual, relative to the change over a step; solved for is a part of the
     estimated truncation error, where that is smaller (see `Motion`).  Raises ConfigError for one
@@ -137,13 +120,12 @@ class StageSolver:
     def __init__(self, model: Model, tolerance: float) -> None:
         if not 0.0 <= tolerance < 1.0:
             raise ConfigError(f"the solver tolerance must be in [0, 1), not {tolerance}")
+        super().__init__(VectorSpace(energy_weights(model), mesh=model.device_mesh))
         self.model = model
         self.loosest = tolerance
         """Largest residual that a solve may leave, relative to the change over a step."""
         self.tolerance = tolerance
         """Residual of the solves of the present step, relative to the change over it."""
-        self.space = VectorSpace(energy_weights(model), mesh=model.device_mesh)
-        self.motion = Motion(self.space)
         self.counters = {"krylov_iterations": 0}
         self.state: wp.array = None
         """The state from which the present step is taken."""
@@ -151,8 +133,20 @@ class StageSolver:
         self._needs_depth = waves and not model.scene.linear
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
-        """Begin at a state at t [s], from which steps of dt [s] are taken; returns the slope F."""
-        return self.motion.start(self.model, state, t, dt)
+        """Begin at a state at t [s], from which steps of dt [s] are taken; return the slope F.
+
+        The array returned is that of the slope, not a copy.
+        """
+        space, slope, bend, probe = self.space, self._slope, self.bend, PROBE * dt
+        self.model.tendency(state, t, slope)
+        space.copy(state, self._work)
+        space.axpy(probe, slope, self._work)
+        self.model.tendency(self._work, t + probe, bend)
+        space.axpy(-1.0, slope, bend)
+        self.rate, self.last_dt = space.norm(slope), 0.0
+        self.frequencies = (_ratio(space.norm(bend), probe * self.rate),) * 2
+        space.clear(bend)
+        return slope
 
     def aim(self, state: wp.array, error_constant: float, order: int, dt: float) -> None:
         """Set the tolerance for a step of dt [s] from a state by its truncation error.
@@ -160,8 +154,7 @@ class StageSolver:
         error_constant: C in the truncation error C dt^(order + 1) d^(order + 1)x/dt^(order + 1).
         """
         self.state = state
-        truncation = self.motion.truncation(error_constant, order, dt)
-        self.tolerance = min(self.loosest, truncation)
+        self.tolerance = min(self.loosest, self.truncation(error_constant, order, dt))
 
     def reject(self) -> None:
         """Forget what the solves of the present step have shown."""
@@ -182,14 +175,6 @@ class StageSolver:
     def costs(self) -> dict[str, float]:
         """Counts of set-ups and applications of a preconditioner, and seconds of set-ups."""
         return {}
-
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What an exact restart needs of the solver."""
-        return self.motion.state_dict()
-
-    def load_state_dict(self, state: dict[str, NDArray[Any]]) -> None:
-        """Resume from the result of `state_dict`."""
-        self.motion.load_state_dict(state)
 
 
 class WaveSolver(StageSolver):

@@ -196,8 +196,14 @@ class CarriedTracers(TracerSteps):
         first = model.fluid_size
         self._fluid, self._crossed = slice(0, first), slice(first, first + self._flux.size)
         self._nothing = wp.zeros_like(self._flux)
-        has_residual = model.diffusive or scheme.family == "imex"
-        self._residual = _Residual(model) if has_residual else None
+        self._has_residual = model.diffusive or scheme.family == "imex"
+        if self._has_residual:
+            assert model.tracers is not None
+            n, area = model.device_mesh.size, model.mesh.area
+            self._ratio, self._before = model.tracers.mixing_ratio(), model.zeros()
+            self._masses = [slice(i, i + n) for i in range(model.tracers.first, model.size, n)]
+            self._space = VectorSpace(area / area.sum(), mesh=model.device_mesh)
+            self._ones = model.device_mesh.upload(np.ones(n))
 
     def start(self, state: wp.array, t: float = 0.0) -> None:
         super().start(state, t)
@@ -217,8 +223,14 @@ class CarriedTracers(TracerSteps):
         launch(self._add, size, self._nothing, crossed, 1.0 / self._length, self._flux)
 
     def _finish(self) -> None:
-        if self._residual is not None:
-            self._residual(self.state, self.scheme.state[self._fluid])
+        if self._has_residual:  # tracers follow it, and keep their masses
+            new, before, n = self.state, self._before, self._block.size
+            wp.copy(before, new)
+            self._ratio.set(before)
+            wp.copy(self._block, self.scheme.state[self._fluid.stop - n : self._fluid.stop])
+            self._ratio.follow(before, new)
+            for mass in self._masses:
+                self._space.match_mean(before[mass], new[mass], self._ones)
         wp.copy(self.state, self.scheme.state, count=self._fluid.stop)
 
     def costs(self) -> dict[str, float]:
@@ -232,31 +244,6 @@ class CarriedTracers(TracerSteps):
         super().load_state_dict(state, steps)
         flow = {k.removeprefix(FLOW): v for k, v in state.items() if k.startswith(FLOW)}
         self.scheme.load_state_dict(flow, steps)
-
-
-class _Residual:
-    """Tracers follow a change of the depth that is none of fluxes, and keep their masses."""
-
-    def __init__(self, model: Model) -> None:
-        assert model.tracers is not None
-        tracers, n = model.tracers, model.device_mesh.size
-        self._ratio, self._before = tracers.mixing_ratio(), model.zeros()
-        starts = range(tracers.first, model.size, n)
-        self._blocks = [slice(first, first + n) for first in starts]
-        self._depth = slice(tracers.depth, tracers.first)
-        share = model.mesh.area / model.mesh.area.sum()
-        self._space = VectorSpace(share, mesh=model.device_mesh)
-        self._ones = model.device_mesh.upload(np.ones(n))
-
-    def __call__(self, state: wp.array, flow: wp.array) -> None:
-        """Give a state the depth of `flow`, tracers with it."""
-        space, ones, before = self._space, self._ones, self._before
-        wp.copy(before, state)
-        self._ratio.set(before)
-        wp.copy(state[self._depth], flow[self._depth])
-        self._ratio.follow(before, state)
-        for block in self._blocks:
-            space.match_mean(before[block], state[block], ones)
 
 
 class CarriedWithDepth(TracerSteps):

@@ -1,6 +1,7 @@
 """The bases of methods that take steps of any length, with a solver of their equations."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -82,7 +83,7 @@ class VariableStepper(Stepper):
 
     def accept(self, dt: float) -> None:
         """Make `new`, a step of dt [s] on, the present state, and remember how fast it moved."""
-        self.solver.motion.accept(self.state, self.new, dt)
+        self.solver.accept(self.state, self.new, dt)
         self.space.copy(self.new, self.state)
 
 
@@ -96,17 +97,14 @@ class ImplicitStepper(VariableStepper):
     equations: ClassVar[type[StageProblem]] = StageProblem
     """The equations of an implicit stage."""
     solver: NewtonStages
+    guesses: Sequence[wp.array] = ()
+    """Slopes from which stages are guessed, those of the last step."""
 
     def __init__(
-        self,
-        model: Model,
-        dt: float,
-        tolerance: float | None = None,
-        preconditioner: str = "helmholtz",
-        diffusion: str = "whole",
-        krylov_block: int = 1,
+        self, model: Model, dt: float, tolerance: float | None = None,
+        preconditioner: str = "helmholtz", diffusion: str = "whole", krylov_block: int = 1,
         solver: NewtonStages | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if diffusion not in DIFFUSION:
             raise ConfigError(f"diffusion is {' or '.join(DIFFUSION)}, not {diffusion!r}")
         self.diffusion_apart = diffusion == "apart"
@@ -119,6 +117,11 @@ class ImplicitStepper(VariableStepper):
 
     def allocate(self) -> None:
         """Make the arrays of the method, which has its model and solver already."""
+
+    def begin(self, slope: wp.array) -> None:
+        """Guess the slope at the start for all stages."""
+        for guess in self.guesses:
+            self.space.copy(slope, guess)
 
     def error_estimate(self) -> float:
         """Norm [m s-1] of the error of the step last attempted, if `estimate_order` is not None."""
