@@ -60,9 +60,9 @@ class FastWaves:
 
     def _drift(self, rest: wp.array, rate: wp.array, tau: float, kept: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
-            launch, self._divergence, self._fields.transport, mesh.threads(1), self._geometry, s,
-            rest, self._winds, 1, self._divergence.values, s,
+        mesh.sweep(launch, self._divergence)(
+            self._fields.transport, mesh.threads(1), self._geometry, s, rest, self._winds, 1,
+            self._divergence.values, s,
         )  # fmt: skip
         launch(
             self._drift_kernel, mesh.size, mesh.places(1), mesh.inverse_area, mesh.size,
@@ -71,9 +71,9 @@ class FastWaves:
 
     def _kick(self, rate: wp.array, tau: float) -> None:
         launch, mesh, s = self._model.launch, self._model.device_mesh, self.state
-        mesh.sweep(
-            launch, self._gradient, self._fields.gradient, mesh.threads(1), self._geometry, s,
-            self._depth, 0, 1, self._gradient.values, s,
+        mesh.sweep(launch, self._gradient)(
+            self._fields.gradient, mesh.threads(1), self._geometry, s, self._depth, 0, 1,
+            self._gradient.values, s,
         )  # fmt: skip
         launch(
             self._kick_kernel, mesh.size, mesh.places(2), mesh.inverse_area, mesh.lanes,

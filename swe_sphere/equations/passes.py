@@ -60,10 +60,10 @@ class Passes:
         self._direct, lanes = direct, mesh.lanes if direct else 1
         kernels_of = partial(run_kernels, terms.unknowns, self._real, point, damped)
         span = lanes, mesh.inner if direct else 0, mesh.size
-        self._sum_depth = in_runs(model.launch, lambda n: kernels_of(n).depth, *span)
-        self._sum_wind = self._sum_depth
+        self._depth_sums = in_runs(model.launch, lambda n: kernels_of(n).depth, *span)
+        self._wind_sums = []
         if self._moves:
-            self._sum_wind = in_runs(model.launch, lambda n: kernels_of(n).wind, *span)
+            self._wind_sums = in_runs(model.launch, lambda n: kernels_of(n).wind, *span)
         kind = kernels_of(1).geometry
         parameters["point"] = fill(kind.vars["point"].type, parameters, point)
         self._node_geometry = mesh.geometry(kind, parameters)
@@ -119,15 +119,15 @@ class Passes:
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth
-            mesh.sweep(
-                model.launch, local, self._transport, mesh.threads(self._masses), self._geometry,
-                wind, self.carried, self._first * size, self._masses, local.values,
-                step if self._direct else out,
+            mesh.sweep(model.launch, local)(
+                self._transport, mesh.threads(self._masses), self._geometry, wind, self.carried,
+                self._first * size, self._masses, local.values, step if self._direct else out,
             )  # fmt: skip
-        self._sum_depth(
-            self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
-            self._local_depth.flat, step,
-        )  # fmt: skip
+        for sum_depth in self._depth_sums:
+            sum_depth(
+                self._node_geometry, mesh.places(self._masses), mesh.lanes, self._masses,
+                self._local_depth.flat, step,
+            )  # fmt: skip
 
     def step_wind(self, tau: float, levels: Levels, out: wp.array, turns: Any) -> None:
         """out = now + tau (rate of the wind at `pushed`), at the time of the depth's last step.
@@ -140,12 +140,11 @@ class Passes:
         if self._force is not None:
             done = step if self._direct else out
             local = self._local_wind
-            mesh.sweep(
-                self._model.launch, local, self._force, mesh.threads(), self._force_geometry,
-                self.pushed, local.values, done,
-            )  # fmt: skip
-        arguments = mesh.places(2), mesh.lanes, self._local_wind.flat, step
-        self._sum_wind(self._node_geometry, *arguments)
+            mesh.sweep(self._model.launch, local)(
+                self._force, mesh.threads(), self._force_geometry, self.pushed, local.values, done
+            )
+        for sum_wind in self._wind_sums:
+            sum_wind(self._node_geometry, mesh.places(2), mesh.lanes, self._local_wind.flat, step)
 
     def _step_of(self, tau: float, levels: Levels, out: wp.array, weights: Any, mixes: Any) -> Any:
         """Those arguments of a pass as its kernels take them, the same ones for the same."""

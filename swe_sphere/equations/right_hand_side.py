@@ -84,11 +84,10 @@ class RightHandSide:
             self.counters[self.counter] += 1
         for prescribed in self.prescribed:
             prescribed.set_time(t)
-        self.replay((x.ptr, out.ptr), self._operate, x, out)
-
-    def _operate(self, x: wp.array, out: wp.array) -> None:
-        for operator, source, target in self.operations:
-            operator(x if source is None else source, out if target is None else target)
+        if not self.replay.launch(key := (x.ptr, out.ptr)):
+            with self.replay.record(key):
+                for operator, source, target in self.operations:
+                    operator(x if source is None else source, out if target is None else target)
 
     def at_start(self, x: wp.array, out: wp.array) -> None:
         """Evaluate at the time 0: some components are the same at all times."""

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -242,18 +242,15 @@ class DeviceMesh:
         if self.halos:
             self.halos[field.flat.ptr]()
 
-    def sweep(
-        self, launch: Launcher, field: Field, kernel: Any, dim: int | tuple[int, ...], *inputs: Any
-    ) -> None:
-        """Run a kernel over the elements, whose results in the field are exchanged between ranks.
+    def sweep(self, launch: Launcher, field: Field) -> Callable[..., None]:
+        """Return the launch (kernel, threads, *inputs) over the elements of results in the field.
 
-        While messages are on their way, elements away from the rim are computed.
+        They are exchanged between ranks.  While messages are on their way, elements away from the
+        rim are computed.
         """
-        if self.halos:
-            threads = dim[1:] if isinstance(dim, tuple) else ()
-            self._rim.launch(launch, kernel, threads, inputs, self.halos[field.flat.ptr])
-        else:
-            launch(kernel, dim, *inputs)
+        if not self.halos:
+            return launch
+        return functools.partial(self._rim.launch, launch, self.halos[field.flat.ptr])
 
     @functools.cached_property
     def _rim(self) -> Rim:

@@ -139,9 +139,10 @@ class Rim:
         self._known: dict[int, tuple[Any, Any]] = {}
 
     def launch(
-        self, launch: Launcher, kernel: Any, each: tuple[int, ...], arguments: Any, halo: Halo
+        self, launch: Launcher, halo: Halo, kernel: Any, threads: Any, *arguments: Any
     ) -> None:
-        """Compute all elements and exchange what they leave; each: threads of a group."""
+        """Compute all elements and exchange what they leave."""
+        each = threads[1:] if isinstance(threads, tuple) else ()
         if not self._away:
             launch(kernel, (self._groups, *each), *arguments)
             halo()

@@ -1,5 +1,6 @@
 """Cheap repeated launches of Warp kernels."""
 
+import functools
 import inspect
 import os
 import time
@@ -152,22 +153,17 @@ def _identity(argument: Any) -> object:
 
 def in_runs(
     launch: Launcher, kernel_of: Callable[[int], Any], lanes: int, begin: int, end: int
-) -> Callable[..., None]:
-    """Return the function of kernels that share the numbers from `begin` to `end`.
+) -> list[Callable[..., None]]:
+    """Return the launches of kernels that share the numbers from `begin` to `end`.
 
     `kernel_of(lanes)` takes so many in a thread, and `kernel_of(1)` those that are left over.  The
-    first argument of either is its first number; the function takes the others.
+    first argument of either is its first number; the launches take the others.
     """
     whole = begin + (end - begin) // lanes * lanes
     spans = (lanes, begin, whole), (1, whole, end)
     runs = [(kernel_of(n), (b - a) // n, a) for n, a, b in spans if a < b]
     launch.load(*(kernel for kernel, _, _ in runs))
-
-    def launch_runs(*arguments: Any) -> None:
-        for kernel, threads, first in runs:
-            launch(kernel, threads, first, *arguments)
-
-    return launch_runs
+    return [functools.partial(launch, *run) for run in runs]
 
 
 def find_device(name: str, local: int = 0) -> str:

@@ -1,7 +1,7 @@
 """Launches that repeat: recorded once, then launched as a whole."""
 
-from collections.abc import Callable, Hashable
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from typing import Any
 
@@ -18,8 +18,9 @@ class Replay:
 
     On small meshes single launches cost more than their kernels.  `replay(key, block, *arguments)`
     runs the block the first time, which loads all kernels; it records and launches it the second
-    time, and from then on it only launches the recording.  The block must make the same launches
-    every time that the key is the same.  The key must name the addresses of all arrays of the
+    time, and from then on it only launches the recording.  `launch` and `record` do the same for
+    the block of a `with` statement.  The block must make the same launches every time that the key
+    is the same.  The key must name the addresses of all arrays of the
     caller; all others must live as long as the replay.  Replays inside the block only run their
     blocks: these launches belong to its recording.
     """
@@ -32,28 +33,34 @@ class Replay:
 
     def __call__(self, key: Hashable, block: Callable[..., None], *arguments: Any) -> None:
         """Launch the recording of the key, or run the block."""
-        known = self._known.get(key)
-        if not self._launch.records:
-            block(*arguments)
-        elif known is None:
-            self._record(key, partial(block, *arguments))
-        else:
-            pieces, counters = known
-            for piece in pieces:
-                piece()
-            for name, calls in counters.items():
-                self._counters[name] += calls
+        if not self.launch(key):
+            with self.record(key):
+                block(*arguments)
 
-    def _record(self, key: Hashable, block: Callable[[], None]) -> None:
-        """Run the block the first time for a key, and record and launch it the second time."""
+    def launch(self, key: Hashable) -> bool:
+        """Launch the recording of the key; return False where there is none."""
+        known = self._known.get(key)
+        if known is None or not self._launch.records:
+            return False
+        pieces, counters = known
+        for piece in pieces:
+            piece()
+        for name, calls in counters.items():
+            self._counters[name] += calls
+        return True
+
+    @contextmanager
+    def record(self, key: Hashable) -> Iterator[None]:
+        """Run the block of the `with` statement; the second time, record and launch it."""
+        if not self._launch.records:
+            yield
+            return
         first, counted, pieces = key not in self._known, dict(self._counters), Pieces()
         if first and len(self._known) >= REMEMBERED:
             self._known.clear()
-        with self._launch.one_by_one():
-            if first:
-                block()
-            else:
-                pieces = _captured(self._launch.device, block)
+        capture = nullcontext() if first else _captured(self._launch.device, pieces)
+        with self._launch.one_by_one(), capture:
+            yield
         added = {name: n - counted.get(name, 0) for name, n in self._counters.items()}
         self._known[key] = None if first else (pieces, added)
         for piece in pieces:
@@ -81,12 +88,13 @@ def between(device: str, function: Callable[[], None]) -> None:
         function()
 
 
-def _captured(device: str, block: Callable[[], None]) -> Pieces:
-    """Return the pieces of a block, whose launches are recorded and not made."""
-    pieces = _OPEN[device] = Pieces()
+@contextmanager
+def _captured(device: str, pieces: Pieces) -> Iterator[None]:
+    """Put the launches of the block into `pieces` instead of making them."""
+    _OPEN[device] = pieces
     wp.capture_begin(device, force_module_load=False)
     try:
-        block()
+        yield
         pieces.append(_end(device))
     except BaseException:
         with suppress(RuntimeError):  # what went wrong may have ended the recording
@@ -94,7 +102,6 @@ def _captured(device: str, block: Callable[[], None]) -> Pieces:
         raise
     finally:
         del _OPEN[device]
-    return pieces
 
 
 def _end(device: str) -> Callable[[], None]:

@@ -171,9 +171,9 @@ class SchurOperator:
         if self.damping is not None:
             self.damping.damp_twice(x, self._f1)
             x = self._f1
-        self.mesh.sweep(
-            self.launch, self._slopes, self._kernels.gradient, self.dim, self._geometry, x.values,
-            self._east.values, self._north.values,
+        self.mesh.sweep(self.launch, self._slopes)(
+            self._kernels.gradient, self.dim, self._geometry, x.values, self._east.values,
+            self._north.values,
         )  # fmt: skip
 
     def _diverge(self, of_fluxes: Any, *arguments: Any) -> None:
@@ -182,7 +182,7 @@ class SchurOperator:
         if not self._kernels.together:
             self._launch(of_fluxes, *arguments)
             arguments, last = results, self._kernels.divergence
-        self.mesh.sweep(self.launch, self._local, last, self.dim, self._geometry, *arguments)
+        self.mesh.sweep(self.launch, self._local)(last, self.dim, self._geometry, *arguments)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         self.launch(kernel, self.dim, self._geometry, *arguments)

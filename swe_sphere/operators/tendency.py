@@ -50,7 +50,7 @@ class TendencyOperator:
         self._turned = self.geometry.base if terms.poisson else None
         self.local, self._places = mesh.scratch(terms.unknowns, value), mesh.places(terms.unknowns)
         lanes, begin = (mesh.lanes, mesh.inner) if direct else (1, 0)
-        self._sum = in_runs(launch, lambda n: made(n).assembly, lanes, begin, mesh.size)
+        self._sums = in_runs(launch, lambda n: made(n).assembly, lanes, begin, mesh.size)
         """DSS of what elements have not finished, as many nodes at once as a register holds."""
         self.kernels = [self.compiled.kernel, made(1).assembly, *self._fluxes]
         """The kernels of one node or one group of elements a thread."""
@@ -62,12 +62,13 @@ class TendencyOperator:
         for flux in self._fluxes:
             launch(flux, mesh.threads(), self.geometry, x)
         kernel, arguments = self.compiled.kernel, (self.geometry, x, local.values, out)
-        mesh.sweep(launch, local, kernel, mesh.threads(), *arguments)
+        mesh.sweep(launch, local)(kernel, mesh.threads(), *arguments)
         wind = x if self._turned is None else self._turned
-        self._sum(
-            self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
-            self._stage, out,
-        )  # fmt: skip
+        for assemble in self._sums:
+            assemble(
+                self._places, mesh.inverse_area, mesh.lanes, mesh.size, local.flat, self._own, wind,
+                self._stage, out,
+            )  # fmt: skip
 
 
 def pointwise_operator(

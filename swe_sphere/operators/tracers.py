@@ -21,7 +21,7 @@ class TracerTransport:
         self.mesh, self.count, self._launch = mesh, count, launch
         self._kernels = field_kernels(mesh.mesh.np, mesh.real, mesh.shape)
         assembly_of = partial(blocks_kernel, mesh.real, False)
-        self._assemble = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
+        self._sums = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._kernels.geometry)
         self._local, self._places = mesh.scratch(count, self._kernels.value), mesh.places(count)
         launch.load(self._kernels.transport)
@@ -38,9 +38,10 @@ class TracerTransport:
         mesh, local, count = self.mesh, self._local, self.count
         kernel, stage = kernel or self._kernels.transport, mesh.stage if stage is None else stage
         arguments = self._geometry, wind, x, first, count, local.values, x
-        mesh.sweep(self._launch, local, kernel, mesh.threads(count), *arguments)
+        mesh.sweep(self._launch, local)(kernel, mesh.threads(count), *arguments)
         numbers = mesh.lanes, mesh.size, count, to
-        self._assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
+        for assemble in self._sums:
+            assemble(self._places, mesh.inverse_area, *numbers, local.flat, stage, out)
 
     def tangent(self, base: wp.array, x: wp.array, first: int, out: wp.array) -> None:
         """out[first:] = -div(m' V + m V') for (V, m) of the state `base` and (V', m') of x."""
@@ -101,12 +102,12 @@ class Limiter:
         self._inside = element_limiter(mesh.mesh.np, mesh.real, mesh.shape)
         self._sums, self._parts = sphere_limiter(mesh.real, mesh.lanes)
         limit_of = partial(limit_kernel, mesh.real)
-        self._limit_nodes = in_runs(launch, limit_of, mesh.lanes, 0, mesh.size)
+        self._limits = in_runs(launch, limit_of, mesh.lanes, 0, mesh.size)
         self._geometry = mesh.geometry(self._inside.geometry)
         self._local = mesh.scratch(self._count, self._inside.value)
         self._places = mesh.places(self._count)
         adding = partial(blocks_kernel, mesh.real, True)
-        self._add = in_runs(launch, adding, mesh.lanes, 0, mesh.size)
+        self._additions = in_runs(launch, adding, mesh.lanes, 0, mesh.size)
         area = mesh.restrict(mesh.mesh.area)
         self._area = wp.array(area, dtype=wp.float64, device=mesh.device)
         chunks, count = mesh.chunks, self._count
@@ -128,14 +129,15 @@ class Limiter:
 
     def _limit(self, state: wp.array) -> None:
         mesh, size, (_, first) = self._mesh, self._mesh.size, self._offsets
-        mesh.sweep(
-            self._launch, self._local, self._inside.kernel, mesh.groups, self._geometry, state,
-            *self._offsets, self._count, *self._bounds, self._local.values,
+        mesh.sweep(self._launch, self._local)(
+            self._inside.kernel, mesh.groups, self._geometry, state, *self._offsets, self._count,
+            *self._bounds, self._local.values,
         )  # fmt: skip
-        self._add(
-            self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
-            self._local.flat, mesh.stage, state,
-        )  # fmt: skip
+        for add in self._additions:
+            add(
+                self._places, mesh.inverse_area, mesh.lanes, size, self._count, first,
+                self._local.flat, mesh.stage, state,
+            )  # fmt: skip
         self._limit_sphere(state)
 
     def _limit_sphere(self, state: wp.array) -> None:
@@ -152,4 +154,5 @@ class Limiter:
         blocks = self._everything.shape[0]
         self._launch(self._parts, self._count, self._everything, blocks, self._part)
         arguments = *self._offsets, size, self._count, *self._bounds, self._part, state
-        self._limit_nodes(*arguments)
+        for limit in self._limits:
+            limit(*arguments)

@@ -66,7 +66,7 @@ class Diffusion:
         self._changes = model.zeros(), model.zeros()
         mesh = model.device_mesh
         stage_of = partial(diffusive_stage_kernel, mesh.real)
-        self._combine = in_runs(model.launch, stage_of, mesh.lanes, 0, model.size)
+        self._combinations = in_runs(model.launch, stage_of, mesh.lanes, 0, model.size)
         self._replay = Replay(model.launch)
 
     @property
@@ -103,9 +103,11 @@ class Diffusion:
         *stages, end = self._stages
         for mu, nu, a, b in stages:
             c = held * (a + b)
-            self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, before, stage)
+            for combine in self._combinations:
+                combine(x, last, mu, before, nu, rate, a, first, b, slope, c, before, stage)
             last, before, rate = before, last, self._rate
             self._model.diffusion(stage, rate)
         mu, nu, a, b = (scale * c for c in end)
         c = held * (a + b)
-        self._combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
+        for combine in self._combinations:
+            combine(x, last, mu, before, nu, rate, a, first, b, slope, c, change, y)
