@@ -150,7 +150,8 @@ class FlexibleGMRES(KrylovSolver):
         p.terms += terms
         # a full basis may creep; any other cycle is expected to gain far more than a half
         most = (0.5 if met or broken else 0.999) * start
-        self._judge(p, most, ": the operator is singular" * broken)
+        largest = math.sqrt(self.space.epsilon) * p.scale
+        self._judge(p, most, ": the operator is singular" * broken, largest)
 
     def _columns(self, k: int, block: int) -> Iterator[tuple[Array, float]]:
         """Columns of H for the products from row k + 1 on, each with the entry below it.

@@ -150,10 +150,13 @@ class KrylovSolver(ABC):
         self.space.axpby(1.0, p.rhs, -1.0, self._residual)
         return self.space.norm(self._residual)
 
-    def _judge(self, p: LinearResult, most: float, why: str = "") -> None:
+    def _judge(
+        self, p: LinearResult, most: float, why: str = "", largest: float = math.inf
+    ) -> None:
         """End the solve if the residual after a cycle says so.
 
-        most: a larger one than this has stagnated; why: the cause of that, for the message.
+        most: a larger one than this has stagnated; why: the cause of that, for the message;
+        largest: residual that may be round-off.
         """
         epsilon = self.space.epsilon
         if p.residual <= p.target and p.target >= UNTRUSTED * epsilon * p.terms:
@@ -167,7 +170,7 @@ class KrylovSolver(ABC):
             p.end(Status.CONVERGED, "converged")
         elif residual > 10.0 * p.history[0]:
             p.end(Status.DIVERGED, "diverged: the operator is not linear or nearly singular")
-        elif residual <= min(roundoffs * p.terms, math.sqrt(epsilon) * p.scale):
+        elif residual <= min(roundoffs * p.terms, largest):
             p.end(Status.CONVERGED, "converged to round-off, not to the tolerance", True)
         elif residual > most:
             p.end(Status.STAGNATED, f"stagnated{why}")
