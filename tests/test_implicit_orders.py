@@ -12,8 +12,7 @@ from support import IMPLICIT, advance, make_scene
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, gauss
-from swe_sphere.steppers.dirk import DiagonallyImplicit
-from swe_sphere.steppers.rosenbrock import RosenbrockW
+from swe_sphere.steppers.dirk import DiagonallyImplicit, RosenbrockW
 from swe_sphere.testcases import get_scene
 
 DIAGONAL = tuple(

@@ -53,7 +53,6 @@ class ExponentialMultistep(VariableStepper):
         self._has_drift = not model.scene.autonomous
         self._states = [model.zeros() for _ in range(past)]
         self._slopes = [model.zeros() for _ in range(past)]
-        self._known, self._spacing = 0, 0.0
         self._moved, self._bent = (space.stack(max(1, past)) for _ in range(2))
 
     def begin(self, slope: wp.array) -> None:

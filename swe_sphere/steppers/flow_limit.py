@@ -32,7 +32,14 @@ def strongest_advection(model: Model) -> float:
     model: the wind of williamson5 doubles in three days over its mountain, which no start tells.
     Where that run blows up, it counts as far as it went.
     """
-    coarse = _coarse(model)
+    mesh, scene = model.mesh, model.scene
+    small = Mesh.build(
+        min(mesh.ne, math.ceil(INTERVALS / (mesh.np - 1))), mesh.np, radius=mesh.radius,
+        stretch=mesh.stretch, centre=mesh.centre, spin=mesh.spin,
+    )  # fmt: skip
+    if model.tracers is not None:
+        scene = scene.without_effect("tracers")
+    coarse = Model(small, scene, model.device, model.precision, model.shape)
     state = coarse.initial_state()
     spectrum = RK4.spectrum(coarse, state)
     dt = RK4.safety * RK4.stable_dt(spectrum.wave, spectrum.dissipation)
@@ -50,19 +57,6 @@ def strongest_advection(model: Model) -> float:
             break
         largest = max(largest, rate)
     return largest * RK4.spectrum(model, model.initial_state()).wave / spectrum.wave
-
-
-def _coarse(model: Model) -> Model:
-    """The scene without its tracers on a mesh of the same shape with fewer elements."""
-    mesh = model.mesh
-    small = Mesh.build(
-        min(mesh.ne, math.ceil(INTERVALS / (mesh.np - 1))), mesh.np, radius=mesh.radius,
-        stretch=mesh.stretch, centre=mesh.centre, spin=mesh.spin,
-    )  # fmt: skip
-    scene = model.scene
-    if model.tracers is not None:
-        scene = scene.without_effect("tracers")
-    return Model(small, scene, model.device, model.precision, model.shape)
 
 
 PARTS = np.linspace(0.0, 1.0, 5)
@@ -91,8 +85,7 @@ class FlowLimited(Stepper):
     @classmethod
     def limit(cls, spectrum: Spectrum) -> float:
         """Largest step [s] that is stable in winds up to those of the spectrum."""
-        own = spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning
-        return cls.stable_dt(*own)
+        return cls.stable_dt(spectrum.wave, spectrum.dissipation, spectrum.wind, spectrum.turning)
 
     @classmethod
     def stable_dt(

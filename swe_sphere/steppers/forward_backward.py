@@ -112,27 +112,23 @@ class ForwardBackward(SplitExplicit):
                 self._extrapolate()
             return
         now, past, passes, dt = self.state, self.previous, self._passes, self.dt
-        if self._altered:
+        new = self.previous
+        if self._altered:  # between steps, which needs the past level again
             self._extrapolate()
-        new = self._new
+            new = self.older
         passes.damp(now)
         passes.step_depth(self.time + 0.5 * dt, dt, (now, past), new, self._masses, self._depth)
         passes.step_wind(dt, (now, past), new, self._winds)
         if self.diffusion is not None:
             self.diffusion.act(new)
 
-    @property
-    def _new(self) -> wp.array:
-        """Where the new level comes: what changes it in between needs the past one again."""
-        return self.older if self._altered else self.previous
-
     def swap(self) -> None:
         if self.steps < self.repeats_from:
             return
-        new = self._new
         if self._altered:
-            self.older = self.previous
-        self.state, self.previous = new, self.state
+            self.state, self.previous, self.older = self.older, self.state, self.previous
+        else:
+            self.state, self.previous = self.previous, self.state
 
     def _extrapolate(self) -> None:
         levels = self.state, self.previous, self.older

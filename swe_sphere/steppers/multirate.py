@@ -54,7 +54,11 @@ class InfinitesimalStep(FlowLimited):
             raise ConfigError(f"substeps: must be 0 or more, not {substeps}")
         model, alpha, beta, gamma = self.model, *self._matrices()
         self._durations = dt * beta.sum(axis=1)
-        self._offsets, self._steps = self._times(), [1] * STAGES
+        times = [0.0]
+        for i, row in enumerate(alpha + gamma):
+            times.append(self._durations[i] + row[:i] @ times[1:])
+        self._offsets, self._steps = times[:STAGES], [1] * STAGES
+        """When the slopes are taken, from the start of the step on [s], and the sub-steps."""
         self._fast: FastWaves | None = None
         if model.scene.effect("pressure-gradient") is not None:
             self._fast, start = FastWaves(model), model.initial_state()
@@ -102,14 +106,6 @@ class InfinitesimalStep(FlowLimited):
     def _matrices(cls) -> tuple[Matrix, Matrix, Matrix]:
         alpha, beta, gamma = (tableau(rows, STAGES) for rows in (cls.alpha, cls.beta, cls.gamma))
         return alpha, beta, gamma
-
-    def _times(self) -> list[float]:
-        """When the slopes are taken, from the start of the step on [s]."""
-        alpha, _, gamma = self._matrices()
-        found = [0.0]
-        for i, row in enumerate(alpha + gamma):
-            found.append(self._durations[i] + row[:i] @ found[1:])
-        return found[:STAGES]
 
     @classmethod
     def spectrum(cls, model: Model, state: wp.array, t: float = 0.0) -> Spectrum:

@@ -82,15 +82,21 @@ class NewtonStages(StageSolver):
         # of ranks, so that they agree when to restart
         size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.whole))))
         self.newton = NewtonKrylov(
-            space,
-            FlexibleGMRES(space, size, krylov_block),
-            max_iterations=NEWTON_ITERATIONS,
-            max_krylov=2 * KRYLOV_SIZE,
-            forcing=FORCING,
-        )
+            space, FlexibleGMRES(space, size, krylov_block), forcing=FORCING,
+            max_iterations=NEWTON_ITERATIONS, max_krylov=2 * KRYLOV_SIZE,
+        )  # fmt: skip
         self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
-        self._units = self._unit_masses()
         self._known = self.newton.nonlinearity
+        self._units: list[tuple[str, wp.array, float]] = []
+        """What is conserved, a state that is zero but for 1 m of it, and the square of its norm."""
+        n, effects = model.device_mesh.size, model.scene.effects
+        kept = MASSES.intersection(*(effect.conserves for effect in effects))
+        for i, name in enumerate(model.names):
+            mass = "mass" if name == "h" else "tracers"
+            if name not in ("u", "v") and mass in kept:
+                unit = model.zeros()
+                unit[i * n : (i + 1) * n].fill_(1.0)
+                self._units.append((mass, unit, self.space.dot(unit, unit)))
 
     def start(self, state: wp.array, t: float, dt: float) -> wp.array:
         if self.problem.precondition is not None:
@@ -127,13 +133,9 @@ class NewtonStages(StageSolver):
     def solve_linear(self, rhs: wp.array, x: wp.array, **goal: Any) -> LinearResult:
         """Solve the linearised problem from the guess x, as exactly as `goal` says."""
         result = self.newton.gmres.solve(
-            self.problem.jacobian,
-            rhs,
-            x,
-            self.problem.precondition,
-            **({"rtol": 0.0} | goal),
-            max_iterations=self.newton.max_krylov,
-        )
+            self.problem.jacobian, rhs, x, self.problem.precondition,
+            **({"rtol": 0.0} | goal), max_iterations=self.newton.max_krylov,
+        )  # fmt: skip
         self.counters["krylov_iterations"] += result.iterations
         return result
 
@@ -152,27 +154,14 @@ class NewtonStages(StageSolver):
             more = gain if conserved == "mass" else 0.0
             self.space.match_mean(rhs, x, unit, square, more)
 
-    def _unit_masses(self) -> list[tuple[str, wp.array, float]]:
-        """What is conserved, a state that is zero but for 1 m of it, and the square of its norm."""
-        model, n, found = self.model, self.model.device_mesh.size, []
-        kept = MASSES.intersection(*(effect.conserves for effect in model.scene.effects))
-        for i, name in enumerate(model.names):
-            mass = "mass" if name == "h" else "tracers"
-            if name not in ("u", "v") and mass in kept:
-                unit = model.zeros()
-                unit[i * n : (i + 1) * n].fill_(1.0)
-                found.append((mass, unit, self.space.dot(unit, unit)))
-        return found
-
     def costs(self) -> dict[str, float]:
         made = self.problem.precondition
         return {} if made is None else made.costs()
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         made, known = self.problem.precondition, self.newton.nonlinearity
-        in_use = {} if made is None else made.state_dict()
-        learnt = {"nonlinearity": np.array(-1.0 if known is None else known)}
-        return super().state_dict() | in_use | learnt
+        saved = super().state_dict() | ({} if made is None else made.state_dict())
+        return saved | {"nonlinearity": np.array(-1.0 if known is None else known)}
 
     def load_state_dict(self, saved: dict[str, NDArray[Any]]) -> None:
         super().load_state_dict(saved)

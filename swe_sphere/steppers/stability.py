@@ -122,5 +122,4 @@ def runge_kutta_growth(
 
 def largest_eigenvalue(step: Complex) -> NDArray[np.float64]:
     """Largest modulus of the eigenvalues of matrices (..., n, n)."""
-    growth: NDArray[np.float64] = np.abs(np.linalg.eigvals(step)).max(axis=-1)
-    return growth
+    return np.asarray(np.abs(np.linalg.eigvals(step)).max(axis=-1))

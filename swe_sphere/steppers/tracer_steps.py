@@ -143,13 +143,17 @@ class TracerSteps(Trajectory, ABC):
         self.counters["tracer_stages"] = 0
 
     def step(self) -> None:
-        first = self.steps // self.every % 2 == 1
+        launch, first = self.model.launch, self.steps // self.every % 2 == 1
         if self.diffusion and first:
             self.diffusion.act(self.state)
         for piece in range(self.pieces):
             wp.copy(self._old, self._block)
             self._move(self.time + piece * self._length)
-            self._carry()
+            parts, fractions = stages_for(self._length * self._rate(self._flux, self._old))
+            self.counters["tracer_stages"] += parts * len(fractions)
+            self._transport.rate_of_air(self._flux, self._air[1])
+            self._transport(self._flux, self._air, self.state, self._length, parts, fractions)
+            launch(self._add, self._block.size, *self._air, self._length, self._block)
         if self.diffusion and not first:
             self.diffusion.act(self.state)
         self._finish()
@@ -163,14 +167,6 @@ class TracerSteps(Trajectory, ABC):
 
     def _finish(self) -> None:
         """Take wind and depth of the flow's own stepper."""
-
-    def _carry(self) -> None:
-        parts, fractions = stages_for(self._length * self._rate(self._flux, self._old))
-        self.counters["tracer_stages"] += parts * len(fractions)
-        self._transport.rate_of_air(self._flux, self._air[1])
-        self._transport(self._flux, self._air, self.state, self._length, parts, fractions)
-        new = self._block
-        self.model.launch(self._add, new.size, *self._air, self._length, new)
 
 
 class CarriedTracers(TracerSteps):
