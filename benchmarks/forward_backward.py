@@ -5,11 +5,11 @@
     python benchmarks/forward_backward.py --seed 3
 
 A wave exp(ikx) on a wind U obeys dh/dt = -i (U k) h - i (c k) u, du/dt = -i (U k) u - i (c k) h,
-and vorticity dv/dt = -i (U k) v.  The search looks for the weights of `LevelWeights` that allow the
-longest steps k (c + U) dt, in the mean over winds up to U/c = 0.2, or over strong ones, under these
-conditions: second order, a bound on the error of a wave in a radian, and no b below 1/5.  (AB_b
-damps what the wind or the Coriolis force turn by the small angle x a step by (3/2 b - 1/4) x^4: the
-bound keeps a margin for fields that vary in space.)
+and vorticity dv/dt = -i (U k) v.  The search looks for the arguments of `level_weights` that allow
+the longest steps k (c + U) dt, in the mean over winds up to U/c = 0.2, or over strong ones, under
+these conditions: second order, a bound on the error of a wave in a radian, and no b below 1/5.
+(AB_b damps what the wind or the Coriolis force turn by the small angle x a step by
+(3/2 b - 1/4) x^4: the bound keeps a margin for fields that vary in space.)
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ SETS: dict[str, Weights] = {
     ),
     "AB3 and AM3": ((5 / 12, 5 / 12), (5 / 12, 8 / 12, -1 / 12)),
     "third order at rest: 11/60, 1/3, 3/20": weights(11 / 60, 1 / 3, 3 / 20),
-    "shipped": weights(*vars(ForwardBackward.waves).values()),
-    "shipped for strong winds": weights(*vars(ForwardBackward.strong).values()),
+    "shipped": weights(*ForwardBackward.waves),
+    "shipped for strong winds": weights(*ForwardBackward.strong),
 }
 
 

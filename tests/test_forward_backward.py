@@ -57,7 +57,7 @@ def test_forward_backward_is_what_its_formulas_say(small_mesh, effects) -> None:
     """Shchepetkin & McWilliams (2005), from whole right-hand sides, after two steps of rk4."""
     model, dt = Model(small_mesh, make_scene(*effects)), 100.0
     plain, share = Plain(model), wind_share(model, model.initial_state())
-    w = ForwardBackward.weights_in(share)
+    b_wind, b_mass, gamma = ForwardBackward.weights_in(share)
     stepper, starter = ForwardBackward(model, dt), STEPPERS["rk4"](model, dt)
     start = model.device_mesh.upload(random_state(model))
     stepper.start(start, 50.0)
@@ -70,11 +70,11 @@ def test_forward_backward_is_what_its_formulas_say(small_mesh, effects) -> None:
     for k in range(2, 6):
         winds, depths = zip(*(plain.split(x) for x in levels), strict=True)
         t, loss = 50.0 + (k + 0.5) * dt, plain.split(plain.loss(levels[0]))
-        rate = plain.rate(ab(w.wind, winds), ab(w.mass, depths), t)
+        rate = plain.rate(ab(b_wind, winds), ab(b_mass, depths), t)
         depth = depths[0] + dt * (plain.split(rate)[1] + loss[1])
-        delta = 0.5 + w.gamma
-        mixed = delta * depth + (1.0 - delta - w.gamma) * depths[0] + w.gamma * depths[1]
-        rate = plain.rate(ab(w.wind, winds), mixed, t)
+        delta = 0.5 + gamma
+        mixed = delta * depth + (1.0 - delta - gamma) * depths[0] + gamma * depths[1]
+        rate = plain.rate(ab(b_wind, winds), mixed, t)
         wind = winds[0] + dt * (plain.split(rate)[0] + loss[0])
         levels = [np.concatenate([wind, depth]), *levels[:2]]
         stepper.step()

@@ -1,7 +1,5 @@
 """Explicit steppers that step the depth first, and then the wind with the new depth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +12,7 @@ from swe_sphere.steppers.flow_limit import NOTHING_BUT_WIND, FlowLimited, wind_s
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stability import Complex
 
+Triple = tuple[float, float, float]
 STRONG = 0.139
 """Share of the wind in the speed of waves from which coefficients for strong winds allow longer
 steps."""
@@ -34,28 +33,15 @@ class SplitExplicit(FlowLimited):
         self._altered = self.diffusion is not None or self.model.limiter is not None
 
 
-@dataclass(frozen=True)
-class LevelWeights:
-    """Coefficients of the generalised AB3-AM4 scheme.
+def level_weights(wind: float, mass: float, gamma: float) -> tuple[Triple, Triple, Triple]:
+    """Weights of levels in the generalised AB3-AM4 scheme: of winds, of masses and of depths.
 
     AB_b(q) = (3/2 + b) q - (1/2 + 2b) q- + b q--, with b `wind` for the wind and `mass` for what it
     carries.  The depth that pushes the wind is delta h+ + (1 - delta - gamma) h + gamma h-; second
     order needs delta = 1/2 + gamma; with wind = 1/3 - gamma waves at rest would be of third.
     """
-
-    wind: float
-    mass: float
-    gamma: float
-
-    @staticmethod
-    def extrapolation(b: float) -> tuple[float, float, float]:
-        """Weights of three levels, the present one first."""
-        return 1.5 + b, -0.5 - 2.0 * b, b
-
-    @property
-    def depth(self) -> tuple[float, float, float]:
-        """Weights of the new, the present and the past depth."""
-        return 0.5 + self.gamma, 0.5 - 2.0 * self.gamma, self.gamma
+    winds, masses = ((1.5 + b, -0.5 - 2.0 * b, b) for b in (wind, mass))
+    return winds, masses, (0.5 + gamma, 0.5 - 2.0 * gamma, gamma)
 
 
 class ForwardBackward(SplitExplicit):
@@ -75,10 +61,11 @@ class ForwardBackward(SplitExplicit):
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2
     style = ("#080123", (9, 1, 0))
-    waves: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 3, gamma=3 / 20)
-    strong: ClassVar[LevelWeights] = LevelWeights(wind=1 / 5, mass=1 / 5, gamma=1 / 5)
+    waves: ClassVar[Triple] = (1 / 5, 1 / 3, 3 / 20)
+    """The wind, mass and gamma of `level_weights`."""
+    strong: ClassVar[Triple] = (1 / 5, 1 / 5, 1 / 5)
     """In strong winds, those of the initial state of the scene."""
-    advection: ClassVar[LevelWeights] = LevelWeights(wind=5 / 12, mass=5 / 12, gamma=0.0)
+    advection: ClassVar[Triple] = (5 / 12, 5 / 12, 0.0)
     """Where there are no gravity waves."""
 
     def __init__(self, model: Model, dt: float) -> None:
@@ -86,15 +73,11 @@ class ForwardBackward(SplitExplicit):
         self.previous, self.older = model.zeros(), model.zeros()
         self.carried, self.pushed = self._passes.carried, self._passes.pushed
         self._starter = RK4(model, dt)
-        mine = self.weights_in(wind_share(model, model.initial_state()))
-        weights = self._passes.weights
-        self._masses, self._winds = (
-            weights(*mine.extrapolation(b)) for b in (mine.mass, mine.wind)
-        )
-        self._depth = weights(*mine.depth)
+        rows = level_weights(*self.weights_in(wind_share(model, model.initial_state())))
+        self._winds, self._masses, self._depth = (self._passes.weights(*row) for row in rows)
 
     @classmethod
-    def weights_in(cls, share: float) -> LevelWeights:
+    def weights_in(cls, share: float) -> Triple:
         """The coefficients for a wind that has so much of the speed of waves on it."""
         if share == NOTHING_BUT_WIND:
             return cls.advection
@@ -137,11 +120,10 @@ class ForwardBackward(SplitExplicit):
     @classmethod
     def propagator(cls, share: float, wave: Complex, wind: Complex, loss: Complex) -> Complex:
         """(..., 6, 6) change of three levels of (h' sqrt(g/H), u) by a step, see `FlowLimited`."""
-        mine = cls.weights_in(share)
-        mass, turn = (np.array(mine.extrapolation(b)) for b in (mine.mass, mine.wind))
+        turn, mass, depth = map(np.array, level_weights(*cls.weights_in(share)))
         h, u = np.eye(6).reshape(2, 3, 6)
         new = (1.0 + loss) * h[0] - wind * (mass @ h) - wave * (turn @ u)
-        pushed = mine.depth[0] * new + mine.depth[1:] @ h[:2]
+        pushed = depth[0] * new + depth[1:] @ h[:2]
         speed = (1.0 + loss) * u[0] - wind * (turn @ u) - wave * pushed
         return np.stack(np.broadcast_arrays(new, *h[:2], speed, *u[:2]), axis=-2)
 
@@ -166,7 +148,7 @@ class ForwardBackwardRK3(SplitExplicit):
         self._mixes = [self._passes.weights(*row) for row in self._rows()]
 
     @classmethod
-    def _rows(cls) -> Sequence[tuple[float, float, float]]:
+    def _rows(cls) -> tuple[Triple, Triple, Triple]:
         """Weights of the new depth, that at the start and that of the stage before."""
         first, second, third = cls.weights
         last = third, third, 1.0 - 2.0 * third

@@ -14,8 +14,8 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gravity_waves import INERTIAL
-from swe_sphere.steppers.combinations import Combiner
 from swe_sphere.steppers.flow_limit import FlowLimited, strongest_advection, wind_share
+from swe_sphere.steppers.imex_runge_kutta import Combiner
 from swe_sphere.steppers.stability import Complex, Rows, tableau
 from swe_sphere.steppers.stepper import read_methods
 

@@ -258,6 +258,7 @@ class CarriedWithDepth(TracerSteps):
         self._stage, self._slope, self._part, self._mean = (
             mesh.upload(np.zeros(mesh.size)) for _ in range(4)
         )
+        """Of the depth; the last one is its mean over a piece."""
         self._ones = mesh.upload(np.ones(mesh.size))
         self._transport_depth = TracerTransport(mesh, model.launch, 1)
         self._make_flux, self._plain = flux_kernel(mesh.real), mesh.stage
@@ -266,14 +267,7 @@ class CarriedWithDepth(TracerSteps):
     def _move(self, t: float) -> None:
         model, n = self.model, self.model.device_mesh.size
         model.set_time(t + 0.5 * self._length)
-        self._step_depth()
-        wind = model.parameters["wind"]
-        model.launch(self._make_flux, n, wind, self._mean, 0, n, 0, self._plain, self._flux)
-
-    def _step_depth(self) -> None:
-        """Find the depth `_mean` that the wind carries in the mean."""
-        launch, wind = self.model.launch, self.model.parameters["wind"]
-        n = self.model.device_mesh.size
+        launch, wind = model.launch, model.parameters["wind"]
         parts, fractions = stages_for(self._length * self._rate(wind, self._ones))
         tau = self._length / parts
         wp.copy(self._part, self._old)
@@ -286,3 +280,4 @@ class CarriedWithDepth(TracerSteps):
                 self._transport_depth(wind, self._stage, 0, self._slope, 0)
                 launch(self._add, n, self._part, self._slope, fraction * tau, self._stage)
             wp.copy(self._part, self._stage)
+        launch(self._make_flux, n, wind, self._mean, 0, n, 0, self._plain, self._flux)
