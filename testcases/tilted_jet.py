@@ -1,0 +1,85 @@
+"""An exact unsteady jet, at rest among the stars and seen from the turning planet."""
+
+import numpy as np
+
+from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
+from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import EARTH
+from swe_sphere.testcases.flows import solid_body, tilted_latitude
+from swe_sphere.testcases.recommended import recommended
+
+PAPER = (
+    "a jet in the place of the solid-body flow of Läuter, Handorf & Dethloff (2005), "
+    "J. Comput. Phys. 210, 535-553, doi:10.1016/j.jcp.2005.04.022"
+)
+EQUATOR = EARTH.rotation * EARTH.radius
+"""Speed of the planet at its equator [m s-1]."""
+SURFACE = 160000.0
+"""g h at the equator of the flow [m2 s-2]."""
+BOTTOM = 10.0
+"""g b at the equator of the planet [m2 s-2]."""
+CENTRE, WIDTH = np.sin(np.pi / 4.0), 0.2
+"""Sine of the latitude of the Gaussian jet, and its width."""
+POINTS = 64
+"""Gauss-Legendre points from the flow's equator to a latitude: the depth is right to round-off."""
+
+
+@recommended(ne=8, np=6, dt=200.0, days=1.0)
+def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:
+    """Unsteady jet about a tilted axis, over orography (exact).
+
+    Among the stars the wind is U = (Ω a + F(S)) cos θ' about an axis tilted by α against the
+    planet's, with S = sin θ' the sine of the latitude above the equator of the flow. The bottom
+    g b = (Ω a sin θ)²/2 makes up for the flattening of the planet, so that the flow is steady there
+    and g h = const - ∫ (Ω a + F)² S dS. Seen from the planet it turns once a day.
+
+    Args:
+        alpha: Tilt of the axis of the flow [rad]; the flow is steady for 0.
+        speed: Largest wind of the jet [m s-1].
+        gaussian: Whether F is a Gaussian about 45°N; otherwise it is proportional to S².
+
+    Raises:
+        ConfigError: the depth is not positive everywhere.
+    """
+
+    def jet(s: Array) -> Array:
+        """Ω a + F [m s-1] at the sine of a latitude."""
+        shape = 1.5 * np.sqrt(3.0) * s**2
+        if gaussian:
+            shape = np.exp(-(((s - CENTRE) / WIDTH) ** 2)) / np.cos(np.pi / 4.0)
+        flow: Array = EQUATOR + speed * shape
+        return flow
+
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+
+    def depth(s: Array) -> Array:
+        """Depth [m] at the sine of a latitude."""
+        sines = 0.5 * np.asarray(s)[..., None] * (1.0 + points)
+        fall: Array = 0.5 * s * ((jet(sines) ** 2 * sines) @ weights)
+        return (SURFACE - fall) / EARTH.gravity
+
+    lowest = float(depth(np.array([-1.0, 1.0])).min())
+    if not lowest > 0.0:
+        raise ConfigError(f"tilted-jet: a jet of {speed} m/s leaves no water at the pole")
+
+    def bottom(lon: Array, lat: Array) -> Array:
+        return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        fixed = lon + EARTH.rotation * t
+        east, north = solid_body(fixed, lat, alpha)
+        sine = tilted_latitude(fixed, lat, alpha)
+        flow = jet(sine)
+        return flow * east - EQUATOR * np.cos(lat), flow * north, depth(sine)
+
+    return Scene(
+        name="tilted-jet",
+        title="unsteady jet about a tilted axis",
+        reference=PAPER,
+        effects=(*DYNAMICS, Rotation(), Orography()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        bottom=bottom,
+        report="l2 of h and of the wind after a day, against the resolution",
+    )
