@@ -31,6 +31,7 @@ class Terms:
     the place of depth, turns the wind of `base`, which carries the depth of `base`.
     `tangent`: the exact derivative of all of these at the state `base`, applied to a direction.
     `momentum`: the momentum equation alone, with two fields as its result.
+    `jumps`: the penalty on jumps at edges of elements, which has kernels of its own.
     """
 
     advection: bool = False
@@ -43,6 +44,7 @@ class Terms:
     still: bool = False
     poisson: bool = False
     momentum: bool = False
+    jumps: bool = False
 
     @property
     def unknowns(self) -> int:
@@ -120,7 +122,9 @@ class KernelTypes:
             "bottom": (terms.bottom and not (terms.tangent or terms.poisson), on_nodes),
             "wind": (terms.wind and not terms.still, on_nodes),
             "base": (terms.linear, on_nodes),
-            "inverse_jacobian": (terms.diffuses, wp.array2d(dtype=value)),
+            "inverse_jacobian": (terms.diffuses or terms.jumps, wp.array2d(dtype=value)),
+            "strength": (terms.jumps, wp.array2d(dtype=value)),
+            "jumps": (terms.jumps, wp.array3d(dtype=value)),
             "nu": (terms.diffusion, real),
             "nu4": (terms.biharmonic, real),
             "laplacian": (terms.biharmonic, on_nodes),

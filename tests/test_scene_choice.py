@@ -158,6 +158,7 @@ def test_effects_are_a_closed_set_of_names() -> None:
     assert {n for n, cls in EFFECTS.items() if cls.dissipation} == {
         "viscosity",
         "hyperviscosity",
+        "edge-penalty",
         "drag",
         "relaxation",
     }

@@ -1,13 +1,14 @@
 """A scene on a mesh and a device: the coefficients and fields of its effects."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.effects import Effect, PointwiseEffect
+from swe_sphere.equations.effects import EdgePenalty, Effect, PointwiseEffect
 from swe_sphere.equations.scene import Scene, is_finite
 from swe_sphere.equations.scene_functions import fitted
 from swe_sphere.errors import ConfigError, shown
@@ -15,6 +16,7 @@ from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.operators import DeviceMesh, Launcher, find_device
 from swe_sphere.operators.device_mesh import REALS
+from swe_sphere.operators.penalty import EdgePenaltyOperator
 from swe_sphere.ranks.communicator import Communicator
 
 SHAPES = ("element", "node")
@@ -68,6 +70,26 @@ class DiscreteScene:
         if name not in self._rooms:
             self._rooms[name] = self.zeros(self.fluid_size)
         return self._rooms[name]
+
+    @cached_property
+    def edge_penalty(self) -> EdgePenaltyOperator:
+        """The operator of the edge penalty.
+
+        Raises:
+            ConfigError: the fluid is at rest initially and no speed is given.
+        """
+        effect, mesh = self.scene.effect("edge-penalty"), self.mesh
+        assert isinstance(effect, EdgePenalty)
+        speed = effect.speed
+        if speed is None:
+            u, v, _ = (self.scene.base or self.scene.initial)(mesh.lon, mesh.lat)
+            speed = float(np.hypot(u, v).max())
+        if speed == 0.0:
+            raise ConfigError(
+                f"{self.scene.name}: the fluid is at rest initially: set edge-penalty.speed to the"
+                " wind speed [m s-1] that is expected later"
+            )
+        return EdgePenaltyOperator(self.device_mesh, self.launch, effect.strength(mesh, speed))
 
     def set_time(self, t: float) -> None:
         """Bring the prescribed wind and the forcing to time t [s]."""

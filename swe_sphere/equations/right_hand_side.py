@@ -104,18 +104,26 @@ def fluid_operations(
     terms = element_terms(model.scene, component)
     point = pointwise_terms(model.scene, component, model.parameters)
     steady_base = model.parameters.get("base")
-    if steady_base is None or component == "tangent":
-        given = {} if base is None or steady_base is not None else {"base": base}
-        return term_operations(model, terms, point, given, stage)
-    launch, combine = model.launch, combine_kernel(model.device_mesh.real, 1)
-    launch.load(combine)
+    given = {} if base is None or steady_base is not None else {"base": base}
+    operations, source = [], None
+    if steady_base is not None and component != "tangent":
+        launch, combine = model.launch, combine_kernel(model.device_mesh.real, 1)
+        launch.load(combine)
 
-    def subtract(x: wp.array, out: wp.array) -> None:
-        launch(combine, out.size, x, steady_base, -1.0, out)
+        def subtract(x: wp.array, out: wp.array) -> None:
+            launch(combine, out.size, x, steady_base, -1.0, out)
 
-    difference = model.room("difference")
-    operations = term_operations(model, terms, point, {}, stage, source=difference)
-    return [Operation(subtract, target=difference), *operations]
+        source = model.room("difference")
+        operations.append(Operation(subtract, target=source))
+    operations += term_operations(model, terms, point, given, stage, source)
+    if "edge-penalty" in _flags(model.scene, component):
+        penalty, factor = model.edge_penalty, 1.0 if stage is None else stage.tau
+
+        def penalise(x: wp.array, out: wp.array) -> None:
+            penalty(x, factor, out)
+
+        operations.append(Operation(penalise, source))
+    return operations
 
 
 def needs_base(model: DiscreteScene) -> bool:

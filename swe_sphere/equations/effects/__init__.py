@@ -10,6 +10,7 @@ import pkgutil
 from collections.abc import Iterator
 
 from swe_sphere.equations.effects.dissipation import (
+    EdgePenalty,
     Hyperviscosity,
     Viscosity,
     hyperviscosity_default,
@@ -28,9 +29,9 @@ from swe_sphere.equations.effects.effect import MASSES, Effect
 from swe_sphere.equations.effects.pointwise_effect import Drag, PointwiseEffect, Relaxation
 
 __all__ = [
-    "DYNAMICS", "EFFECTS", "MASSES", "Drag", "Effect", "Forcing", "Hyperviscosity", "Linearised",
-    "MomentumAdvection", "Orography", "PointwiseEffect", "PrescribedWind", "PressureGradient",
-    "Relaxation", "Rotation", "Tracers", "Viscosity", "hyperviscosity_default",
+    "DYNAMICS", "EFFECTS", "MASSES", "Drag", "EdgePenalty", "Effect", "Forcing", "Hyperviscosity",
+    "Linearised", "MomentumAdvection", "Orography", "PointwiseEffect", "PrescribedWind",
+    "PressureGradient", "Relaxation", "Rotation", "Tracers", "Viscosity", "hyperviscosity_default",
 ]  # fmt: skip
 
 DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())

@@ -1,7 +1,11 @@
 """Weak Laplacians that damp the smallest scales."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.effects.effect import MASSES, Effect, check_coefficient
@@ -73,6 +77,50 @@ class Hyperviscosity(Effect):
     def damping(self, mesh: Mesh, squares: Array) -> Array:
         """ν k⁴."""
         return self.coefficients(mesh)["nu4"] * squares**2
+
+
+@dataclass(frozen=True)
+class EdgePenalty(Effect):
+    """Penalty on the jumps of vorticity and divergence at the edges of elements.
+
+    It damps winds whose vorticity or divergence is discontinuous there, at the rate
+    gamma = `c` `speed` dx [m2 s-1] times squared jumps, with dx [m] the root of the area of an
+    element. Smooth winds keep their order of accuracy; mass and depth are not changed.
+
+    Args:
+        c: Strength; 0.01 removes the computational modes that grow in flows across the edges of
+            the cube's faces.
+        speed: Wind speed [m s-1]; by default the largest of the initial wind, or of the base.
+
+    Raises:
+        ConfigError: `c` or `speed` is negative or not finite.
+    """
+
+    name = "edge-penalty"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"edge-penalty"})
+    excludes: ClassVar[Mapping[str, str]] = {
+        "prescribed-wind": "a prescribed wind has no jumps to damp; leave out edge-penalty"
+    }
+    c: float = 0.01
+    speed: float | None = None
+
+    def __post_init__(self) -> None:
+        check_coefficient(f"{self.name}.c", self.c)
+        if self.speed is not None:
+            check_coefficient(f"{self.name}.speed", self.speed)
+
+    @property
+    def absent(self) -> bool:
+        """Whether the strength is zero."""
+        return self.c == 0.0 or self.speed == 0.0
+
+    def strength(self, mesh: Mesh, speed: float) -> Array:
+        """Return gamma (E,) [m2 s-1] of each element for a wind speed [m s-1]."""
+        areas = np.einsum("ij,eij->e", mesh.quadrature, mesh.jacobian)
+        gamma: Array = self.c * speed * np.sqrt(areas)
+        return gamma
 
 
 def hyperviscosity_default(

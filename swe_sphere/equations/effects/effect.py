@@ -51,8 +51,8 @@ class Effect:
 
     @property
     def diffuses(self) -> bool:
-        """Whether it takes weak Laplacians: explicit steppers step such effects apart."""
-        return bool(self.terms & {"diffusion", "biharmonic"})
+        """Whether it is a linear damping with derivatives: explicit steppers step it apart."""
+        return bool(self.terms & {"diffusion", "biharmonic", "edge-penalty"})
 
     @property
     def degree(self) -> int | None:

@@ -1,0 +1,214 @@
+"""The penalty on jumps of vorticity and divergence at edges of elements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import harmonic, make_scene, random_state, relative, tangent, tendency
+
+from swe_sphere import Simulation
+from swe_sphere.equations.effects import EdgePenalty, Hyperviscosity
+from swe_sphere.equations.model import Model
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Mesh
+from swe_sphere.steppers import STEPPERS
+from swe_sphere.testcases import get_scene
+
+SPEED, C = 30.0, 0.02
+EFFECT = EdgePenalty(C, SPEED)
+STRETCHED = {"stretch": 2.0, "centre": (40.0, 23.0), "spin": 17.0}
+
+
+def penalty_matrix(mesh: Mesh) -> np.ndarray:
+    """The rate of the wind (2N, 2N) by dense matrices: -M^-1 C^T G (I - P) C.
+
+    C takes divergence and vorticity in each element, G has gamma W J on its diagonal, and P is the
+    projection on continuous functions that is orthogonal under G.
+    """
+    n, nodes, count = mesh.np, mesh.nodes.ravel(), mesh.elements * mesh.np**2
+    scatter = np.zeros((count, mesh.size))
+    scatter[np.arange(count), nodes] = 1.0
+    line, elements = np.eye(n), np.eye(mesh.elements)
+    along_1 = np.kron(elements, np.kron(mesh.derivative, line))
+    along_2 = np.kron(elements, np.kron(line, mesh.derivative))
+    dx = mesh.basis.reshape(count, 2, 2)  # [node, coordinate, east or north]
+    jacobian = np.linalg.det(dx)
+    covariant = [np.hstack([scatter * dx[:, i, k, None] for k in range(2)]) for i in range(2)]
+    inverse = np.linalg.inv(dx)
+    flux = [
+        np.hstack([scatter * (jacobian * inverse[:, k, i])[:, None] for k in range(2)])
+        for i in range(2)
+    ]
+    divergence = (along_1 @ flux[0] + along_2 @ flux[1]) / jacobian[:, None]
+    curl = (along_1 @ covariant[1] - along_2 @ covariant[0]) / jacobian[:, None]
+    areas = np.einsum("ij,eij->e", mesh.quadrature, mesh.jacobian)
+    mass = np.tile(mesh.quadrature.ravel(), mesh.elements) * jacobian
+    weight = np.repeat(C * SPEED * np.sqrt(areas), n * n) * mass
+    projection = scatter @ ((scatter * weight[:, None]).T / (scatter.T @ weight)[:, None])
+    jump = weight[:, None] * (np.eye(count) - projection)
+    forms = sum(each.T @ jump @ each for each in (curl, divergence))
+    rate: np.ndarray = -forms / np.tile(mesh.area, 2)[:, None]
+    return rate
+
+
+@pytest.fixture(scope="module", params=[{}, STRETCHED], ids=["plain", "stretched"])
+def mesh(request) -> Mesh:
+    return Mesh.build(2, 4, **request.param)
+
+
+def penalised(mesh: Mesh, *names: str, **settings) -> Model:
+    return Model(mesh, make_scene(*names).with_effect(EFFECT), **settings)
+
+
+@pytest.mark.parametrize("shape", ["element", "node"])
+def test_the_rate_is_that_of_dense_matrices(mesh, shape):
+    model = penalised(mesh, shape=shape)
+    state = random_state(model)
+    rate = tendency(model, state)
+    assert np.all(rate[2 * mesh.size :] == 0.0)
+    expected = penalty_matrix(mesh) @ state[: 2 * mesh.size]
+    assert relative(rate[: 2 * mesh.size], expected) < 1e-13
+
+
+def test_float32_differs_by_rounding(mesh):
+    model, rounded = penalised(mesh), penalised(mesh, precision="float32")
+    state = random_state(model)
+    assert 1e-9 < relative(tendency(rounded, state), tendency(model, state), 3) < 1e-4
+
+
+def test_the_operator_is_symmetric_and_only_damps(mesh):
+    """In the norm of kinetic energy; winds without jumps keep all of it."""
+    rate = penalty_matrix(mesh)
+    form = np.tile(mesh.area, 2)[:, None] * rate
+    assert np.abs(form - form.T).max() < 1e-12 * np.abs(form).max()
+    values = np.linalg.eigvalsh(0.5 * (form + form.T))
+    assert values.max() < 1e-12 * -values.min()
+
+
+def test_it_adds_to_the_other_terms(mesh):
+    """Hyperviscosity, Coriolis force and drag beside it; tangent and right-hand side alike."""
+    names = ("advection", "pressure", "rotation", "drag", "hyperviscosity")
+    plain, model = Model(mesh, make_scene(*names)), penalised(mesh, *names)
+    state = random_state(model)
+    rate = penalty_matrix(mesh) @ state[: 2 * mesh.size]
+    added = (tendency(model, state) - tendency(plain, state))[: 2 * mesh.size]
+    assert relative(added, rate) < 1e-10
+    change = random_state(model, seed=2)
+    added = (tangent(model, state, change) - tangent(plain, state, change))[: 2 * mesh.size]
+    assert relative(added, penalty_matrix(mesh) @ change[: 2 * mesh.size]) < 1e-10
+
+
+def test_linearised_equations_damp_the_difference_from_the_base(mesh):
+    model = penalised(mesh, "pressure", "linearised")
+    base = model.parameters["base"].numpy()
+    assert np.abs(tendency(model, base)).max() == 0.0
+    moved = base + random_state(model)
+    plain = Model(mesh, make_scene("pressure", "linearised"))
+    added = (tendency(model, moved) - tendency(plain, moved))[: 2 * mesh.size]
+    expected = penalty_matrix(mesh) @ (moved - base)[: 2 * mesh.size]
+    assert relative(added, expected) < 1e-11
+
+
+def test_a_stage_adds_its_own_part(mesh):
+    model = penalised(mesh, "pressure")
+    state = random_state(model)
+    x, start, out = (model.device_mesh.upload(random_state(model, seed)) for seed in (1, 2, 3))
+    model.right_hand_side(stage=(start, 100.0))(x, 0.0, out)
+    expected = start.numpy() + 100.0 * tendency(model, state)
+    np.testing.assert_allclose(out.numpy(), expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["gradient", "rotated"])
+def test_smooth_winds_are_hardly_damped(turned):
+    """The rate falls at least as fast as the largest error of the derivatives, np - 1."""
+    found = []
+    for ne in (2, 4, 8):
+        mesh = Mesh.build(ne, 5)
+        model = Model(mesh, make_scene().with_effect(EFFECT))
+        _, value, gradient, rotated = harmonic(mesh, "xyz")
+        wind = mesh.radius * (rotated if turned else gradient)
+        rate = tendency(model, np.concatenate([*wind, value]))[: 2 * mesh.size]
+        weight = np.tile(mesh.area, 2)
+        found.append(np.sqrt(np.sum(weight * rate**2) / np.sum(weight * wind.ravel() ** 2)))
+    orders = np.log2(np.divide(found[:-1], found[1:]))
+    assert orders.min() > 3.5 and found[-1] < 1e-9
+
+
+def test_the_speed_is_that_of_the_initial_wind_unless_given():
+    mesh = Mesh.build(2, 4)
+    scene = get_scene("williamson2", alpha=1.0)
+    u, v, _ = scene.initial(mesh.lon, mesh.lat)
+    largest = float(np.sqrt(u**2 + v**2).max())
+    by_default = Model(mesh, scene.with_effect(EdgePenalty(C)))
+    given = Model(mesh, scene.with_effect(EdgePenalty(C, largest)))
+    state = random_state(given)
+    np.testing.assert_array_equal(tendency(by_default, state), tendency(given, state))
+
+
+def test_energy_falls_and_mass_stays():
+    sim = Simulation(
+        "williamson6", ne=3, np=4, days=2, stepper="rk4", dt=600, effects={"edge-penalty.c": 0.01}
+    )
+    sim.run()
+    assert -2e-3 < sim.diagnostics["energy_drift"] < -1e-6
+    assert abs(sim.diagnostics["mass_drift"]) < 1e-14
+
+
+THOROUGH = ("forward-backward", "semi-implicit", "bdf2", "epi3")
+
+
+@pytest.mark.parametrize(
+    "stepper", ["rk4", *(pytest.param(each, marks=pytest.mark.thorough) for each in THOROUGH)]
+)
+def test_a_tilted_steady_flow_keeps_its_accuracy_for_a_hundred_days(stepper):
+    """Without the penalty computational modes grow tenfold in 9 days, up to an error of 0.4."""
+    found = {}
+    for c in (0.0, 0.01):
+        sim = Simulation(
+            "williamson2", ne=4, np=5, days=100 if c else 50, stepper=stepper,
+            parameters={"alpha": 1.0}, effects={"edge-penalty.c": c},
+        )  # fmt: skip
+        sim.run()
+        found[c] = sim.diagnostics["l2_v"]
+    assert found[0.01] < 2e-4
+    assert not found[0.0] < 1e-2
+
+
+def test_it_takes_part_in_a_step_of_every_stepper():
+    """A step changes computational modes by what their rate is, whatever the method."""
+    mesh = Mesh.build(2, 4)
+    scene, damped = make_scene(), make_scene().with_effect(EFFECT)
+    plain, model = Model(mesh, scene), Model(mesh, damped)
+    state = random_state(model)
+    rate = penalty_matrix(mesh) @ state[: 2 * mesh.size]
+    for name, kind in STEPPERS.items():
+        if kind.family == "imex" or name.startswith("mis"):
+            continue  # these need waves
+        stepper = kind(model, 1.0)
+        stepper.start(model.device_mesh.upload(state))
+        stepper.step()
+        change = (stepper.state.numpy() - state)[: 2 * mesh.size]
+        assert relative(change, rate) < 1e-3, name
+    assert np.all(tendency(plain, state) == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "effects", "said"),
+    [
+        ("splash", {"edge-penalty.c": 0.01}, "at rest initially: set edge-penalty.speed"),
+        ("williamson1", {"edge-penalty.c": 0.01}, "prescribed wind has no jumps"),
+        ("williamson2", {"edge-penalty.c": -1.0}, "edge-penalty.c must be"),
+        ("williamson2", {"edge-penalty.speed": float("inf")}, "edge-penalty.speed must be"),
+    ],
+)
+def test_what_cannot_be_penalised_is_refused_in_one_line(scene, effects, said):
+    with pytest.raises(ConfigError, match=said) as caught:
+        Simulation(scene, ne=2, np=4, days=1, effects=effects).run()
+    assert "\n" not in str(caught.value)
+
+
+def test_absent_penalties_leave_the_kernels_as_they_are():
+    mesh = Mesh.build(2, 4)
+    scene = get_scene("williamson2").with_effect(EdgePenalty(0.0))
+    assert not Model(mesh, scene).diffusive
+    assert Model(mesh, scene.with_effect(Hyperviscosity())).diffusive
