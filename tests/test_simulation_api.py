@@ -318,10 +318,10 @@ def test_a_limit_is_none_only_where_there_is_none():
     assert dict(sim.summary.rows())["stability limit"] == "none"
 
 
-def test_inputs_are_all_arguments():
-    inputs = small().setup.config
+def test_a_setup_holds_all_arguments():
+    config = small().setup.config
     with pytest.raises(ConfigError, match="leave out stepper, ne"):
-        Simulation(Setup(inputs), ne=5, stepper="ars343")
+        Simulation(Setup(config), ne=5, stepper="ars343")
 
 
 def test_a_picture_that_fails_leaves_the_numbers_of_the_run(tmp_path, monkeypatch):
