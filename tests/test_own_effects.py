@@ -19,7 +19,7 @@ from swe_sphere.equations.model import Model
 from swe_sphere.equations.scene import apply_settings
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.simulation.restart import scene_sources
+from swe_sphere.simulation.restart import run_sources
 from swe_sphere.testcases import get_scene
 
 MESH = Mesh.build(2, 4)
@@ -319,9 +319,9 @@ def test_linearised_dynamics_need_its_derivative(path: Path) -> None:
 
 
 def test_a_run_knows_the_file_it_comes_from(path: Path) -> None:
-    sources = scene_sources(str(path), own(path, "friction"))
+    sources = run_sources(str(path), own(path, "friction"))
     path.write_text(FILE.replace("-rate * u", "-2.0 * rate * u"))
-    assert scene_sources(str(path), own(path, "friction")) != sources
+    assert run_sources(str(path), own(path, "friction")) != sources
     path.write_text(FILE)
 
 

@@ -10,7 +10,7 @@ from imports import sources
 from swe_sphere.errors import ConfigError
 from swe_sphere.files import fingerprints
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.restart import scene_sources
+from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run
 from swe_sphere.testcases import get_scene
 
@@ -110,15 +110,15 @@ def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monk
     )
     (tmp_path / "winds.nc").write_bytes(b"winds")
     scene = get_scene("top.toml")
-    before = scene_sources("top.toml", scene)
+    before = run_sources("top.toml", scene)
     assert [*before] == ["the scene's file", "low/middle.toml", "low/flow.py", "winds.nc"]
     for name, file in zip(before, ("top.toml", *[*before][1:]), strict=True):
         text = Path(file).read_bytes()
         Path(file).write_bytes(text + b" ")
-        now = scene_sources("top.toml", scene)
+        now = run_sources("top.toml", scene)
         assert [other for other in before if now[other] != before[other]] == [name]
         Path(file).write_bytes(text)
-    assert scene_sources("lauter", get_scene("lauter")) == {}
+    assert run_sources("lauter", get_scene("lauter")) == {}
 
 
 # --- restarts

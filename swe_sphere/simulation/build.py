@@ -16,6 +16,7 @@ import numpy
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
+from swe_sphere.files.fingerprints import code_fingerprint
 from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
@@ -30,7 +31,6 @@ from swe_sphere.simulation.restart import (
     adopt,
     check_identity,
     check_paths,
-    code_warnings,
     identity,
     read_restart,
 )
@@ -103,8 +103,10 @@ class Setup:
         launch = config.device, config.precision, config.launch
         self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
         """The compiled right-hand side."""
-        self.warnings = code_warnings(config, checkpoint)
-        """What the user should know before the run."""
+        self.has_other_code = (
+            checkpoint is not None and checkpoint.attributes.get("code") != code_fingerprint()
+        )
+        """Whether other code of this package wrote the state that the run resumes from."""
         self.limits: dict[str, float] = {}
         """Limits of the step that have been computed so far [s]."""
 

@@ -24,6 +24,7 @@ from swe_sphere.io.integrals import (
     tracer_masses,
     tracer_numbers,
 )
+from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
 from swe_sphere.io.norms import Norms, area_mean, by_name, field_errors, norms
 from swe_sphere.planet import DAY
 
@@ -181,25 +182,25 @@ def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
 Function = Callable[[Any], Any]
 F = TypeVar("F", bound=Function)
 
+KEYS = (
+    "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
+    "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h",
+    "l2_v", "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
+)  # fmt: skip
+"""Keys that every JSON line has, in this order; more follow."""
+
 TAKEN = frozenset({
-    "scene", "title", "stepper", "scheme", "ne", "np", "dt", "steps", "days", "completed", "reason",
-    "status", "stretch", "device", "precision", "launch", "out", "dt_rule", "dt_wanted",
-    "days_planned", "stable_dt", "steps_at_once", "accepted_steps", "rejected_steps", "cuts",
-    "wall_seconds", "compile_seconds", "setup_seconds", "setups", "rhs_evaluations",
-    "tangent_evaluations", "preconditioner_applications", "newton_iterations", "krylov_iterations",
-    "krylov_steps", "fast_steps", "tracer_stages", "radius", "centre", "spin", "planet",
-    "scene_parameters", "effects", "tracer_steps", "sources", "stepper_options", "configuration",
-    "identity", "code", "start_step", "references", "plot_field", "run_id", "summary", "source",
-    "history", "Conventions", "surface", "speed", "wind", "run", "kind", "field", "norm",
-    "report_day", "repeat", "error", "wall", "cpu", "cpu_seconds", "total_seconds", "spread",
-    "role", "gravity_limit", "advective_limit", "peak_memory", "jobs", "settings", "key", "record",
-    "time", "node", "lat", "lon", "lat_bnds", "lon_bnds", "area", "mesh", "sphere", "face_nodes",
-    "face", "corner", "b",
-    "f", "h", "u", "v", "vorticity", "divergence", "mass", "energy", "potential_enstrophy",
-    "total_vorticity", "total_divergence", "max_wind", "min_depth", "max_wave", "max_signal",
-    "mass_drift", "energy_drift", "enstrophy_drift", "courant_advective", "courant_gravity",
-    "diagnostic_time",
-    *(f"{norm}_{name}" for norm in ("l1", "l2", "linf") for name in "hv"),
+    *KEYS, *(name for names in VARIABLES.values() for name in names), *MESH_ATTRIBUTES, *TOPOLOGY,
+    "Conventions", "accepted_steps", "advective_limit", "code", "configuration", "corner",
+    "courant_advective", "courant_gravity", "cpu", "cpu_seconds", "cuts", "days_planned", "device",
+    "diagnostic_time", "dt_rule", "dt_wanted", "effects", "error", "face", "fast_steps", "field",
+    "gravity_limit", "history", "identity", "jobs", "key", "kind", "krylov_steps", "l1_v", "launch",
+    "linf_v", "node", "norm", "out", "peak_memory", "planet", "plot_field", "precision",
+    "preconditioner_applications", "record", "references", "rejected_steps", "repeat", "report_day",
+    "role", "run", "run_id", "scene_parameters", "scheme", "settings", "setup_seconds", "setups",
+    "source", "sources", "spread", "stable_dt", "start_step", "status", "stepper_options",
+    "steps_at_once", "summary", "tangent_evaluations", "time", "title", "total_seconds",
+    "tracer_stages", "tracer_steps", "wall", "wind",
 })  # fmt: skip
 """Names of other values in files and summaries of runs."""
 OPTIONS = frozenset({

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.files.fingerprints import SCENE_FILE, code_fingerprint, file_fingerprint
+from swe_sphere.files.fingerprints import SCENE_FILE, file_fingerprint
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
@@ -119,14 +116,20 @@ def read_restart(config: RunConfig) -> Checkpoint:
     return read_checkpoint(place)
 
 
-def configured(path: str | Path | None, checkpoint: Checkpoint) -> dict[str, object]:
-    """Return the configuration in a checkpoint; ConfigError if it holds none."""
-    return _stored(path, checkpoint, "configuration")
+def stored(
+    path: str | Path | None, checkpoint: Checkpoint, name: str = "configuration"
+) -> dict[str, object]:
+    """Return the configuration in a checkpoint, or another table; ConfigError if it holds none."""
+    with suppress(KeyError, ValueError):
+        values = json.loads(str(checkpoint.attributes[name]))
+        if isinstance(values, dict):
+            return values
+    raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
 
 
 def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
     """Return the configuration, with the values of the checkpoint for what it leaves open."""
-    before = configured(config.restart, checkpoint)
+    before = stored(config.restart, checkpoint)
     names = INHERITED if checkpoint.steps else {*INHERITED, "dt"}
     kept = {name: value for name, value in before.items() if name in names}
     return make_config(kept | config.given())
@@ -134,7 +137,7 @@ def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
 
 def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
     """Raise ConfigError with the first difference between this run and that of the checkpoint."""
-    theirs = _stored(config.restart, checkpoint, "identity")
+    theirs = stored(config.restart, checkpoint, "identity")
     plain = json.loads(json.dumps(identity))
     before = theirs.get("sources")
     for name, contents in plain.pop("sources").items():
@@ -151,41 +154,16 @@ def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str
             )
 
 
-def code_warnings(config: RunConfig, checkpoint: Checkpoint | None) -> tuple[str, ...]:
-    """Return a warning if the checkpoint was written by other code of this package."""
-    if checkpoint is None or checkpoint.attributes.get("code") == code_fingerprint():
-        return ()
-    return (
-        f"{config.restart} was written by other code of swe_sphere: the run goes on from it, but"
-        " is not bit for bit the one that either code would have made alone",
-    )
-
-
 def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
     """Return the step [s] of the run in a checkpoint; ConfigError if another one is requested."""
     dt = float(checkpoint.attributes.get("dt", 0.0))
-    before = configured(config.restart, checkpoint).get("dt")
+    before = stored(config.restart, checkpoint).get("dt")
     if config.dt not in ("auto", dt, before) or not dt > 0.0:
         raise ConfigError(
             f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
             " leave dt out"
         )
     return dt
-
-
-def carried_counts(checkpoint: Checkpoint) -> dict[str, float]:
-    """Return the counters of the run so far, which are among the arrays of the checkpoint."""
-    arrays = checkpoint.state_dict.items()
-    found = {name: np.asarray(array).item() for name, array in arrays if name.startswith(COUNTER)}
-    return {name.removeprefix(COUNTER): count for name, count in found.items()}
-
-
-def _stored(path: str | Path | None, checkpoint: Checkpoint, name: str) -> dict[str, object]:
-    with suppress(KeyError, ValueError):
-        values = json.loads(str(checkpoint.attributes[name]))
-        if isinstance(values, dict):
-            return values
-    raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
 
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
@@ -205,44 +183,31 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),
-        "sources": scene_sources(config.scene, scene) | method_sources(config),
+        "sources": run_sources(
+            config.scene, scene, stepper=config.stepper, preconditioner=config.preconditioner
+        ),
     }
 
 
-def scene_sources(name: str, scene: Scene) -> dict[str, str]:
-    """Return fingerprints of the files of a scene: its own, those of its bases, those of its data.
+def run_sources(name: str, scene: Scene, **methods: str | None) -> dict[str, str]:
+    """Return fingerprints of the files of a scene by its name, of its data and of some methods.
 
     Names of bases are relative to the file of the scene, so that the folder may be moved.  Files of
     data are those whose names are parameters of the scene; what a Python scene reads besides is not
     known.  The result is empty for a scene of the package without data.  Raises ConfigError where a
-    file has disappeared since the scene was made.
+    file has disappeared since it was loaded.
     """
-    with _readable():
+    try:
         files = scene_files(name)
         labels = (SCENE_FILE, *(os.path.relpath(path, files[0].parent) for path in files[1:]))
         found = {label: file_fingerprint(path) for label, path in zip(labels, files, strict=False)}
+        for what, file in methods.items():
+            if file and is_user_file(file):
+                found[f"the {what}'s file"] = file_fingerprint(Path(file))
+    except OSError as error:
+        raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None
     for value in scene.parameters.values():
         if isinstance(value, str):
             with suppress(OSError, ValueError):  # a word, not the name of a file
                 found[value] = file_fingerprint(Path(value))
     return found
-
-
-def method_sources(config: RunConfig) -> dict[str, str]:
-    """Return fingerprints of the user-defined files of stepper and preconditioner.
-
-    Raises ConfigError where a file has disappeared since it was loaded.
-    """
-    names = {"stepper": config.stepper, "preconditioner": config.preconditioner}
-    files = {what: Path(file) for what, file in names.items() if file and is_user_file(file)}
-    with _readable():
-        return {f"the {what}'s file": file_fingerprint(file) for what, file in files.items()}
-
-
-@contextmanager
-def _readable() -> Iterator[None]:
-    """Raise ConfigError for a file that can no longer be read."""
-    try:
-        yield
-    except OSError as error:
-        raise ConfigError(f"cannot read {error.filename}: {error.strerror}") from None

@@ -159,7 +159,7 @@ class Simulation:
         from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
         checkpoint = read_checkpoint(path)
-        scene = scene or str(restart.configured(path, checkpoint)["scene"])
+        scene = scene or str(restart.stored(path, checkpoint)["scene"])
         return cls(read_setup(scene, **settings, resumed=(Path(path), checkpoint)))
 
     # --- what it is made of
@@ -210,8 +210,13 @@ class Simulation:
             if setup.checkpoint is None:
                 stepper.start(state)
             else:
-                self._carried = restart.carried_counts(setup.checkpoint)
-                stepper.load_state_dict(setup.checkpoint.state_dict, setup.checkpoint.steps)
+                arrays = setup.checkpoint.state_dict
+                self._carried = {
+                    name.removeprefix(restart.COUNTER): np.asarray(array).item()
+                    for name, array in arrays.items()
+                    if name.startswith(restart.COUNTER)
+                }
+                stepper.load_state_dict(arrays, setup.checkpoint.steps)
 
     @property
     def stepper(self) -> Trajectory:
@@ -341,8 +346,11 @@ class Simulation:
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
             observers.append(ProgressBar())
         self._evaluator.warn = warn = warn or self._warn
-        for text in self.setup.warnings:
-            warn(text)
+        if self.setup.has_other_code:
+            warn(
+                f"{self.setup.config.restart} was written by other code of swe_sphere: the run goes"
+                " on from it, but is not bit for bit the one that either code would have made alone"
+            )
         dt, limit = self.plan.dt, self.stable_dt()
         if dt > FAR * limit:
             warn(

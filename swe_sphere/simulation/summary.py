@@ -11,17 +11,10 @@ from typing import Any, TypeVar
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, KEYS
 from swe_sphere.simulation.loop import Interrupted
 
 T = TypeVar("T")
-
-KEYS = (
-    "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
-    "rhs_evaluations", "newton_iterations", "krylov_iterations", "l1_h", "l2_h", "linf_h",
-    "l2_v", "mass_drift", "energy_drift", "enstrophy_drift", "completed", "reason",
-)  # fmt: skip
-"""Keys that every JSON line has, in this order; more follow."""
 
 ROWS = Path(__file__).with_name("summary.j2")
 """Template of the table."""

@@ -23,7 +23,7 @@ from swe_sphere.settings.values import SCENE, Setting
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.loop import Interrupted
-from swe_sphere.simulation.restart import method_sources, scene_sources
+from swe_sphere.simulation.restart import run_sources
 from swe_sphere.simulation.simulation import run
 
 MOST = 1000
@@ -84,7 +84,8 @@ def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
     apart = {"overwrite": False, "out": None}
     if stored | apart != wanted | apart:
         return False
-    sources = scene_sources(config.scene, make_scene(config)) | method_sources(config)
+    methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
+    sources = run_sources(config.scene, make_scene(config), **methods)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
         raise ConfigError(
             f"{file} was made by other code, or from files that have been edited since: make the"

@@ -31,7 +31,7 @@ from swe_sphere.simulation.build import Setup, make_mesh, make_scene, start_warp
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
-from swe_sphere.simulation.restart import identity, scene_sources
+from swe_sphere.simulation.restart import identity, run_sources
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 from swe_sphere.steppers import STEPPERS, Stepper, get_stepper
@@ -193,7 +193,7 @@ class Study:
         Scenes of one name are told apart by where they come from: the package, a file or an object.
         Times of one processor say nothing of those of another.
         """
-        files = scene_sources(self.plan.scene, self.scene)
+        files = run_sources(self.plan.scene, self.scene)
         origin = "a file" if SCENE_FILE in files else "the package"
         if self._own is not None:
             origin = users_fingerprint(self._own.initial)
