@@ -11,7 +11,7 @@ import pytest
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.simulation import build
-from swe_sphere.simulation.build import PROGRAM, check_memory, make_scene, needed_memory
+from swe_sphere.simulation.build import MEMORY, check_memory, make_scene, needed_memory
 from swe_sphere.simulation.config import make_config
 from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS
@@ -47,7 +47,7 @@ def test_estimate_is_what_a_run_takes(stepper: str, ne: int, np_: int) -> None:
     if done.returncode == 3:
         pytest.skip("this system does not tell the peak of a run")
     measured, config = float(done.stdout), make_config(given)
-    estimate = needed_memory(config, make_scene(config), ne, np_) - PROGRAM
+    estimate = needed_memory(config, make_scene(config), ne, np_) - MEMORY["program"]
     assert 0.9 * measured < estimate < 1.4 * measured
     assert measured < (900.0 if stepper == "rk4" else 2800.0) * 6 * (ne * np_) ** 2
 
@@ -77,7 +77,9 @@ def test_factors_of_a_preconditioner_count(name: str, monkeypatch) -> None:
 
 def test_the_table_goes_on_beyond_its_end() -> None:
     config, scene = make_config({"scene": "williamson5"}), get_scene("williamson5")
-    node = {n: (needed_memory(config, scene, 8, n) - PROGRAM) / n**2 for n in (8, 12, 14, 16)}
+    node = {
+        n: (needed_memory(config, scene, 8, n) - MEMORY["program"]) / n**2 for n in (8, 12, 14, 16)
+    }
     assert node[16] - node[12] == pytest.approx(node[12] - node[8])
     assert node[14] - node[12] == pytest.approx(0.5 * (node[12] - node[8]))
 

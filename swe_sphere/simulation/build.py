@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -306,22 +307,8 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
     return options
 
 
-PROGRAM = 2.5e8
-"""Memory [bytes] of the interpreter, the libraries and compiled kernels."""
-NODES = (3, 4, 6, 8, 12)
-BYTES = {
-    "explicit": (480, 545, 645, 710, 790),
-    "imex": (1850, 1930, 2850, 2550, 3250),
-    "exponential": (740, 910, 1120, 1280, 1650),
-    "implicit": (1500, 1600, 2250, 2000, 2700),
-    "gauss-legendre": (2000, 2100, 2900, 2700, 3600),
-}
-"""Peak memory [bytes] an element node of runs of williamson5, by family or name of the stepper and
-for the number of nodes on an edge in `NODES` (docs/memory.md)."""
-TRACER = 0.05
-"""Memory of a tracer, as a part of the memory of a run without."""
-DIFFUSION = 200.0
-"""Additional memory [bytes] an element node with viscosity or hyperviscosity."""
+MEMORY = tomllib.loads(Path(__file__).with_name("memory.toml").read_text("utf-8"))
+"""Peak memory of runs, as measured (docs/memory.md)."""
 
 
 def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
@@ -332,12 +319,17 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     from swe_sphere.steppers import get_stepper
 
     kind = get_stepper(config.stepper)
-    row = BYTES.get(kind.name, BYTES[kind.family])
-    beyond = max(0, np - NODES[-1]) / (NODES[-1] - NODES[-2])
-    node = float(numpy.interp(np, NODES, row)) + beyond * (row[-1] - row[-2])
-    node *= 1.0 + TRACER * len(scene.tracers or ())
-    node += DIFFUSION if any(effect.diffuses for effect in scene.effects) else 0.0
-    return PROGRAM + node * 6.0 * (ne * np) ** 2 + _memory_of_factors(config, scene, ne, np)
+    nodes, rows = MEMORY["nodes"], MEMORY["bytes"]
+    row = rows.get(kind.name, rows[kind.family])
+    beyond = max(0, np - nodes[-1]) / (nodes[-1] - nodes[-2])
+    node = float(numpy.interp(np, nodes, row)) + beyond * (row[-1] - row[-2])
+    node *= 1.0 + MEMORY["tracer"] * len(scene.tracers or ())
+    node += MEMORY["diffusion"] if any(effect.diffuses for effect in scene.effects) else 0.0
+    return (
+        float(MEMORY["program"])
+        + node * 6.0 * (ne * np) ** 2
+        + _memory_of_factors(config, scene, ne, np)
+    )
 
 
 def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> float:

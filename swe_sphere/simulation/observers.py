@@ -74,7 +74,6 @@ class HealthCheck(Observer):
         self._energy = self._space.dot(start, start)
 
     def due(self, step: int) -> bool:
-        """Every few steps."""
         return step % EVERY == 0
 
     def observe(self, snapshot: Snapshot) -> None:
@@ -138,7 +137,6 @@ class Recorder(Observer):
         sim.run_id = sim.comm.on_root(open_file)
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Write the first frame."""
         self.frame(snapshot)
 
     def due(self, step: int) -> bool:
@@ -146,7 +144,6 @@ class Recorder(Observer):
         return self.plan.is_frame(step) or step % self.plan.interval(SAMPLES) == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Write a frame if one is due, and else a sample."""
         if self.plan.is_frame(snapshot.steps):
             self.frame(snapshot)
             return
@@ -185,7 +182,6 @@ class Ticker(Observer):
     function: Callable[[int], None]
 
     def tick(self, step: int) -> None:
-        """Call the function."""
         self.function(step)
 
 
@@ -195,7 +191,6 @@ class ProgressBar(Observer):
     _bar: Any = None
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Show the bar."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of tqdm, in notebooks without widgets: text will do
             from tqdm.auto import tqdm
@@ -208,7 +203,6 @@ class ProgressBar(Observer):
             )  # fmt: skip
 
     def tick(self, step: int) -> None:
-        """Move the bar."""
         if self._bar is not None:
             with suppress(OSError):
                 day = self._plan.time(step) / DAY
@@ -216,7 +210,6 @@ class ProgressBar(Observer):
                 self._bar.update(step - self._bar.n)
 
     def end(self) -> None:
-        """Remove the bar."""
         if self._bar is not None:
             with suppress(OSError):
                 self._bar.close()
@@ -229,12 +222,10 @@ class LogLines(Observer):
     """Seconds before the first line; each further line waits a tenth of the elapsed time, or so."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Start the clock."""
         self._start, self._plan, self._from = time.perf_counter(), plan, snapshot.time
         self._due = self._start + self.PATIENCE
 
     def tick(self, step: int) -> None:
-        """Print the day, the speed and the remaining time, where a line is due."""
         now = time.perf_counter()
         if now < self._due:
             return
@@ -269,15 +260,12 @@ class LiveView(Observer):
         comm.on_root(self._picture.check_terminal)
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        """Plan the pictures."""
         self._every, self._days = plan.interval(PICTURES), plan.time(plan.steps) / DAY
 
     def due(self, step: int) -> bool:
-        """About `PICTURES` times in a run."""
         return step % self._every == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Draw the state, if it is due."""
         if not self.due(snapshot.steps):
             return
         from swe_sphere.io.runfile import Frame
@@ -294,7 +282,7 @@ class Callback(Observer):
 
     function: Function
     steps: int | None = None
-    seconds: float | None = None
+    seconds: Fraction | None = None
     """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
     sim: object = None
 
@@ -312,11 +300,9 @@ class Callback(Observer):
         return replace(self, steps=steps, sim=sim)
 
     def due(self, step: int) -> bool:
-        """At multiples of the interval."""
         return self.steps is not None and step % self.steps == 0
 
     def observe(self, snapshot: Snapshot) -> None:
-        """Call the function, if it is due; RunFailed states which function failed, and where."""
         if not self.due(snapshot.steps):
             return
         name = getattr(self.function, "__name__", type(self.function).__name__)
@@ -375,7 +361,7 @@ def every(
         )
     if steps is not None:
         return lambda function: Callback(function, steps=steps)
-    return lambda function: Callback(function, seconds=seconds)
+    return lambda function: Callback(function, seconds=Fraction(seconds).limit_denominator(1000))
 
 
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
@@ -391,12 +377,3 @@ def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
         if isinstance(each, Callback) and not callable(each.function):
             raise ConfigError(f"a callback is a function of the simulation, not {each.function!r}")
     return found
-
-
-def intervals(callbacks: Iterable[Observer]) -> list[Fraction]:
-    """Return the times [s] between calls of the callbacks that are scheduled by time."""
-    return [
-        Fraction(callback.seconds).limit_denominator(1000)
-        for callback in callbacks
-        if isinstance(callback, Callback) and callback.seconds is not None
-    ]

@@ -45,7 +45,6 @@ from swe_sphere.simulation.observers import (
     ProgressBar,
     Recorder,
     guard,
-    intervals,
     read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
@@ -340,7 +339,7 @@ class Simulation:
         self.comm.on_root(lambda: restart.check_paths(config))
         self.config = config
         self.setup.check_reference(self.days)
-        self.begin(also=intervals(calls))
+        self.begin(also=[c.seconds for c in calls if isinstance(c, Callback) and c.seconds])
         self._out = path or self._out
         observers = [c.on(self, self.plan) if isinstance(c, Callback) else c for c in calls]
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
