@@ -42,21 +42,6 @@ class TimedOut(RunFailed):
     status = "timed-out"
 
 
-class _Short(reprlib.Repr):
-    """Of long values the beginning and the end."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxstring = self.maxother = self.maxlong = 60
-
-    def repr_int(self, x: int, level: int) -> str:
-        """Also of whole numbers that Python itself refuses to write out."""
-        try:
-            return super().repr_int(x, level)
-        except ValueError:
-            return "a number of thousands of digits"
-
-
 def in_one_line(text: object) -> str:
     """The text without line breaks."""
     return " ".join(str(text).split())
@@ -64,7 +49,12 @@ def in_one_line(text: object) -> str:
 
 def shown(value: object) -> str:
     """The value as an error message shows it: in Python's notation, shortened where it is long."""
-    return _Short().repr(value)
+    short = reprlib.Repr()
+    short.maxstring = short.maxother = short.maxlong = 60
+    try:
+        return short.repr(value)
+    except ValueError:  # Python refuses to write such whole numbers out
+        return "a number of thousands of digits"
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> ConfigError:

@@ -16,7 +16,7 @@ import xarray as xr
 from swe_sphere.analysis.grids import parse_grid
 from swe_sphere.analysis.regrid import Regridder, fields_of, on_grid, regridder
 from swe_sphere.errors import ConfigError, unknown_name
-from swe_sphere.files.durable import clear_errors, part_of, refuse_to_replace, remove, take_place
+from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, engine
 from swe_sphere.io.zarr_store import check_zarr
@@ -75,7 +75,8 @@ def regrid_file(
 
 
 def _check_other(path: Path, out: Path, overwrite: bool) -> None:
-    refuse_to_replace(out, overwrite)
+    if out.exists() and not overwrite:
+        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
     if out.exists() and out.samefile(path):
         raise ConfigError(f"{out} is the file that is read: choose another name")
 

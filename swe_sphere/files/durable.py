@@ -73,12 +73,6 @@ def take_lock(file: int) -> bool:
     return True
 
 
-def refuse_to_replace(path: Path, overwrite: bool) -> None:
-    """Raise ConfigError if something exists at the path, unless `overwrite` is set."""
-    if path.exists() and not overwrite:
-        raise ConfigError(f"{path} is there already: choose another name, or say --overwrite")
-
-
 def part_of(path: Path) -> Path:
     """Return the path at which the file or folder for a path is built."""
     return path.with_name(path.name + ".part")

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,8 +109,8 @@ class Setup:
             checkpoint is not None and checkpoint.attributes.get("code") != code_fingerprint()
         )
         """Whether other code of this package wrote the state that the run resumes from."""
-        self.limits: dict[str, float] = {}
-        """Limits of the step that have been computed so far [s]."""
+        self.limit: float | None = None
+        """The stability limit [s], once it has been computed."""
 
     def check_reference(self, days: float) -> None:
         """Raise ConfigError if the reference is of another time than the end of the run [days]."""
@@ -150,21 +151,20 @@ class Setup:
 
         Raises ConfigError where the stepper does not return a number.
         """
-        if "stable" not in self.limits:
+        if self.limit is None:
             counted = dict(self.model.counters)
             spectrum = self.kind.spectrum(self.model, self.model.initial_state())
             self.model.counters.update(counted)  # evaluations of the estimate are none of the run
             label = f"stable_dt of stepper {self.kind.name}"
             limit = guarded(label, self.kind.limit, spectrum)
-            self.limits["stable"] = float(convert(label, float, limit, finite=False))
-        return self.limits["stable"]
+            self.limit = float(convert(label, float, limit, finite=False))
+        return self.limit
 
+    @cached_property
     def gravity_limit(self) -> float:
-        """Return 1 over the spectral radius of waves at the initial state [s]."""
-        if "gravity" not in self.limits:
-            radius = self.model.spectrum(self.model.initial_state()).wave
-            self.limits["gravity"] = 1.0 / radius if radius > 0.0 else math.inf
-        return self.limits["gravity"]
+        """1 over the spectral radius of waves at the initial state [s]."""
+        radius = self.model.spectrum(self.model.initial_state()).wave
+        return 1.0 / radius if radius > 0.0 else math.inf
 
 
 def read_setup(

@@ -455,7 +455,7 @@ class Simulation:
             "dt": plan and plan.dt,
             "steps_at_once": plan and plan.cycle,
             "dt_rule": plan and plan.rule,
-            "stable_dt": self.setup.limits.get("stable"),
+            "stable_dt": self.setup.limit,
             "device": self.model.device,
             "launch": self.model.shape,
         }

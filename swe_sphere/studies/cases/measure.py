@@ -308,7 +308,7 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     costs = sim.stepper.costs()
     ended.numbers = series.numbers() | {
         "dt": sim.plan.dt,
-        "dt_over_gravity": sim.plan.dt / sim.setup.gravity_limit(),
+        "dt_over_gravity": sim.plan.dt / sim.setup.gravity_limit,
         "steps": float(sim.steps),
         "step_seconds": sim.clock.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},
@@ -323,7 +323,7 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     if case.part is not None and math.isfinite(sim.stable_dt()):
         dt = case.part * sim.stable_dt()
     else:
-        dt = (case.courant or 1.0) * sim.setup.gravity_limit()
+        dt = (case.courant or 1.0) * sim.setup.gravity_limit
         wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
         if case.advective is not None and wind > 0.0:
             dt = min(dt, case.advective * sim.mesh.spacing()[0] / wind)

@@ -104,7 +104,7 @@ class Discretisation:
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
         same, were there no gravity waves.
         """
-        gravity = self._sim.setup.gravity_limit()
+        gravity = self._sim.setup.gravity_limit
         at_start = state_integrals(self.model, self.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
