@@ -23,8 +23,7 @@ def is_user_file(name: str | Path) -> bool:
 def load_file(path: Path, what: str) -> ModuleType:
     """Execute a file and return it as a module; what: its contents, for messages.
 
-    Raises:
-        ConfigError: there is no such file, or it fails; the line names the file and the line.
+    Raises ConfigError where there is no such file or it fails; the message names file and line.
     """
     contents, place = file_contents(path, what), str(path.resolve())
     # each file has another name

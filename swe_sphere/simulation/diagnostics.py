@@ -287,11 +287,7 @@ def _is_taken(name: str) -> bool:
 
 
 def load_diagnostics(path: Path) -> None:
-    """Register the diagnostics that a Python file defines.
-
-    Raises:
-        ConfigError: no such file, a file that fails, or one without a diagnostic.
-    """
+    """Register the diagnostics that a Python file defines; ConfigError where it has none."""
     before = dict(DIAGNOSTICS)
     load_file(path, "diagnostic")
     if before == DIAGNOSTICS:
@@ -351,8 +347,7 @@ class Evaluator:
     def own(self) -> tuple[Numbers, Fields]:
         """Return numbers and fields (N,) of the present state by user-defined diagnostics.
 
-        Raises:
-            RunFailed: a function fails, or returns neither, or not the kind it returned at first.
+        Raises RunFailed where one fails, or returns neither, or not the kind it returned at first.
         """
         values = {name: self._value(own) for name, own in DIAGNOSTICS.items()}
         numbers = {name: float(value) for name, value in values.items() if value.ndim == 0}

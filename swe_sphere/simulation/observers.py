@@ -367,8 +367,7 @@ def every(
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
     """Return the callbacks of a run as observers: a plain function is called after every step.
 
-    Raises:
-        ConfigError: one of them cannot be called, or they are no list.
+    Raises ConfigError where one of them cannot be called, or they are no list.
     """
     if not isinstance(callbacks, Iterable):
         raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")

@@ -152,8 +152,7 @@ class Simulation:
         scene: needed if it was given as an object.  settings: as of `Simulation`; the stepper, the
         mesh and the effects are those of the earlier run.
 
-        Raises:
-            ConfigError: the file is missing or damaged, or of another run than requested.
+        Raises ConfigError where the file is missing, damaged, or of another run than requested.
         """
         from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
@@ -238,11 +237,7 @@ class Simulation:
         return 0.0 if self._stepper is None else round(self.steps * self._stepper.dt, 6)
 
     def step(self) -> None:
-        """Take one step.
-
-        Raises:
-            RunFailed: it cannot be taken.
-        """
+        """Take one step; RunFailed where it cannot be taken."""
         self._begin_once()
         self.stepper.step()
 
@@ -578,10 +573,8 @@ def run(
 ) -> Summary:
     """Run a scene; the summary states how the run ended, also where it stopped early.
 
-    observers: watch the run.  warn: called with each warning.
-
-    Raises:
-        ConfigError: it cannot be run as requested.
+    observers: watch the run.  warn: called with each warning.  Raises ConfigError where the scene
+    cannot be run as requested.
     """
     started = time.perf_counter()
     sim = Simulation(Setup(config))
