@@ -322,14 +322,11 @@ def needed_memory(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
     nodes, rows = MEMORY["nodes"], MEMORY["bytes"]
     row = rows.get(kind.name, rows[kind.family])
     beyond = max(0, np - nodes[-1]) / (nodes[-1] - nodes[-2])
-    node = float(numpy.interp(np, nodes, row)) + beyond * (row[-1] - row[-2])
+    node: float = numpy.interp(np, nodes, row) + beyond * (row[-1] - row[-2])
     node *= 1.0 + MEMORY["tracer"] * len(scene.tracers or ())
     node += MEMORY["diffusion"] if any(effect.diffuses for effect in scene.effects) else 0.0
-    return (
-        float(MEMORY["program"])
-        + node * 6.0 * (ne * np) ** 2
-        + _memory_of_factors(config, scene, ne, np)
-    )
+    program: float = MEMORY["program"]
+    return program + node * 6.0 * (ne * np) ** 2 + _memory_of_factors(config, scene, ne, np)
 
 
 def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> float:
