@@ -33,7 +33,15 @@ class BDF2(ImplicitStepper):
     def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
         before = self.solver.last_dt
         if before == 0.0:
-            return self._start_up(t, dt, out)
+            starter = self._starter
+            starter.start(self.state, t)
+            self.solver.aim(starter.state, starter.error_constant, starter.order, dt)
+            # a few more iterations with the set-up of the steps to come cost less than another one
+            self.solver.prepared_for = 2.0 / 3.0 * dt
+            try:
+                return starter.solve_step(t, dt, out)
+            finally:
+                self.solver.prepared_for = None
         w = dt / before
         now, past = (1.0 + w) ** 2 / (1.0 + 2.0 * w), -(w**2) / (1.0 + 2.0 * w)
         self.space.copy(self.state, self._rhs)
@@ -46,14 +54,3 @@ class BDF2(ImplicitStepper):
     def accept(self, dt: float) -> None:
         self.space.copy(self.state, self.previous)
         super().accept(dt)
-
-    def _start_up(self, t: float, dt: float, out: wp.array) -> str | None:
-        """A few more iterations with the set-up of the steps to come cost less than another one."""
-        starter = self._starter
-        starter.start(self.state, t)
-        self.solver.aim(starter.state, starter.error_constant, starter.order, dt)
-        self.solver.prepared_for = 2.0 / 3.0 * dt
-        try:
-            return starter.solve_step(t, dt, out)
-        finally:
-            self.solver.prepared_for = None

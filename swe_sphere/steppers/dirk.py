@@ -159,8 +159,7 @@ class Rosenbrock(DiagonallyImplicit):
         self._inner, self._coupling = alpha @ self._inverse, -np.tril(self._inverse, -1)
 
     def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
-        weights: NDArray[np.float64] = b @ self._inverse
-        return weights
+        return np.asarray(b @ self._inverse)
 
     def begin(self, slope: wp.array) -> None:
         """Guess the solutions that the slope at the start would have."""
@@ -177,9 +176,14 @@ class Rosenbrock(DiagonallyImplicit):
         problem.time = t
         problem.linearise(self.state)
         for i in range(len(self.b)):
-            self._right_hand_side(i, t, dt)
-            # (I - tau J) u_i = right-hand side; u_i has its mass, which J does not move
-            u = self._slopes[i]
+            # (I - tau J) u_i = gamma [F(x + dt sum a_ij u_j) + sum c_ij u_j + gamma_i dt dF/dt]
+            space.combine(self.state, self._stack, dt * self._inner[i, :i], self._point)
+            self.model.tendency(self._point, t + self._c[i] * dt, self._rhs)
+            space.scale(self.gamma, self._rhs)
+            space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
+            if self._has_drift:
+                space.axpy(self.gamma * self._sums[i] * dt, self._drift, self._rhs)
+            u = self._slopes[i]  # it has the mass of the right-hand side, which J does not move
             space.copy(self.guesses[i], u)
             result = solver.solve_linear(self._rhs, u, atol=goal, floor=solver.worthless() / dt)
             solver.restore_mass(self._rhs, u)
@@ -187,16 +191,6 @@ class Rosenbrock(DiagonallyImplicit):
                 return result.message
         self._finish(dt, out)
         return None
-
-    def _right_hand_side(self, i: int, t: float, dt: float) -> None:
-        """gamma [F(x + dt sum a_ij u_j) + sum c_ij u_j + gamma_i dt dF/dt]."""
-        space = self.space
-        space.combine(self.state, self._stack, dt * self._inner[i, :i], self._point)
-        self.model.tendency(self._point, t + self._c[i] * dt, self._rhs)
-        space.scale(self.gamma, self._rhs)
-        space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
-        if self._has_drift:
-            space.axpy(self.gamma * self._sums[i] * dt, self._drift, self._rhs)
 
     def _differentiate(self, t: float, dt: float) -> None:
         """dF/dt at the start, for a wind or forcing that changes, by differences.

@@ -103,8 +103,7 @@ class FlowLimited(Stepper):
         def growth(z_wave: Complex, z_dissipation: Complex) -> NDArray[np.float64]:
             z, loss = z_wave[..., None], z_dissipation[..., None]
             steps = (cls.propagator(share, waves * z, winds * z, loss) for waves, winds in cases)
-            largest: NDArray[np.float64] = np.max([largest_eigenvalue(s) for s in steps], axis=0)
-            return largest
+            return np.asarray(np.max([largest_eigenvalue(s) for s in steps], axis=0))
 
         return largest_step(
             growth, wave, dissipation, cls.reach, WEAK if share else TOLERANCE, cls.looks

@@ -80,8 +80,7 @@ class ImexStepper(Stepper):
         of_faster = np.geomspace(cls.faster, MUCH_FASTER, 40)
         factors = np.concatenate([-of_faster, [0.0], of_faster])
         z_implicit = factors.reshape(-1, *(1 for _ in z_wave.shape)) * z_wave
-        largest: NDArray[np.float64] = cls.split_growth(z_implicit, z_wave, z_dissipation).max(0)
-        return largest
+        return np.asarray(cls.split_growth(z_implicit, z_wave, z_dissipation).max(0))
 
     @classmethod
     @abstractmethod
@@ -173,26 +172,23 @@ class ImexRungeKutta(ImexStepper):
         self.model.tendency(self.state, self.time, self._full[0])
         self.solver.waves.apply(self.state, self._linear[0])
         for i in range(1, len(self.b)):
-            self._solve_stage(i)
+            # the change Y_i - x, and L Y_i
+            self._sums[i](self._nothing, self._known)
+            self.space.copy(self._known, self._rhs)
+            self.space.axpy(self._tau, self._linear[0], self._rhs)
+            wp.copy(self._guess, self._known[self._depth])
+            self._depths.axpy(self._tau, self.slopes[i], self._guess)
+            self.solver.solve(self._tau, self.time, self._rhs, self._guess, self._change)
+            slope = self._linear[i]
+            self.space.copy(self._change, slope)
+            self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
+            wp.copy(self.slopes[i], slope[self._depth])
             self.space.copy(self.state, self._stage)
             self.space.axpy(1.0, self._change, self._stage)
             self.model.tendency(self._stage, self.time + self._offsets[i], self._full[i])
         self._last(self.state, self._stage)
         self.solver.accept(self.state, self._stage, self.dt)
         self.space.copy(self._stage, self.state)
-
-    def _solve_stage(self, i: int) -> None:
-        """The change Y_i - x, and L Y_i."""
-        self._sums[i](self._nothing, self._known)
-        self.space.copy(self._known, self._rhs)
-        self.space.axpy(self._tau, self._linear[0], self._rhs)
-        wp.copy(self._guess, self._known[self._depth])
-        self._depths.axpy(self._tau, self.slopes[i], self._guess)
-        self.solver.solve(self._tau, self.time, self._rhs, self._guess, self._change)
-        slope = self._linear[i]
-        self.space.copy(self._change, slope)
-        self.space.axpby(-1.0 / self._tau, self._known, 1.0 / self._tau, slope)
-        wp.copy(self.slopes[i], slope[self._depth])
 
     @classmethod
     def split_growth(

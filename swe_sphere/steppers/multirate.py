@@ -133,8 +133,7 @@ class InfinitesimalStep(FlowLimited):
             moved = np.tensordot(alpha[i], changes, 1) - mean
             rate = np.tensordot(gamma[i] / d, changes, 1) + np.tensordot(beta[i] / d, slopes, 1)
             changes[i] = mean + _waves(wave, moved, rate, d, steps)
-        after: Complex = x + changes[-1]
-        return after
+        return np.asarray(x + changes[-1])
 
 
 def substep_counts(beta: Matrix, angle: float) -> list[int]:

@@ -116,8 +116,7 @@ def runge_kutta_growth(
         z[..., None, None] * a for (a, _), z in zip(parts, stacked, strict=True)
     )
     stages = np.linalg.solve(matrix, np.ones((*matrix.shape[:-1], 1)))[..., 0]
-    growth: NDArray[np.float64] = np.abs(1.0 + sum(stacked) * (stages @ b))
-    return growth
+    return np.asarray(np.abs(1.0 + sum(stacked) * (stages @ b)))
 
 
 def largest_eigenvalue(step: Complex) -> NDArray[np.float64]:
