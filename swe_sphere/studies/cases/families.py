@@ -23,7 +23,7 @@ FAMILIES = {
     ),
     "stability": (
         "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
-        "precision", "long-steps", "stretched", "planets", "rest", "modons", "guards",
+        "precision", "long-steps", "tilted", "stretched", "planets", "rest", "modons", "guards",
     ),
 }  # fmt: skip
 """Folders of files of cases, and the files in the order of the page."""
