@@ -81,7 +81,7 @@ def _planned(
     plans = recipe.plans(flags)
     if recipe.mapped and any(plan.jobs > 1 for plan in plans):
         raise ConfigError("jobs: a map ranks by CPU time, which only runs alone have: leave it out")
-    return [(out if recipe.single else out / plan.folder, plan) for plan in plans]
+    return [(out if recipe.single else out / folder_of(dict(plan)), plan) for plan in plans]
 
 
 def _begun(out: Path) -> list[Path]:

@@ -77,13 +77,12 @@ def build_dataset(header: Header, records: list[RunRecord]) -> xr.Dataset:
             with np.errstate(divide="ignore", invalid="ignore"):
                 data["spread"] = ("run", times[:, 1] / times[:, 0] - 1.0, told)
     data["error"] = _errors([*firsts.values()])
-    values, (dt, check) = dict(header), _converged(records)
     attributes = {
-        name: values[name] for name in ("scene", "machine", "cores", "created", "command")
+        name: json.dumps(value) if isinstance(value, dict) else value for name, value in header
     }
-    attributes |= {name: json.dumps(values[name]) for name in ("plan", "sources", "versions")}
-    attributes |= {"title": f"time steps and cost: {header.title}"}
-    return xr.Dataset(data, attrs=attributes | {"converged_dt": dt, "converged_check": check})
+    attributes["title"] = f"time steps and cost: {header.title}"
+    attributes["converged_dt"], attributes["converged_check"] = _converged(records)
+    return xr.Dataset(data, attrs=attributes)
 
 
 def write_dataset(folder: Path) -> xr.Dataset:

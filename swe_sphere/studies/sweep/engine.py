@@ -6,9 +6,9 @@ import gc
 import math
 import os
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import xarray as xr
 from swe_sphere.equations.scene import Scene
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import refuse_ranks
-from swe_sphere.simulation.loop import Interrupted, Interruption
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.steppers import Stepper
 from swe_sphere.studies.jobs import Tell, in_processes
 from swe_sphere.studies.record_store import locked
@@ -26,7 +26,7 @@ from swe_sphere.studies.sweep.errors import Evaluator
 from swe_sphere.studies.sweep.record import RunRecord, current, note_plan, runs_of
 from swe_sphere.studies.sweep.runner import Runner, SweepWatcher
 from swe_sphere.studies.sweep.runs import Integrator, RunSpec, Study, users_methods
-from swe_sphere.studies.sweep.steps import longest_accurate, longest_working
+from swe_sphere.studies.sweep.steps import NoStepError, longest_accurate, longest_working
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan, make_plan
 
 SHORTEST = 64.0
@@ -118,14 +118,10 @@ def run_plan(
         try:
             work.run()
         except Interrupted:
-            if work.has_runs:
+            if current(work.store.records, work.sources):
                 write_dataset(folder)
             raise
         return write_dataset(folder)
-
-
-class BudgetSpent(Exception):
-    """The budget of a search is used up."""
 
 
 class Sweep:
@@ -145,23 +141,16 @@ class Sweep:
         """tell: passes records on to the process that keeps them, beside which this one runs."""
         self._plan, self._folder, self._watcher = plan, folder, watcher
         self._study = study = Study(plan, own)
-        self._sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
-        self._store = runs_of(folder, tell)
+        self.sources = study.sources | users_methods(plan.steppers, plan.preconditioner)
+        self.store = runs_of(folder, tell)
         if tell is None:
-            records = self._store.records
-            if stale := note_plan(folder, records, plan, study.scene, self._sources):
+            records = self.store.records
+            if stale := note_plan(folder, records, plan, study.scene, self.sources):
                 watcher.note(stale)
-        self._interruption = Interruption()
-        self._runner = Runner(
-            self._store, study.sources, self._interruption, watcher, plan.time_limit,
-            plan.jobs if tell else 1,
-        )  # fmt: skip
+        jobs = plan.jobs if tell else 1
+        self._runner = Runner(self.store, study.sources, watcher, plan.time_limit, jobs)
         self._evaluator = Evaluator(study, self._runner, folder)
-
-    @property
-    def has_runs(self) -> bool:
-        """Whether there is a record of any run of these sources."""
-        return bool(current(self._store.records, self._sources))
+        self._everyone = study.integrators()
 
     def run(self) -> None:
         """Make all runs that are still missing.
@@ -171,7 +160,7 @@ class Sweep:
             RunFailed: the disk does not take the results.
         """
         plan = self._plan
-        with _settled_objects(), self._interruption:
+        with _settled_objects(), self._runner.interruption:
             for space in self._study.spaces():
                 self._evaluator.converged(space)
             if plan.jobs > 1:  # from here on their runs are known
@@ -179,15 +168,11 @@ class Sweep:
                 for record in in_processes(plan.jobs, making_parts, arguments, parts):
                     self._watcher.beside(self._runner.keep(record))
             if plan.target_error is None:
-                self._grid([run for each in self._everyone for run in each.grid()])
+                self._grid([each.grid() for each in self._everyone])
             else:
                 self._search(self._everyone, plan.target_error)
             for integrator in self._everyone if plan.find_limit else ():
                 self._find_limit(integrator)
-
-    @cached_property
-    def _everyone(self) -> list[Integrator]:
-        return self._study.integrators()
 
     # --- in processes beside each other
 
@@ -214,24 +199,21 @@ class Sweep:
             self._search([integrator], self._plan.target_error or 0.0)
         else:
             runs = integrator.grid()
-            self._grid(runs if place is None else [runs[place]])
+            self._grid([runs if place is None else [runs[place]]])
 
     # --- grid
 
-    def _grid(self, runs: list[RunSpec]) -> None:
+    def _grid(self, grids: list[list[RunSpec]]) -> None:
         """Round the integrators: first the longest step of each, then the next.
 
         With `enough` in the plan an integrator ends where shorter steps can be no better buy.
         """
-        self._watcher.expect(len(runs))
-        by_integrator: dict[Integrator, list[RunSpec]] = {}
-        for run in runs:
-            by_integrator.setdefault(run.integrator, []).append(run)
-        costs: dict[Integrator, list[float]] = {of: [] for of in by_integrator}
+        self._watcher.expect(sum(map(len, grids)))
+        costs: defaultdict[Integrator, list[float]] = defaultdict(list)
         least: dict[object, float] = {}
         finished: set[Integrator] = set()
         made = []
-        for run in (run for each in zip_longest(*by_integrator.values()) for run in each if run):
+        for run in (run for each in zip_longest(*grids) for run in each if run):
             if run.integrator in finished:
                 self._watcher.expect(-1)
                 continue
@@ -309,9 +291,8 @@ class Sweep:
         good: list[RunSpec] = []
         for left, integrator in zip(range(len(everyone), 0, -1), everyone, strict=True):
             tried: dict[RunSpec, RunRecord] = {}
-            reason = self._longest_accurate(
-                integrator, target, tried, SEARCHING * self._left / left
-            )
+            share = SEARCHING * self._left / left
+            reason = self._longest_accurate(integrator, target, tried, share)
             costs = {run: of.seconds for run, of in tried.items() if self._error(of) <= target}
             if not costs:
                 self._watcher.note(f"{integrator.label}: {reason}")
@@ -340,7 +321,9 @@ class Sweep:
             run = integrator.run(dt, "target")
             left = min(end - self._runner.spent, self._plan.time_limit or math.inf)
             if left <= 0.0:
-                raise BudgetSpent
+                raise NoStepError(
+                    f"no step is good enough that its share of {max(budget, 0.0):.3g} s allows"
+                )
             if run not in tried:
                 self._watcher.expect(1)
             self._runner.time_limit = left if math.isfinite(left) else None
@@ -350,9 +333,10 @@ class Sweep:
         longest = integrator.dt_sequence(1)[0]
         shortest = min(longest, integrator.space.limits["gravity_limit"]) / SHORTEST
         try:
-            return longest_accurate(error, target, longest, shortest).reason
-        except BudgetSpent:
-            return f"no step is good enough that its share of {max(budget, 0.0):.3g} s allows"
+            longest_accurate(error, target, longest, shortest)
+        except NoStepError as none:
+            return str(none)
+        return ""
 
     def _error(self, record: RunRecord) -> float:
         """The error at the end of a run that the plan's target speaks of; infinite if it failed."""

@@ -95,17 +95,18 @@ class Evaluator:
 
     def _total_errors(self, space: Discretisation, history: History) -> list[Errors]:
         """The total errors alone."""
-        norms = {day: self._total_norms(space, day, fields) for day, fields in history.items()}
-        return Errors.of("total", norms)
-
-    def _total_norms(self, space: Discretisation, day: float, fields: Fields) -> Norms:
-        key = (space.identity, day)
-        if key not in self._right:
-            self._right[key] = self._reference(space, day)
-        right = self._right[key]
-        if isinstance(right, OnGrid):
-            return right.errors(fields | {"b": space.start["b"]}, space.scene.error_field)
-        return {} if right is None else flow_errors(space.model, fields, right)
+        found: dict[float, Norms] = {}
+        for day, fields in history.items():
+            key = (space.identity, day)
+            if key not in self._right:
+                self._right[key] = self._reference(space, day)
+            right = self._right[key]
+            if isinstance(right, OnGrid):
+                whole = fields | {"b": space.start["b"]}
+                found[day] = right.errors(whole, space.scene.error_field)
+            elif right is not None:
+                found[day] = flow_errors(space.model, fields, right)
+        return Errors.of("total", found)
 
     def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
         """What a file holds, the exact solution at the nodes, or that of the finer run there."""

@@ -150,7 +150,8 @@ def note_plan(
             f"{folder} holds a sweep of {last.scene}, not of {scene.name}: choose another folder"
         )
     now = Header(
-        scene=scene.name, title=scene.title, plan=plan.changes(), sources=sources,
+        scene=scene.name, title=scene.title, sources=sources,
+        plan=plan.model_dump(mode="json", exclude_defaults=True),
         machine=f"{processor()}, {platform.system()}", cores=os.cpu_count(), versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"), command=command_line(),
     )  # fmt: skip

@@ -76,7 +76,13 @@ def execute(
     snapshots = Snapshots(spec.report_steps())
     observers = [snapshots, *([] if tick is None else [Ticker(tick)])]
     ended = stepped(sim, observers, time_limit, interruption)
-    ended.numbers = _costs(sim)
+    counts = sim.counts()
+    ended.numbers = {
+        **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
+        "steps": sim.steps, "days": sim.steps * sim.plan.dt / DAY,
+        "wall_seconds": sim.clock.wall_seconds, "cpu_seconds": sim.clock.cpu_seconds,
+        "compile_seconds": sim.model.compile_seconds,
+    }  # fmt: skip
     if ended.completed:
         found = sim.diagnostics
         ended.numbers |= {name: found[name] for name in (*DRIFTS, *DIAGNOSTICS) if name in found}
@@ -106,18 +112,6 @@ def _begun(spec: RunSpec) -> Simulation:
     sim = spec.integrator.space.simulation(spec.config)
     sim.begin(spec.steps)
     return sim
-
-
-def _costs(sim: Simulation) -> dict[str, float]:
-    counts = sim.counts()
-    return {
-        **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
-        "steps": sim.steps,
-        "days": sim.steps * sim.plan.dt / DAY,
-        "wall_seconds": sim.clock.wall_seconds,
-        "cpu_seconds": sim.clock.cpu_seconds,
-        "compile_seconds": sim.model.compile_seconds,
-    }
 
 
 class SweepWatcher:
@@ -153,7 +147,6 @@ class Runner:
     store: Store[RunRecord]
     sources: dict[str, str]
     """Of what all runs are made; records of others are not known here."""
-    interruption: Interruption
     watcher: SweepWatcher
     time_limit: float | None
     """Wall time of the steps of a run [s]."""
@@ -164,6 +157,7 @@ class Runner:
         runs = current(self.store.records, self.sources)
         self._known = {(run.key, run.repeat): run for run in runs}
         self._warm: set[Integrator] = set()
+        self.interruption = Interruption()
         self.spent = 0.0
         """Wall time of the steps of all runs made here [s]."""
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -116,8 +117,7 @@ class Discretisation:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._radii:
-            spectrum = kind.spectrum(self.model, self.model.initial_state())
-            self._radii[how] = spectrum
+            self._radii[how] = kind.spectrum(self.model, self.model.initial_state())
         return kind.limit(self._radii[how])
 
 
@@ -152,8 +152,7 @@ class Study:
 
     def spaces(self) -> list[Discretisation]:
         """All meshes and precisions of the plan."""
-        precisions = self.plan.precision
-        return [self.at(ne, np, of) for ne in self.ne for np in self.np for of in precisions]
+        return [self.at(*of) for of in product(self.ne, self.np, self.plan.precision)]
 
     def integrators(self) -> list[Integrator]:
         """Steppers with each preconditioner, mesh by mesh.
@@ -171,7 +170,7 @@ class Study:
                         chosen["tolerance"] = self.plan.tolerance
                     config = space.config.model_copy(update=chosen)
                     found.append(Integrator(config, space, self))
-        return found
+        return [*dict.fromkeys(found)]
 
     def steps(self, dt: float) -> RunPlan:
         """Steps of at most dt [s] that meet all report times; ConfigError where no step does."""

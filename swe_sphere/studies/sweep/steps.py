@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 RATIO = math.sqrt(2.0)
 """Between the steps of an explicit stepper, whose useful range is short."""
@@ -20,6 +19,10 @@ LIMIT_KNOWN, ACCURATE_KNOWN = 0.02, 0.05
 """How closely searches find the longest step that works, or is accurate; relative."""
 PLATEAU = 0.9
 """An error that a halved step leaves above this part of itself does not depend on the step."""
+
+
+class NoStepError(Exception):
+    """No step is good enough; the text says why."""
 
 
 def dt_sequence(
@@ -44,8 +47,7 @@ def dt_sequence(
 
 def halved(longest: float, shortest: float, levels: int) -> list[float]:
     """Steps [s] from the longest down by halves, so many at the most, none below the shortest."""
-    steps = [longest / 2**n for n in range(levels)]
-    return [steps[0], *(step for step in steps[1:] if step >= shortest)]
+    return [longest / 2**n for n in range(levels) if n == 0 or longest / 2**n >= shortest]
 
 
 def longest_working(
@@ -77,65 +79,36 @@ def longest_working(
     return low
 
 
-@dataclass(frozen=True)
-class Target:
-    """What a search for an error came to."""
-
-    dt: float | None
-    """The longest step [s] found that is good enough; None if there is none."""
-    reason: str = ""
-    """Why there is none, in words."""
-
-
 def longest_accurate(
     error: Callable[[float], float], target: float, longest: float, shortest: float
-) -> Target:
+) -> float:
     """The longest step [s] with an error of at most the target, to ACCURATE_KNOWN.
 
     error: error of a step, not finite where the run fails; it is taken to grow with the step.
-    From the longest step downwards by halves, then by the secant through the logarithms.  Given up
-    where halving the step does not help any more, and at the shortest step.
+    From the longest step downwards by halves, then by the secant through the logarithms.  Raises
+    NoStepError where halving the step does not help any more, and at the shortest step.
     """
     step, found = longest, error(longest)
-    bad: tuple[float, float] | None = None
+    too_long: tuple[float, float] | None = None
     flat = 0
     while not found <= target:
         if step <= shortest:
-            return Target(None, f"the error is {found:.3g} even at dt = {step:.4g} s")
-        previous, bad = found, (step, found)
+            raise NoStepError(f"the error is {found:.3g} even at dt = {step:.4g} s")
+        too_long = (step, found)
         step = max(0.5 * step, shortest)
         found = error(step)
-        flat = flat + 1 if found > PLATEAU * previous else 0
+        flat = flat + 1 if found > PLATEAU * too_long[1] else 0
         if flat == 2 and not found <= target:
-            return Target(None, f"the error stays at {found:.3g} however short the step")
-    if bad is None:
-        return Target(step)
-    return Target(_refined(error, target, (step, found), bad))
-
-
-def _refined(
-    error: Callable[[float], float],
-    target: float,
-    good: tuple[float, float],
-    bad: tuple[float, float],
-) -> float:
-    """The step between a good and a bad one at which the error passes the target."""
+            raise NoStepError(f"the error stays at {found:.3g} however short the step")
     for _ in range(REFINEMENTS):
-        if bad[0] <= (1.0 + ACCURATE_KNOWN) * good[0]:
+        if too_long is None or too_long[0] <= (1.0 + ACCURATE_KNOWN) * step:
             break
-        step = _between(good, bad, target)
-        found = error(step)
-        if found <= target:
-            good = (step, found)
+        share = 0.5  # the middle where an error is not finite
+        if math.isfinite(too_long[1]) and 0.0 < found < too_long[1]:
+            share = math.log(target / found) / math.log(too_long[1] / found)
+        tried = step * (too_long[0] / step) ** min(max(share, 0.15), 0.85)
+        if (value := error(tried)) <= target:
+            step, found = tried, value
         else:
-            bad = (step, found)
-    return good[0]
-
-
-def _between(good: tuple[float, float], bad: tuple[float, float], target: float) -> float:
-    """By the secant in logarithms, kept off the ends; the middle where an error is not finite."""
-    share = 0.5
-    if math.isfinite(bad[1]) and 0.0 < good[1] < bad[1]:
-        share = math.log(target / good[1]) / math.log(bad[1] / good[1])
-    share = min(max(share, 0.15), 0.85)
-    return float(good[0] * (bad[0] / good[0]) ** share)
+            too_long = (tried, value)
+    return step

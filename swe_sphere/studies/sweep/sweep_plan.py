@@ -143,19 +143,10 @@ class SweepPlan(SharedConfig):
     name: str = ""
     """Of its folder among those of a recipe; empty: that of the scene."""
 
-    @property
-    def folder(self) -> str:
-        """Where it is kept in the folder of a recipe."""
-        return folder_of({"scene": self.scene, "name": self.name})
-
     def run_config(self, **values: object) -> RunConfig:
         """The configuration of one run of the sweep; None among the values is left out."""
         whole = self.model_dump(include={*SharedConfig.model_fields, "scene", "settings"}) | values
         return make_config({name: value for name, value in whole.items() if value is not None})
-
-    def changes(self) -> dict[str, Any]:
-        """The values that differ from the defaults, as JSON can hold them."""
-        return self.model_dump(mode="json", exclude_defaults=True)
 
 
 def make_plan(values: Mapping[str, object], scene: Scene | None = None) -> SweepPlan:
@@ -289,7 +280,7 @@ def load_recipe(name: str) -> Recipe:
 
 
 def folder_of(sweep: Mapping[str, Any]) -> str:
-    """Where the sweep of these values is kept in the folder of a recipe."""
+    """Where the sweep of these values of a plan is kept in the folder of a recipe."""
     return str(sweep.get("name") or Path(str(sweep.get("scene"))).stem)
 
 
