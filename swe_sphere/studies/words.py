@@ -27,6 +27,11 @@ def error(value: float, places: int = 1) -> str:
     return minus(f"{mantissa}e{int(exponent)}") if int(exponent) else minus(mantissa)
 
 
+def signed(value: float) -> str:
+    """A number with an exponent, and with its sign also where it is positive."""
+    return f"+{error(value)}" if value > 0.0 else error(value)
+
+
 def level(value: float) -> str:
     """A round error level: 1e-3, 3e-4."""
     return error(value, 0)

@@ -65,7 +65,7 @@ INK, FAINT, GRID, PAPER = "#1b1f24", "#6e7781", "#dfe3e8", "#fefefe"
 THEME = {INK: "var(--ink)", FAINT: "var(--faint)", GRID: "var(--grid)", PAPER: "var(--paper)"}
 
 STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",
+    "font.family": ["DejaVu Sans", "sans-serif"],
     "font.size": 9.0,
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -77,7 +77,6 @@ STYLE: dict[Any, Any] = {
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
 }
-FONTS = "font-family:'DejaVu Sans',Verdana,system-ui,sans-serif"
 
 SMALLEST = 1e-17
 """Zero is drawn here."""
@@ -313,18 +312,7 @@ def save_svg(figure: Figure, name: str) -> str:
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with mpl.rc_context({"svg.hashsalt": name, "svg.fonttype": "none"}):
         figure.savefig(out, format="svg", metadata=nothing)
-    return _shortened(out.getvalue()) + "\n"
-
-
-def _shortened(text: str) -> str:
-    """An SVG file without what changes nothing to the eye."""
-    text = re.sub(r"<metadata>.*?</metadata>|<!DOCTYPE.*?>|<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r"(\d\.\d{2})\d{3,}", r"\1", text)  # hundredths of a point are fine enough
-    text = re.sub(r"\s*font-family: [^;\"]*;?", "", text)
-    text = text.replace("</style>", f" text{{{FONTS}}}</style>")
-    text = re.sub(r">\s+<", "><", re.sub(r"\s*\n\s*", " ", text))
-    meant = set(re.findall(r"#([\w.-]+)[\")]", text))
-    return re.sub(r' id="([^"]*)"', lambda m: m[0] if m[1] in meant else "", text)
+    return out.getvalue()
 
 
 def inline(svg: str, name: str, title: str, tips: Mapping[str, str]) -> str:
@@ -335,10 +323,9 @@ def inline(svg: str, name: str, title: str, tips: Mapping[str, str]) -> str:
     """
     text = svg[svg.index("<svg") :]
     text = re.sub(r"<style.*?</style>", "", text)  # the page has it
-    text = re.sub(r'\s+xmlns(?::\w+)?="[^"]*"', "", text)
-    text = text.replace('<use xlink:href="#', f'<use href="#{name}-')
-    text = text.replace("url(#", f"url(#{name}-").replace(' id="', f' id="{name}-')
-    text = re.sub(r'<a xlink:href="(#[^"]*)"[^>]*>', lambda m: _link(m[1], tips), text)
+    text = re.sub(r'(<use xlink:href="#|url\(#| id=")', rf"\1{name}-", text)
+    text = re.sub(r'<a xlink:href="#([^"]*)"[^>]*>', lambda m: _link(m[1], tips[m[1]]), text)
+    text = text.replace("xlink:href", "href")
     for colour, variable in THEME.items():
         text = text.replace(colour, variable)
     size = re.search(r'viewBox="[^"]*"', text)
@@ -346,6 +333,5 @@ def inline(svg: str, name: str, title: str, tips: Mapping[str, str]) -> str:
     return re.sub(r"<svg[^>]*>", lambda _: head, text, count=1)
 
 
-def _link(target: str, tips: Mapping[str, str]) -> str:
-    tip = tips.get(target.removeprefix("#"))
-    return f'<a href="{target}">' + (f"<title>{escape(tip)}</title>" if tip else "")
+def _link(target: str, tip: str) -> str:
+    return f'<a href="#{target}"><title>{escape(tip)}</title>'

@@ -6,10 +6,12 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib.resources import files
 from io import BytesIO
 from numbers import Real
 from pathlib import Path
@@ -207,72 +209,29 @@ class Column(NamedTuple):
     title: str
     name: str | Metric
     """Of the column in a table of runs."""
-    text: Callable[[float], str] | None = None
-    """How numbers are written; None where there are words."""
+    text: str = ""
+    """How numbers are written: a function of `words`; empty where there are words."""
     essential: bool = False
     """Whether short tables have it."""
 
     def cell(self, run: Mapping[Any, Any]) -> str:
         """What is shown of a run."""
-        return str(run[self.name] if self.text is None else self.text(run[self.name]))
-
-    def sort_key(self, run: Mapping[Any, Any]) -> str:
-        """What to sort by; empty: last."""
-        value = run[self.name]
-        if self.text is None:
-            return str(value)
-        return repr(float(value)) if math.isfinite(value) else ""
+        return str(getattr(words, self.text)(run[self.name]) if self.text else run[self.name])
 
 
 def columns(runs: pd.DataFrame) -> list[Column]:
     """The columns that say something about these runs."""
+    text = files(__package__).joinpath("templates/columns.toml").read_text(encoding="utf-8")
+    known = {part: [Column(**of) for of in table] for part, table in tomllib.loads(text).items()}
     errors = [
-        Column(f"{m.symbol} {m.kind}, day {m.day:g}", m, words.error, True) for m in metrics(runs)
+        Column(f"{m.symbol} {m.kind}, day {m.day:g}", m, "error", True) for m in metrics(runs)
     ]
     lines = records(runs)
     return [
         column
-        for column in (*_SETTINGS, *errors, *_COSTS)
+        for column in (*known["settings"], *errors, *known["costs"])
         if column.essential or any(column.cell(run) not in ("", words.NOTHING) for run in lines)
     ]
-
-
-def _signed(value: float) -> str:
-    return f"+{words.error(value)}" if value > 0.0 else words.error(value)
-
-
-_SETTINGS = (
-    Column("row", "number", words.count, essential=True),
-    Column("stepper", "stepper", essential=True),
-    Column("preconditioner", "preconditioner"),
-    Column("mesh", "mesh"),
-    Column("Δt", "dt", words.step, essential=True),
-    Column("Δt / gravity limit", "gravity_multiple", words.times, essential=True),
-    Column("Δt / advective limit", "advective_multiple", words.times, essential=True),
-    Column("how it ended", "ended", essential=True),
-)
-_COSTS = (
-    Column("CPU", "cpu_seconds", words.seconds, essential=True),
-    Column("spread", "spread", words.percent, essential=True),
-    Column("wall", "wall_seconds", words.seconds),
-    Column("right-hand sides", "rhs_evaluations", words.count, essential=True),
-    Column("Jacobian products", "tangent_evaluations", words.count, essential=True),
-    Column("preconditionings", "preconditioner_applications", words.count, essential=True),
-    Column("Newton a step", "newton_a_step", words.number),
-    Column("Krylov a step", "krylov_a_step", words.number, essential=True),
-    Column("rejected steps", "rejected_steps", words.count),
-    Column("mass drift", "mass_drift", _signed),
-    Column("energy drift", "energy_drift", _signed, essential=True),
-    Column("enstrophy drift", "enstrophy_drift", _signed),
-    Column("compilation", "compile_seconds", words.seconds),
-    Column("memory", "peak_memory", words.bytes_text),
-    Column("precision", "precision"),
-    Column("device", "device"),
-    Column("settings", "settings"),
-    Column("days", "days", words.number),
-    Column("steps", "steps", words.count),
-    Column("role", "role"),
-)
 
 
 def step_text(run: pd.Series | None, numbered: bool = True) -> str:
@@ -303,13 +262,8 @@ def csv_text(sections: Sequence[Section]) -> str:
 # --- claims of others
 
 
-VERDICT_HEADS = (
-    "scene", "stepper", "claimed", "l2(h)", "l2(vorticity)", "confirmed", "longest step tried",
-)  # fmt: skip
-
-
 def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
-    """Lines under the heads: the longest steps without loss, and whether that is as claimed.
+    """Lines of the table: the longest steps without loss, and whether that is as claimed.
 
     Of steppers that took steps of as many gravity-wave limits as are claimed.
     """
@@ -393,7 +347,7 @@ def write_markdown(
     ]
     text = _rendered(
         "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
-        shown=SHOWN, figures=figures, claims=claims, verdicts=[VERDICT_HEADS, verdicts],
+        shown=SHOWN, figures=figures, claims=claims, verdicts=verdicts,
         picture=partial(_picture, folder, False),
     )  # fmt: skip
     write_whole(folder / "README.md", text)
