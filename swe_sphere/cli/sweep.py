@@ -62,13 +62,19 @@ def sweep(
     datasets, completed = {}, report_only
     for folder, plan in sweeps:
         dataset = datasets[folder] = _carried_out(plan, folder, quiet)
-        completed |= _any_completed(dataset)
+        compared = dataset["status"].where(dataset["role"].isin(["grid", "target"]))
+        completed |= bool((compared == "completed").any())
         if not loaded.mapped:
             _finish(dataset, None if single else folder, plan, quiet)
+    page = None
     if loaded.mapped:
-        _map(out, loaded, quiet)
+        from swe_sphere.studies.regimes import write_map
+
+        page = write_map(out, title=loaded.title, introduction=loaded.introduction)
     elif joined:
-        _join(datasets, out, loaded, quiet)
+        page = _join(datasets, out, loaded)
+    if page is not None and not quiet:
+        typer.echo(page)
     return 0 if completed else RunFailed.exit_status
 
 
@@ -108,12 +114,6 @@ def _check_pages(folders: Iterable[Path], marks: Mapping[str, str]) -> None:
                 )
 
 
-def _any_completed(dataset: xr.Dataset) -> bool:
-    """Whether a run that stands for a setting has come to its end."""
-    compared = dataset["role"].isin(["grid", "target"])
-    return bool((dataset["status"] == "completed").where(compared, False).any())
-
-
 def _carried_out(plan: SweepPlan | None, folder: Path, quiet: bool) -> xr.Dataset:
     """The dataset of a sweep; without a plan that of the runs in the folder."""
     if plan is None:
@@ -145,16 +145,7 @@ def _finish(dataset: xr.Dataset, folder: Path | None, plan: SweepPlan | None, qu
             typer.echo(page)
 
 
-def _map(out: Path, recipe: Recipe, quiet: bool) -> None:
-    """One page on all sweeps of a recipe."""
-    from swe_sphere.studies.regimes import write_map
-
-    page = write_map(out, title=recipe.title, introduction=recipe.introduction)
-    if not quiet:
-        typer.echo(page)
-
-
-def _join(datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe, quiet: bool) -> None:
+def _join(datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe) -> Path:
     """One report of several scenes, in HTML and in Markdown, in the order of the recipe."""
     from swe_sphere.studies.report import write_markdown, write_report
 
@@ -168,5 +159,4 @@ def _join(datasets: Mapping[Path, xr.Dataset], out: Path, recipe: Recipe, quiet:
         ordered, out, title=recipe.title, introduction=recipe.introduction, notes=recipe.notes,
         claims=recipe.claims,
     )  # fmt: skip
-    if not quiet:
-        typer.echo(page)
+    return page

@@ -35,10 +35,12 @@ def write_map(folder: Path, out: Path | None = None, *, title: str, introduction
     found, out = read_map(folder), out or folder
     best = {error: found.best(error) for error in ERRORS}
     usual, figures = best[USUAL], {}
+    offers = {(offer.place, offer.family): offer for offer in usual.itertuples()}
     for name, (caption, figure) in _figures(found, best).items():
         write_whole(out / f"{name}.svg", save_svg(figure, name))
         figures[caption] = f"{name}.svg"
     series = [*found.places.groupby("title", sort=False)]
+    plan = {key: of for key, of in found.headers[0].plan.items() if key not in ("scene", "name")}
     shown = [(family, error) for family in OTHERS for error in ERRORS]
     text = rendered(
         "swe_sphere.studies.regimes", "page.md.j2", title=title, introduction=introduction,
@@ -46,8 +48,10 @@ def write_map(folder: Path, out: Path | None = None, *, title: str, introduction
         heads=[f"{family} {words.level(error)}" for family, error in shown],
         limits=[[name, *(_limit(of, best[error], family) for family, error in shown)]
                 for name, of in series],
-        tables=[(name, _rows(of, usual)) for name, of in series], figures=figures,
-        families=OTHERS, base=BASE, unit=UNIT, usual=words.level(USUAL), made=_made(folder, found),
+        series=series, offers=offers, figures=figures,
+        families=OTHERS, base=BASE, unit=UNIT, usual=words.level(USUAL), headers=found.headers,
+        days=sorted({header.created[:10] for header in found.headers}), plan=json.dumps(plan),
+        runs=sum(len(runs_of(path.parent).records) for path in folder.glob("*/sweep.json")),
     )  # fmt: skip
     write_whole(out / PAGE, text)
     return out / PAGE
@@ -105,40 +109,4 @@ def _rule(places: pd.DataFrame, best: pd.DataFrame, family: str) -> dict[str, An
         "family": family, "ratios": [*known["ratio"]],
         "beside": {_name(places.loc[of.place]): of.beside for of in beside.itertuples()},
         "cheaper": [*steps[known["ratio"] <= 1.0]], "dearer": [*steps[known["ratio"] > 1.0]],
-    }  # fmt: skip
-
-
-def _rows(places: pd.DataFrame, best: pd.DataFrame) -> list[list[str]]:
-    """The cheapest of each family at each of some places."""
-    offers = best.set_index(["place", "family"])
-    rows = []
-    for place in places.itertuples():
-        cells = [words.number(place.froude, 2)]
-        for family in (BASE, *OTHERS):
-            if (place.Index, family) not in offers.index:
-                cells.append(
-                    f"{words.NOTHING}, {words.NOTHING}" if family == BASE else words.NOTHING
-                )
-                continue
-            offer = offers.loc[(place.Index, family)]
-            named = f"`{offer.stepper}` {words.step(offer['dt'])}"
-            if family == BASE:
-                cells.append(f"{named}, {words.number(offer.cost / place.days)}")
-            else:
-                known = math.isfinite(offer.ratio)
-                cells.append(f"{words.number(offer.ratio, 2)}, {named}" if known else words.NOTHING)
-        rows.append(cells)
-    return rows
-
-
-def _made(folder: Path, found: RegimeMap) -> dict[str, Any]:
-    """Of what the sweeps were made, told by the first of them."""
-    first = found.headers[0]
-    versions = ", ".join(f"{name} {version}" for name, version in first.versions.items())
-    plan = {key: value for key, value in first.plan.items() if key not in ("scene", "name")}
-    return {
-        "runs": sum(len(runs_of(path.parent).records) for path in folder.glob("*/sweep.json")),
-        "sweeps": len(found.headers), "machine": first.machine, "cores": first.cores,
-        "versions": versions, "plan": json.dumps(plan),
-        "days": sorted({header.created[:10] for header in found.headers}),
     }  # fmt: skip

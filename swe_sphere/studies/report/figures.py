@@ -82,11 +82,6 @@ SMALLEST = 1e-17
 """Zero is drawn here."""
 LEAST, SHORT = 3.0, 300.0
 """From the lowest to the highest value of axes: at least, and where they have many ticks."""
-LIMITS = (
-    ("gravity_limit", "gravity limit", "right"),
-    ("advective_limit", "advective limit", "left"),
-)
-"""Of the step: attribute of a row, name, side of the line on which the text ends."""
 
 
 def finish(axes: Axes, x: str, y: str, scale: Literal["log", "linear"] = "log") -> None:
@@ -97,17 +92,13 @@ def finish(axes: Axes, x: str, y: str, scale: Literal["log", "linear"] = "log") 
     axes.set_ylabel(y)
     _ticks(axes.xaxis)
     if scale == "log":
-        axes.set_ylim(*_widened(*axes.get_ylim()))
+        low, high = axes.get_ylim()  # farther apart, so that noise does not fill the axes
+        factor = math.sqrt(max(1.0, LEAST * low / high))
+        axes.set_ylim(low / factor, high * factor)
         _ticks(axes.yaxis)
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _widened(low: float, high: float) -> tuple[float, float]:
-    """Limits at least a factor of LEAST apart, so that noise does not fill the axes."""
-    factor = math.sqrt(max(1.0, LEAST * low / high))
-    return low / factor, high * factor
 
 
 def _ticks(axis: Axis) -> None:
@@ -124,8 +115,9 @@ def _number(value: float, _: object = None) -> str:
 
 def mark_limits(axes: Axes, runs: pd.DataFrame) -> None:
     """Vertical lines at the gravity-wave and the advective limit of the step."""
-    for name, title, side in LIMITS:
-        known = runs.loc[runs[name].between(0.0, math.inf, inclusive="neither"), name]
+    for title, side in (("gravity limit", "right"), ("advective limit", "left")):
+        limits = runs[title.replace(" ", "_")]
+        known = limits[limits.between(0.0, math.inf, inclusive="neither")]
         if known.empty:
             continue
         where = float(known.median())

@@ -77,11 +77,6 @@ class OneMesh:
     """Errors that count as no loss of accuracy."""
 
     @property
-    def failures(self) -> list[dict[str, Any]]:
-        """Runs that did not reach their end."""
-        return records(self.runs[~self.runs["completed"]])
-
-    @property
     def largest_steps(self) -> tuple[list[str], list[list[str]]]:
         """Heads and lines of a table: stable steps, and steps without loss of accuracy."""
         heads = ["stepper", "largest completed step", "first failure"]
@@ -274,12 +269,8 @@ def _verdicts(mesh: OneMesh, claim: Claim) -> Iterator[list[str]]:
         longest = curve.loc[curve["dt"].idxmax()]
         if longest.gravity_multiple < claim.gravity:
             continue
-        steps = [
-            largest_step(curve, metric, mesh.limits[metric].value)
-            if metric in mesh.limits
-            else None
-            for metric in shown
-        ]
+        limits = {m: mesh.limits[m].value if m in mesh.limits else -math.inf for m in shown}
+        steps = [largest_step(curve, metric, limit) for metric, limit in limits.items()]
         met = [
             "yes" if run is not None and run.gravity_multiple >= claim.gravity
             and run.advective_multiple >= claim.advective else "no"
@@ -309,8 +300,9 @@ def write_report(
     Returns the path of index.html.  Raises ConfigError if a dataset is not one of a sweep or the
     folder cannot be made, RunFailed if the disk refuses; each file is the old one or the new one.
     """
-    out = _made(out, "report")
-    sections = read_sections(datasets)
+    with clear_errors(f"cannot write the report to {out}"):
+        Path(out).mkdir(parents=True, exist_ok=True)
+    out, sections = Path(out), read_sections(datasets)
     told = sections[0].dataset.attrs.get("title") if sections else ""
     text = _rendered(
         "report.html.j2", title=title or told or TITLE, sections=sections, notes=notes or {},
@@ -337,7 +329,6 @@ def write_markdown(
     what a section's runs are held against, in a table at the top.
     figures: diagrams beside those of the errors, by name.  The rest is as for `write_report`.
     """
-    folder = _made(folder, "page")
     sections, claims = read_sections(datasets), claims or {}
     verdicts = [
         line
@@ -348,17 +339,11 @@ def write_markdown(
     text = _rendered(
         "page.md.j2", title=title, introduction=introduction, notes=notes or {}, sections=sections,
         shown=SHOWN, figures=figures, claims=claims, verdicts=verdicts,
-        picture=partial(_picture, folder, False),
+        picture=partial(_picture, Path(folder), False),
     )  # fmt: skip
-    write_whole(folder / "README.md", text)
-    return folder / "README.md"
-
-
-def _made(folder: str | os.PathLike[str], what: str) -> Path:
-    """The folder, made where there is none."""
-    with clear_errors(f"cannot write the {what} to {folder}"):
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    return Path(folder)
+    page = Path(folder) / "README.md"
+    write_whole(page, text)
+    return page
 
 
 def _picture(folder: Path, whole: bool, section: Section, mesh: OneMesh, diagram: Diagram) -> str:

@@ -106,29 +106,23 @@ def _derived(runs: pd.DataFrame) -> dict[str, Any]:
     known = 1.0 + spread.clip(lower=REPEATABLE).fillna(TIMED_ONCE)
     completed = runs["status"] == "completed"
     told = completed | (runs["reason"] == "")
-    meshes = zip(runs["ne"], runs["np"], runs["stretch"], strict=True)
+    limits = runs[["gravity_limit", "advective_limit", "steps"]]
+    gravity, advective, steps = limits.where(limits > 0.0).T.values
+    meshes = (
+        f"ne{ne:.0f} np{points:.0f}{'' if stretch == 1.0 else f', stretched {stretch:g}'}"
+        for ne, points, stretch in runs[["ne", "np", "stretch"]].itertuples(False)
+    )
     return dict(
         number=runs.index, cost=cost, timed=np.isfinite(cost), least=cost / known,
         most=cost * known, clock=np.where(on_cpu, "CPU time", "wall time"), completed=completed,
         compared=completed & runs["role"].isin(COMPARED),
         ended=runs["status"].where(told, runs["status"] + ": " + runs["reason"]),
-        mesh=[_mesh(*of) for of in meshes],
+        mesh=[*meshes],
         evaluations=runs["rhs_evaluations"] + runs["tangent_evaluations"],
-        gravity_multiple=_ratio(runs["dt"], runs["gravity_limit"]),
-        advective_multiple=_ratio(runs["dt"], runs["advective_limit"]),
-        newton_a_step=_ratio(runs["newton_iterations"], runs["steps"]),
-        krylov_a_step=_ratio(runs["krylov_iterations"], runs["steps"]),
+        gravity_multiple=runs["dt"] / gravity, advective_multiple=runs["dt"] / advective,
+        newton_a_step=runs["newton_iterations"] / steps,
+        krylov_a_step=runs["krylov_iterations"] / steps,
     )  # fmt: skip
-
-
-def _mesh(ne: float, points: float, stretch: float) -> str:
-    """For example "ne16 np4, stretched 4"."""
-    stretched = f", stretched {stretch:g}" if stretch != 1.0 else ""
-    return f"ne{ne:.0f} np{points:.0f}{stretched}"
-
-
-def _ratio(values: pd.Series, units: pd.Series) -> pd.Series:
-    return values / units.where(units > 0.0)
 
 
 def _name_curves(runs: pd.DataFrame, members: pd.DataFrame) -> None:

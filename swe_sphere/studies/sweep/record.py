@@ -129,10 +129,7 @@ def current(runs: Iterable[RunRecord], sources: Mapping[str, str]) -> list[RunRe
 
 
 def _changed(of: Mapping[str, str], sources: Mapping[str, str]) -> list[str]:
-    """What something is made of and is not any more what it was.
-
-    A sweep may go on with other files of data: what only one of both names has not changed.
-    """
+    """What of some sources is not any more what it was; what only one of both has is left out."""
     return [name for name in sources if of.get(name, sources[name]) != sources[name]]
 
 
