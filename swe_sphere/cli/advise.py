@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from typing import Any
 
 import typer
 
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show import Stopped
-from swe_sphere.cli.show_sweep import SweepTerminal, show_rankings
-from swe_sphere.compiling import COMPILING, on_compile
+from swe_sphere.cli.show_sweep import show_rankings, watched
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import validated
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.advise import Advice, Question
 from swe_sphere.studies.advise import advise as advice_on
 
@@ -24,12 +20,8 @@ def advise(**values: Any) -> None:
     if values["error"] is None:
         raise ConfigError("error: say how large the error may be at the end (--error 1e-3)")
     question = validated(Question, given(values, Question))
-    terminal = SweepTerminal(question.scene, quiet=False)
-    try:
-        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
-            advice = advice_on(question, terminal)
-    except (Interrupted, KeyboardInterrupt):
-        raise Stopped("interrupted by Ctrl-C") from None
+    with watched(question.scene, False, "interrupted by Ctrl-C") as terminal:
+        advice = advice_on(question, terminal)
     typer.echo(_measured(advice))
     show_rankings([advice.ranking])
     typer.echo(f"  {advice.command}")

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.cli.show import print_table
+from swe_sphere.cli.show import Stopped, print_table
+from swe_sphere.compiling import COMPILING, on_compile
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import xarray as xr
     from rich.console import Console
@@ -61,6 +64,17 @@ class SweepTerminal(SweepWatcher):
         """Print it."""
         if not self._quiet:
             self._bar.write(text, file=sys.stderr)
+
+
+@contextmanager
+def watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepTerminal]:
+    """Show how a sweep in the block goes; Ctrl-C stops the command with that text."""
+    terminal = SweepTerminal(title, quiet)
+    try:
+        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
+            yield terminal
+    except (Interrupted, KeyboardInterrupt):
+        raise Stopped(interrupted) from None
 
 
 def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from swe_sphere.cli.options import given, with_flags
-from swe_sphere.cli.show import Stopped
-from swe_sphere.cli.show_sweep import SweepTerminal, show_sweep
-from swe_sphere.compiling import COMPILING, on_compile
+from swe_sphere.cli.show_sweep import show_sweep, watched
 from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.durable import clear_errors
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.pages import MARK
 from swe_sphere.studies.sweep import SweepPlan, make_plan, run_plan
 from swe_sphere.studies.sweep.sweep_plan import Recipe, folder_of, load_recipe
@@ -120,15 +116,12 @@ def _carried_out(plan: SweepPlan | None, folder: Path, quiet: bool) -> xr.Datase
         from swe_sphere.studies.sweep.dataset import write_dataset
 
         return write_dataset(folder)
-    terminal = SweepTerminal(plan.scene, quiet)
-    try:
-        with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
-            return run_plan(plan, folder, terminal)
-    except (Interrupted, KeyboardInterrupt):
-        raise Stopped(
-            f"interrupted by Ctrl-C; {folder} keeps the runs that are finished, and the same"
-            " command goes on from there"
-        ) from None
+    interrupted = (
+        f"interrupted by Ctrl-C; {folder} keeps the runs that are finished, and the same command"
+        " goes on from there"
+    )
+    with watched(plan.scene, quiet, interrupted) as terminal:
+        return run_plan(plan, folder, terminal)
 
 
 def _finish(dataset: xr.Dataset, folder: Path | None, plan: SweepPlan | None, quiet: bool) -> None:

@@ -202,17 +202,16 @@ def rankings(
 def _ranking(
     runs: pd.DataFrame, metric: Metric, where: str, own: float, levels: Sequence[float]
 ) -> Ranking:
-    curves = dict(
-        iter(runs[runs["curve"].isin(candidates(runs, metric)["curve"])].groupby("curve"))
-    )
-    best = {curve: smallest(of, metric) for curve, of in curves.items()}
+    curves = dict(iter(runs.groupby("curve")))
+    best = {curve: run for curve, of in curves.items() if (run := smallest(of, metric)) is not None}
     # the check of the converged run is on its depth
     resolved = own if (metric.kind, metric.field) == ("time", "h") and own > 0.0 else 0.0
     wanted = sorted(levels, reverse=True)
-    wanted = wanted or targets((run[metric] for run in best.values() if run is not None), resolved)
+    wanted = wanted or targets((run[metric] for run in best.values()), resolved)
     cells = {
-        curve: [cheapest(of, metric, t) if t >= resolved else None for t in wanted] + [best[curve]]
-        for curve, of in curves.items()
+        curve: [cheapest(curves[curve], metric, t) if t >= resolved else None for t in wanted]
+        + [run]
+        for curve, run in best.items()
     }
     costs = {
         curve: [run.cost if run is not None and run.timed else math.inf for run in row]
@@ -258,12 +257,10 @@ def plateau(runs: pd.DataFrame, metric: Metric) -> Plateau | None:
     if 2 * len(flat) <= len(told):
         return None
     members = long[long["stepper"].isin(flat.index)]
-    lowest, highest = (
-        members.loc[of] for of in (members[metric].idxmin(), members[metric].idxmax())
-    )
-    shortest, longest = (members.loc[of] for of in (members["dt"].idxmin(), members["dt"].idxmax()))
-    everywhere = bool(best[metric] >= BELOW * lowest[metric])
-    return Plateau(lowest, highest, shortest, longest, best, everywhere)
+    by_error, by_step = members.sort_values(metric), members.sort_values("dt")
+    everywhere = bool(best[metric] >= BELOW * by_error[metric].iloc[0])
+    ends = (by_error.iloc[0], by_error.iloc[-1], by_step.iloc[0], by_step.iloc[-1])
+    return Plateau(*ends, best, everywhere)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,11 +43,11 @@ class Evaluator:
     def __call__(self, space: Discretisation, history: History) -> list[Errors]:
         """Errors of all kinds of the fields at report days."""
         converged = self.converged(space)
-        days = [day for day in history if day in converged]
+        days, model = [day for day in history if day in converged], space.sim.model
         found = self._total_errors(space, history)
         for kind, errors in {"time": flow_errors, "slow": slow_errors}.items():
             if kind == "time" or self._study.slow:
-                of_days = {day: errors(space.model, history[day], converged[day]) for day in days}
+                of_days = {day: errors(model, history[day], converged[day]) for day in days}
                 found += Errors.of(kind, of_days)
         return found
 
@@ -83,9 +83,9 @@ class Evaluator:
         ours, right = (fields for _, fields in made.values())
         integrator, space = fine.integrator, fine.integrator.space
         apart = {
-            day: flow_errors(space.model, ours[day], right[day]) for day in ours if day in right
+            day: flow_errors(space.sim.model, ours[day], right[day]) for day in ours if day in right
         }
-        gain = 2.0 ** integrator.kind.order_in(space.model, **integrator.options)
+        gain = 2.0 ** integrator.kind.order_in(space.sim.model, **integrator.options)
         for spec, share in ((coarse, gain / (gain - 1.0)), (fine, 1.0 / (gain - 1.0))):
             record, fields = made[spec]
             errors = Errors.of("time", apart, share) + self._total_errors(space, fields)
@@ -102,10 +102,10 @@ class Evaluator:
                 self._right[key] = self._reference(space, day)
             right = self._right[key]
             if isinstance(right, OnGrid):
-                whole = fields | {"b": space.start["b"]}
+                whole = fields | {"b": space.sim.start["b"]}
                 found[day] = right.errors(whole, space.scene.error_field)
             elif right is not None:
-                found[day] = flow_errors(space.model, fields, right)
+                found[day] = flow_errors(space.sim.model, fields, right)
         return Errors.of("total", found)
 
     def _reference(self, space: Discretisation, day: float) -> OnGrid | Fields | None:
@@ -114,7 +114,7 @@ class Evaluator:
         if day in total.files:
             return OnGrid(Reference(total.files[day]), space.mesh)
         if total.kind == "exact":  # its vorticity is that of the exact wind on the mesh
-            fields = exact_fields(space.model, day * DAY)
+            fields = exact_fields(space.sim.model, day * DAY)
             return fields | {"vorticity": vorticity(space.mesh, fields["u"], fields["v"])}
         if total.kind != "finer":
             return None

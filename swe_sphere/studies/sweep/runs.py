@@ -41,7 +41,6 @@ from swe_sphere.studies.sweep.steps import dt_sequence, halved
 from swe_sphere.studies.sweep.sweep_plan import SweepPlan
 
 if TYPE_CHECKING:
-    from swe_sphere.equations.model import Model
     from swe_sphere.equations.spectrum import Spectrum
 
 History = dict[float, Fields]
@@ -73,7 +72,7 @@ class Discretisation:
         same = identity(self.config, self.scene, self.mesh) | {"device": device, "launch": launch}
         same |= {"stepper": None, "code": code_fingerprint()}
         if self._own is not None:  # its functions may hang on more than its parameters
-            same |= {name: str(values.tobytes()) for name, values in self.start.items()}
+            same |= {name: str(values.tobytes()) for name, values in self.sim.start.items()}
         return fingerprint(same)
 
     def simulation(self, config: RunConfig) -> Simulation:
@@ -85,18 +84,9 @@ class Discretisation:
         return Simulation(Setup(config, self._own, self.mesh))
 
     @cached_property
-    def _sim(self) -> Simulation:
+    def sim(self) -> Simulation:
+        """A simulation at its start, with no stepper's traces; not that of any run."""
         return self.simulation(self.config)
-
-    @property
-    def model(self) -> Model:
-        """A model at hand, with no stepper's traces; not that of any run."""
-        return self._sim.model
-
-    @cached_property
-    def start(self) -> Fields:
-        """All fields at the start, bottom and Coriolis parameter included; each (N,)."""
-        return self._sim.start
 
     @cached_property
     def limits(self) -> dict[str, float]:
@@ -105,8 +95,8 @@ class Discretisation:
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
         same, were there no gravity waves.
         """
-        gravity = self._sim.setup.gravity_limit
-        at_start = state_integrals(self.model, self.start)
+        gravity = self.sim.setup.gravity_limit
+        at_start = state_integrals(self.sim.model, self.sim.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
             wave = 0.0
@@ -117,7 +107,8 @@ class Discretisation:
         """Largest stable step [s] of a stepper at the start, about; infinite if there is none."""
         how = kind.spectrum.__func__  # type: ignore[attr-defined]
         if how not in self._radii:
-            self._radii[how] = kind.spectrum(self.model, self.model.initial_state())
+            model = self.sim.model
+            self._radii[how] = kind.spectrum(model, model.initial_state())
         return kind.limit(self._radii[how])
 
 
