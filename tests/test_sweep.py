@@ -232,16 +232,16 @@ def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
     """It does not see columns that are stretched, and is as large as vorticity is."""
     plan = make_plan({"scene": "williamson6", "steppers": "rk4", "ne": 2, "np": 4})
     space = Study(plan).spaces()[0]
-    start, coriolis = space.start, space.start["f"]
+    start, coriolis = space.sim.start, space.sim.start["f"]
     mean = np.average(start["h"], weights=space.mesh.area)
     level = {"h": np.full_like(start["h"], mean), "vorticity": start["vorticity"]}
     stretched = {
         "h": start["h"],
         "vorticity": (level["vorticity"] + coriolis) * start["h"] / mean - coriolis,
     }
-    assert slow_errors(space.model, stretched, level)["vorticity"]["l2"] < 1e-14
+    assert slow_errors(space.sim.model, stretched, level)["vorticity"]["l2"] < 1e-14
     more = level | {"vorticity": 1.1 * level["vorticity"]}
-    assert slow_errors(space.model, more, level)["vorticity"]["linf"] == pytest.approx(0.1)
+    assert slow_errors(space.sim.model, more, level)["vorticity"]["linf"] == pytest.approx(0.1)
 
 
 # --- failures

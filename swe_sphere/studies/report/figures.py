@@ -227,12 +227,10 @@ def _draw_costs(
     axes.scatter(x, y, s=95, facecolors="none", edgecolors=INK, linewidths=0.9, zorder=4)
     drawn = with_cost(runs, metric, cost)
     if cost == "cost":
-        for run in drawn.to_dict("records"):
-            axes.plot(
-                [max(run["least"], 0.1 * run["cost"]), run["most"]],  # zero is not on the axis
-                [max(run[metric], SMALLEST)] * 2,
-                color=look(run["stepper"]).colour, linewidth=2.6, alpha=0.4, zorder=2,
-            )  # fmt: skip
+        least = np.maximum(drawn["least"], 0.1 * drawn["cost"])  # zero is not on the axis
+        colours = [look(of).colour for of in drawn["stepper"]]
+        heights = drawn[metric].clip(lower=SMALLEST)
+        axes.hlines(heights, least, drawn["most"], colours, linewidth=2.6, alpha=0.4, zorder=2)
     _draw_curves(axes, drawn, cost, metric, anchor)
     finish(axes, label, ordinate)
 

@@ -257,10 +257,11 @@ def plateau(runs: pd.DataFrame, metric: Metric) -> Plateau | None:
     if 2 * len(flat) <= len(told):
         return None
     members = long[long["stepper"].isin(flat.index)]
-    by_error, by_step = members.sort_values(metric), members.sort_values("dt")
-    everywhere = bool(best[metric] >= BELOW * by_error[metric].iloc[0])
-    ends = (by_error.iloc[0], by_error.iloc[-1], by_step.iloc[0], by_step.iloc[-1])
-    return Plateau(*ends, best, everywhere)
+    errors, steps = members[metric], members["dt"]
+    ends = (errors.idxmin(), errors.idxmax(), steps.idxmin(), steps.idxmax())
+    lowest, highest, shortest, longest = (members.loc[of] for of in ends)
+    everywhere = bool(best[metric] >= BELOW * errors.min())
+    return Plateau(lowest, highest, shortest, longest, best, everywhere)
 
 
 @dataclass(frozen=True, eq=False)

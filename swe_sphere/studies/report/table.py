@@ -12,6 +12,7 @@ from xarray import Dataset
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.studies.sweep.dataset import UNITS, WORDS
+from swe_sphere.studies.sweep.record import FIELDS
 
 COMPARED = ("grid", "target")
 """Roles of runs that stand for a setting; the others were made to find limits and references."""
@@ -24,7 +25,6 @@ ERROR = ("kind", "field", "norm", "report_day")
 
 KINDS = {"total": "total error", "time": "time error", "slow": "slow-flow error"}
 SYMBOLS = {"l1": "l1", "l2": "l2", "linf": "l∞"}
-QUANTITIES = {"h": "depth", "v": "wind", "vorticity": "vorticity"}
 
 REPEATABLE = 0.03
 """Times are no better known than this, relative to themselves."""
@@ -57,11 +57,6 @@ class Metric:
     def kind_title(self) -> str:
         """For example "total error"."""
         return KINDS.get(self.kind, self.kind)
-
-    @property
-    def title(self) -> str:
-        """For example "total error, depth"."""
-        return f"{self.kind_title}, {QUANTITIES.get(self.field, self.field)}"
 
     @property
     def label(self) -> str:
@@ -145,5 +140,4 @@ def metrics(runs: pd.DataFrame) -> list[Metric]:
     known = [of for of in runs if isinstance(of, Metric) and compared[of].notna().any()]
     last = {(of.kind, of.field): of for of in sorted(known, key=lambda of: of.day)
             if of.norm == "l2"}  # fmt: skip
-    order = [(kind, quantity) for kind in KINDS for quantity in QUANTITIES]
-    return [last[key] for key in order if key in last]
+    return [last[key] for key in product(KINDS, FIELDS) if key in last]

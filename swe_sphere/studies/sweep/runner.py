@@ -56,8 +56,8 @@ class Snapshots(Observer):
 def execute(
     spec: RunSpec,
     interruption: Interruption,
-    time_limit: float | None = None,
-    tick: Callable[[int], None] | None = None,
+    time_limit: float | None,
+    tick: Callable[[int], None],
 ) -> tuple[Ended, History]:
     """Run to the end, or to where it fails; the steps alone are on the clock.
 
@@ -74,8 +74,7 @@ def execute(
     if sim is None:
         return Ended("refused", ended.reason), {}
     snapshots = Snapshots(spec.report_steps())
-    observers = [snapshots, *([] if tick is None else [Ticker(tick)])]
-    ended = stepped(sim, observers, time_limit, interruption)
+    ended = stepped(sim, [snapshots, Ticker(tick)], time_limit, interruption)
     counts = sim.counts()
     ended.numbers = {
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},

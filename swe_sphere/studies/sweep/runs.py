@@ -151,16 +151,15 @@ class Study:
         Steppers that take no preconditioner come once, and without tolerance.
         """
         found = []
-        for space in self.spaces():
-            for stepper in self.plan.steppers:
-                takes = inspect.signature(get_stepper(stepper)).parameters
-                names = self.plan.preconditioner if "preconditioner" in takes else ()
-                for name in names or (None,):
-                    chosen: dict[str, object] = {"stepper": stepper, "preconditioner": name}
-                    if "tolerance" in takes:
-                        chosen["tolerance"] = self.plan.tolerance
-                    config = space.config.model_copy(update=chosen)
-                    found.append(Integrator(config, space, self))
+        for space, stepper in product(self.spaces(), self.plan.steppers):
+            takes = inspect.signature(get_stepper(stepper)).parameters
+            chosen: dict[str, object] = {"stepper": stepper}
+            if "tolerance" in takes:
+                chosen["tolerance"] = self.plan.tolerance
+            names = self.plan.preconditioner if "preconditioner" in takes else ()
+            for name in names or (None,):
+                config = space.config.model_copy(update=chosen | {"preconditioner": name})
+                found.append(Integrator(config, space, self))
         return [*dict.fromkeys(found)]
 
     def steps(self, dt: float) -> RunPlan:
