@@ -124,3 +124,12 @@ def test_any_point_of_the_sphere(lon: float, lat: float, placement: dict) -> Non
 def test_bad_points_are_refused(lon: float, lat: float) -> None:
     with pytest.raises(ConfigError, match="latitude"):
         Interpolator(Mesh.build(1, 3), [0.0, lon], [0.0, lat])
+
+
+def test_points_are_those_given_whatever_becomes_of_the_arrays():
+    mesh = Mesh.build(2, 4)
+    lon, lat = np.array([0.1, 0.2]), np.array([0.1, 0.2])
+    field = np.cos(mesh.lon) * np.cos(mesh.lat)
+    moved, expected = Interpolator(mesh, lon, lat), Interpolator(mesh, lon, lat)(field)
+    lon[:] = 2.0
+    np.testing.assert_array_equal(moved(field), expected)

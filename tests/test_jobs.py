@@ -210,3 +210,11 @@ def test_nonsense_is_told_in_one_line(command, count, tmp_path, capsys):
         main([*command, f"--jobs={count}", f"--out={tmp_path / 'a.md'}"])
     told = capsys.readouterr().err
     assert ended.value.code == 2 and told.count("\n") == 1 and "jobs" in told
+
+
+def test_other_children_of_the_session_may_die():
+    """A process that is not of the pool, and that fails while tasks are done."""
+    other = multiprocessing.get_context("spawn").Process(target=os._exit, args=(3,))
+    other.start()
+    assert sorted(squares(2, range(20))) == [(n, n * n) for n in range(20)]
+    other.join()

@@ -382,6 +382,38 @@ def fails_on_day(sim):
         assert frames.sizes["time"] == 9
 
 
+ALONE = """
+from swe_sphere import Observer, Simulation
+from swe_sphere.ranks.communicator import world
+
+class Mine(Observer):
+    def begin(self, plan, snapshot):
+        self.last = snapshot
+
+    def due(self, step):
+        return step % 2 == 0
+
+    def observe(self, snapshot):
+        self.last = snapshot
+        if world().rank == 1 and snapshot.steps == 4:
+            raise RuntimeError("only here")
+
+    def end(self):
+        self.last.fields
+
+Simulation("williamson2", ne=2, np=4, dt=600.0).run(1.0, callbacks=[Mine()], progress=False)
+"""
+
+
+@pytest.mark.thorough
+def test_an_observer_that_fails_on_one_rank_ends_all(mpi):
+    """Before its `end`, which takes all ranks, is called."""
+    command = [*MPIEXEC, "2", sys.executable, "-c", ALONE]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode != 0
+    assert "rank 1 of 2: the observer Mine fails: RuntimeError: only here" in ended.stderr
+
+
 WRONG = """
 from dataclasses import dataclass
 from swe_sphere import Simulation

@@ -10,6 +10,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 import typer
+import xarray as xr
 
 from swe_sphere.cli.main import main
 from swe_sphere.mesh.partition import check_ranks
@@ -196,8 +197,10 @@ def test_the_commands_work(lines, files_of_the_reader, done, ranks, tmp_path, mo
     """
     shutil.copytree(files_of_the_reader, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    for name in ("_carried_out", "_finish", "_join", "_map", "_any_completed"):
-        monkeypatch.setattr(f"swe_sphere.cli.sweep.{name}", lambda *_: True)
+    ended = xr.Dataset({"status": ("run", ["completed"]), "role": ("run", ["grid"])})
+    monkeypatch.setattr("swe_sphere.cli.sweep._carried_out", lambda *_: ended)
+    for name in ("cli.sweep._finish", "cli.sweep._join", "studies.regimes.write_map"):
+        monkeypatch.setattr(f"swe_sphere.{name}", lambda *_, **__: True)
     monkeypatch.setattr("swe_sphere.pictures.plot.DOTS_PER_INCH", 36)
     for line in lines:
         short = _shortened(line)

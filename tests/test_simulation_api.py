@@ -289,6 +289,24 @@ def test_an_observer_that_raises_ends_the_run_in_one_line(tmp_path, moment):
         assert "the observer Broken fails" in str(vars(data))
 
 
+def test_an_observer_may_choose_its_methods_when_it_begins():
+    class Choosing(Observer):
+        seen = 0
+
+        def begin(self, plan, snapshot):
+            self.observe = self.count
+
+        def due(self, step):
+            return True
+
+        def count(self, snapshot):
+            self.seen += 1
+
+    observer = Choosing()
+    Simulation("williamson2", ne=2, np=4, dt=1800).run(0.125, callbacks=[observer])
+    assert observer.seen >= 6
+
+
 def test_an_observer_whose_end_fails_hides_no_earlier_failure():
     class Broken(Observer):
         def observe(self, snapshot):

@@ -162,3 +162,24 @@ def test_no_diagnostic_takes_a_name_that_sweeps_have():
     for name in {*found.variables, *found.dims, *WORDS, *UNITS, *INNER}:
         with pytest.raises(ConfigError, match="needs another name"):
             diagnostic(name=name)(lambda sim: 0.0)
+
+
+def test_an_error_that_passes_is_not_stored(tmp_path):
+    """Of memory for example: the next sweep into the folder makes the run."""
+
+    class Passing(RK4):
+        name, fails = "passing", True
+
+        def __init__(self, model, dt):
+            super().__init__(model, dt)
+            if self.fails:
+                raise MemoryError("3 GB")
+
+    def status():
+        found = sweep("williamson2", [Passing], out=tmp_path, finer=0, **TINY)
+        return set(found["status"].values.ravel().tolist())
+
+    with pytest.raises(MemoryError):
+        status()
+    Passing.fails = False
+    assert status() == {"completed"}

@@ -47,7 +47,11 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
     import xarray as xr
 
     try:
-        with xr.open_dataset(path, engine=kind, decode_cf=False) as data:
+        with warnings.catch_warnings():
+            # a store of another program need not have consolidated metadata
+            warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
+            data = xr.open_dataset(path, engine=kind, decode_cf=False)
+        with data:
             yield data
     except (OSError, RuntimeError, LookupError, AttributeError, ValueError, TypeError) as error:
         why = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"

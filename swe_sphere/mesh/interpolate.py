@@ -31,7 +31,7 @@ class Interpolator:
     """
 
     def __init__(self, mesh: Mesh, lon: ArrayLike, lat: ArrayLike) -> None:
-        lon, lat = np.broadcast_arrays(np.asarray(lon, dtype=float), np.asarray(lat, dtype=float))
+        lon, lat = np.broadcast_arrays(np.array(lon, dtype=float), np.array(lat, dtype=float))
         if not (np.isfinite(lon).all() and (np.abs(lat) <= 0.5 * np.pi + 1e-12).all()):
             raise ConfigError("interpolation points need finite coordinates, |latitude| <= pi/2")
         self.mesh, self._lon, self._lat = mesh, lon, lat

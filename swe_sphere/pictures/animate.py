@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import CalledProcessError
 from typing import Any
 
 import matplotlib as mpl
@@ -48,7 +49,7 @@ def animate_file(
     drawing = Drawing(source, field, look, grid_of(axes, ROWS))
     lows, highs = zip(*(limits(drawing.values(t), drawing.kind) for t in source.times), strict=True)
     part = out.with_name(f"{out.stem}.part{out.suffix}")
-    with clear_errors(f"cannot write {out}"):
+    with clear_errors(f"cannot write {out}"), mpl.rc_context(_settings(out)):
         try:
             writer = _writer(out, rate)
             with writer.saving(figure, str(part), DOTS_PER_INCH):
@@ -57,6 +58,8 @@ def animate_file(
                     drawing.draw(new_map(figure, look), float(time), (min(lows), max(highs)))
                     writer.grab_frame()
             part.replace(out)
+        except CalledProcessError as error:
+            raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
         finally:
             part.unlink(missing_ok=True)
     return out
@@ -65,10 +68,16 @@ def animate_file(
 def _writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
     if out.suffix == ".gif":
         return PillowWriter(fps=rate)
+    return FFMpegWriter(fps=rate, extra_args=["-crf", "18"])
+
+
+def _settings(out: Path) -> Any:
+    """Return the settings of matplotlib for a film."""
+    if out.suffix == ".gif":
+        return {}
     import imageio_ffmpeg
 
-    mpl.rcParams["animation.ffmpeg_path"] = imageio_ffmpeg.get_ffmpeg_exe()
-    return FFMpegWriter(fps=rate, extra_args=["-crf", "18"])
+    return {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe(), "animation.codec": "h264"}
 
 
 def _check(source: RunFile, out: Path, rate: float) -> None:

@@ -10,13 +10,13 @@ import functools
 import math
 import os
 import signal
+import stat
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -279,11 +279,19 @@ def started_ranks() -> int | None:
     """
     said = [os.environ[name] for name in SIZES if name in os.environ]
     socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
-    if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
+    if socket.isdigit() and not _is_socket(int(socket)):
         return None
     if not said and "PMIX_RANK" in os.environ:
         said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
     return int(said[0]) if said and said[0].isdigit() else None
+
+
+def _is_socket(descriptor: int) -> bool:
+    """Return whether a file descriptor of this process is a socket."""
+    try:
+        return stat.S_ISSOCK(os.fstat(descriptor).st_mode)
+    except OSError:
+        return False
 
 
 def leave_ranks() -> None:

@@ -314,8 +314,12 @@ def guard(observer: Observer) -> Observer:
     if type(observer).__module__.startswith("swe_sphere."):
         return observer
     what, watched = f"the observer {type(observer).__name__}", Observer()
+
+    def call(method: str, *arguments: Any) -> Any:
+        return _called(what, getattr(observer, method), *arguments)
+
     for method in ("begin", "due", "observe", "tick", "end"):
-        setattr(watched, method, partial(_called, what, getattr(observer, method)))
+        setattr(watched, method, partial(call, method))
     return watched
 
 

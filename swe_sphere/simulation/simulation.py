@@ -263,7 +263,7 @@ class Simulation:
             Interrupted: the user asked to stop, and an interruption was given.
         """
         observers = [guard(observer) for observer in observers]
-        failure: Exception | None = None
+        outcome: Outcome | None = None
         try:
             with ExitStack() as stack:  # each observer ends if it has begun
                 try:
@@ -278,10 +278,11 @@ class Simulation:
                 except (Interrupted, SweError, *BREAKDOWNS) as error:
                     if interruption is not None and isinstance(error, Interrupted):
                         raise
-                    failure = error
+                    # before observers end, which may take all ranks
+                    outcome = self._ended_by(error)
         except (SweError, *BREAKDOWNS) as error:  # of the end of an observer
-            failure = failure or error
-        return Outcome() if failure is None else self._ended_by(failure)
+            outcome = outcome or self._ended_by(error)
+        return outcome or Outcome()
 
     def _ended_by(self, error: Exception) -> Outcome:
         outcome = outcome_of(error, self.time)

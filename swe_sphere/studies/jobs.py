@@ -14,7 +14,7 @@ import pickle
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -76,14 +76,14 @@ def in_processes(
         return
     spawn = get_context("spawn")
     alive, ours = spawn.Pipe(duplex=False)
-    processes: list[BaseProcess] = []
+    processes, others = set[BaseProcess](), {*active_children()}
     with TemporaryDirectory() as folder, Interruption() as interruption:
         prepare = partial(begin, partial(_send, folder), *arguments)
         pool = ProcessPoolExecutor(min(jobs, len(tasks)), spawn, _initialise, (alive, prepare))
         try:
             with _private_start():
                 pending = {pool.submit(_do, task) for task in tasks}
-            processes += active_children()
+            processes |= {*active_children()} - others
             while pending:
                 done, pending = wait(pending, LOOK, FIRST_COMPLETED)
                 for path in sorted(Path(folder).glob("*.result")):
@@ -114,7 +114,7 @@ def _send(folder: str, result: object) -> None:
     write_whole(path, pickle.dumps(result))
 
 
-def _end_of(processes: Sequence[BaseProcess]) -> str:
+def _end_of(processes: Collection[BaseProcess]) -> str:
     """Return how the process that died came to its end, the others being killed or terminated."""
     codes = {each.exitcode or 0 for each in processes} - {0, -signal.SIGTERM}
     code = min(codes - {-signal.SIGKILL} or codes, default=0)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, RunFailed, in_one_line
 from swe_sphere.io.integrals import DRIFTS
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
@@ -69,10 +69,10 @@ def execute(
     """
     begin_peak()
     began = time.perf_counter()
-    ended = attempt(lambda: Ended(sim=_begun(spec)))
-    sim = ended.sim
-    if sim is None:
-        return Ended("refused", ended.reason), {}
+    try:
+        sim = _begun(spec)
+    except (ConfigError, RunFailed) as error:
+        return Ended("refused", in_one_line(error)), {}
     snapshots = Snapshots(spec.report_steps())
     ended = stepped(sim, [snapshots, Ticker(tick)], time_limit, interruption)
     counts = sim.counts()
