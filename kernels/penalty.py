@@ -16,18 +16,16 @@ from typing import Any
 
 import warp as wp
 
-from swe_sphere.kernels.define import func, kernel
+from swe_sphere.kernels.define import func
 from swe_sphere.kernels.element import element_kernel
 from swe_sphere.kernels.formulas import Formula, winds_at
 from swe_sphere.kernels.node import node_kernel
-from swe_sphere.kernels.simd.memory import Contributors, gather_of
-from swe_sphere.kernels.simd.register import Register
 from swe_sphere.kernels.terms import KernelTypes, Terms
 
 
 @dataclass(frozen=True)
 class PenaltyKernels:
-    """Kernels of the penalty; the first two have the arguments of `FieldKernels`."""
+    """Kernels of the penalty, with the arguments of `FieldKernels`."""
 
     derivatives: wp.Kernel
     """gamma W J times divergence and vorticity of the wind x at edges of elements, to `out`."""
@@ -36,10 +34,6 @@ class PenaltyKernels:
 
     `geometry.derivative` is the transposed derivative matrix.
     """
-    mean: wp.Kernel
-    """Sums over the elements at each node times `scale` (N,), for both fields."""
-    add: wp.Kernel
-    """Adds sums times `scale` (N,) and the number `factor` to the wind of a state."""
     geometry: Any
     value: Any
 
@@ -49,28 +43,7 @@ def penalty_kernels(np_: int, real: Any, shape: str) -> PenaltyKernels:
     """Return the kernels for winds of `real`."""
     t = KernelTypes(np_, real, shape, Terms(jumps=True))
     made: Any = element_kernel if shape == "element" else node_kernel
-    gather, vector = gather_of(Register(real)), wp.array(dtype=real)
-    place = wp.array(dtype=Contributors)
-
-    @kernel
-    def mean(places: place, scale: vector, stride: int, local: vector, size: int, out: vector):
-        node = wp.tid()
-        out[node] = scale[node] * gather(local, places, node, 0)
-        out[size + node] = scale[node] * gather(local, places, node, stride)
-
-    @kernel
-    def add(
-        places: place, scale: vector, stride: int, local: vector, size: int, factor: real,
-        out: vector,
-    ):  # fmt: skip
-        node = wp.tid()
-        s = factor * scale[node]
-        out[node] += s * gather(local, places, node, 0)
-        out[size + node] += s * gather(local, places, node, stride)
-
-    return PenaltyKernels(
-        made(t, _derivatives(t)), made(t, _weak_form(t)), mean, add, t.geometry, t.value
-    )
+    return PenaltyKernels(made(t, _derivatives(t)), made(t, _weak_form(t)), t.geometry, t.value)
 
 
 def _derivatives(t: KernelTypes) -> Formula:

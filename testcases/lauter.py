@@ -41,9 +41,6 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         alpha: tilt of the flow's axis [rad]; the flow is steady for 0.
     """
 
-    def bottom(lon: Array, lat: Array) -> Array:
-        return (0.5 * _planet_speed(lat) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
-
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t
         east, north = solid_body(fixed, lat, alpha)
@@ -62,6 +59,11 @@ def lauter(alpha: float = np.pi / 4.0) -> Scene:
         bottom=bottom,
         report="l2 of h and of the wind after 5 days, against the time step",
     )
+
+
+def bottom(lon: Array, lat: Array) -> Array:
+    """Return the height [m] of a bottom that makes up for the flattening of the planet."""
+    return (0.5 * _planet_speed(lat) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
 
 
 def _planet_speed(lat: Array) -> Array:

@@ -143,15 +143,17 @@ class TidalEquations:
     m: int
     depth: float
     planet: Planet
+    degrees: int = DEGREES
+    """Number of harmonics of each field: degrees m, m + 1, ...."""
 
     def forced(self, frequency: float, equilibrium: Array) -> HoughWave:
         """The flow that follows an equilibrium tide of that frequency [s-1].
 
         equilibrium: coefficients [m] of degrees m, m + 1, ….
         """
-        force = np.zeros((3, DEGREES))
+        force = np.zeros((3, self.degrees))
         force[1, : len(equilibrium)] = self.planet.gravity * equilibrium
-        matrix = frequency * np.eye(3 * DEGREES) - self._matrix
+        matrix = frequency * np.eye(3 * self.degrees) - self._matrix
         solution = np.linalg.solve(matrix, force.ravel())
         return self._wave(frequency, np.asarray(solution, dtype=np.float64))
 
@@ -161,21 +163,34 @@ class TidalEquations:
         Its frequency is near to -2 Ω m / (n (n + 1)).
         """
         values, vectors = np.linalg.eig(self._matrix)
-        parts = vectors.real.reshape(3, DEGREES, -1)
+        parts = vectors.real.reshape(3, self.degrees, -1)
         energy = np.sum(self._squares * parts[:2] ** 2, axis=(0, 1))
         wave = int(np.argmax(n * (n + 1) * parts[0, n - self.m] ** 2 / energy))
         return self._wave(float(values[wave].real), vectors.real[:, wave])
 
+    def mode(self, place: int) -> HoughWave:
+        """Return the free wave at a place of all, sorted by frequency, unscaled.
+
+        The first third of them are gravity waves that go west, the second third planetary waves,
+        and the last third the Kelvin wave and gravity waves that go east.
+        """
+        scale = np.repeat(np.sqrt(self._squares.T), 2, axis=0).ravel()
+        thin = self.planet.radius * np.sqrt(self.planet.gravity / self.depth)
+        scale = np.append(scale, np.full(self.degrees, thin))
+        # in the norm of energy the matrix is symmetric
+        values, vectors = np.linalg.eigh(scale[:, None] * self._matrix / scale)
+        return self._wave(float(values[place]), vectors[:, place] / scale)
+
     @property
     def _squares(self) -> Array:
         """n (n + 1) as a column."""
-        n = self.m + np.arange(DEGREES, dtype=np.float64)
+        n = self.m + np.arange(self.degrees, dtype=np.float64)
         return (n * (n + 1.0))[:, None]
 
     @property
     def _matrix(self) -> Array:
         """What σ times (ψ, X, η) is where nothing forces; each of degrees m, m + 1, …."""
-        n = self.m + np.arange(DEGREES)
+        n = self.m + np.arange(self.degrees)
         total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
         east = np.diag(-spin * self.m / total)
         # ∇·(f ∇Y_n) is made of the degrees above and below
@@ -183,13 +198,13 @@ class TidalEquations:
         up = np.diag((-n * (n + 2.0))[:-1] * share[1:], -1)
         down = np.diag((-(n - 1.0) * (n + 1.0) * share)[1:], 1)
         across = spin * (up + down) / total[:, None]
-        none, gravity = np.zeros_like(east), self.planet.gravity * np.eye(DEGREES)
+        none, gravity = np.zeros_like(east), self.planet.gravity * np.eye(self.degrees)
         swelling = np.diag(-self.depth * total / self.planet.radius**2)
         return np.block([[east, -across, none], [-across, east, -gravity], [none, swelling, none]])
 
     def _wave(self, frequency: float, solution: Array) -> HoughWave:
-        rows = solution.reshape(3, DEGREES) * np.array([1.0, 1.0j, 1.0])[:, None]
-        found = np.zeros((3, self.m + DEGREES, self.m + DEGREES), dtype=np.complex128)
+        rows = solution.reshape(3, self.degrees) * np.array([1.0, 1.0j, 1.0])[:, None]
+        found = np.zeros((3, self.m + self.degrees, self.m + self.degrees), dtype=np.complex128)
         found[:, self.m :, self.m] = rows
         return HoughWave(frequency, found, self.depth, self.planet)
 

@@ -7,6 +7,7 @@ from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH
 from swe_sphere.testcases.flows import solid_body, tilted_latitude
+from swe_sphere.testcases.lauter import bottom
 from swe_sphere.testcases.recommended import recommended
 
 PAPER = (
@@ -17,8 +18,6 @@ EQUATOR = EARTH.rotation * EARTH.radius
 """Speed of the planet at its equator [m s-1]."""
 SURFACE = 160000.0
 """g h at the equator of the flow [m2 s-2]."""
-BOTTOM = 10.0
-"""g b at the equator of the planet [m2 s-2]."""
 CENTRE, WIDTH = np.sin(np.pi / 4.0), 0.2
 """Sine of the latitude of the Gaussian jet, and its width."""
 POINTS = 64
@@ -62,9 +61,6 @@ def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False)
     lowest = float(depth(np.array([-1.0, 1.0])).min())
     if not lowest > 0.0:
         raise ConfigError(f"tilted-jet: a jet of {speed} m/s leaves no water at the pole")
-
-    def bottom(lon: Array, lat: Array) -> Array:
-        return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
 
     def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
         fixed = lon + EARTH.rotation * t

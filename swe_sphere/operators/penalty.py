@@ -1,13 +1,18 @@
 """The penalty on jumps of vorticity and divergence at the edges of elements."""
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.kernels.penalty import penalty_kernels
-from swe_sphere.operators.device_mesh import DeviceMesh
+from swe_sphere.kernels.simd.stages import stage_struct
+from swe_sphere.kernels.tracers import blocks_kernel
+from swe_sphere.operators.device_mesh import DeviceMesh, Field
 from swe_sphere.operators.diagnose import assemble
-from swe_sphere.operators.launch import Launcher
+from swe_sphere.operators.launch import Launcher, in_runs
 
 
 class EdgePenaltyOperator:
@@ -35,24 +40,26 @@ class EdgePenaltyOperator:
         transposed = mesh.upload(np.ascontiguousarray(mesh.mesh.derivative.T))
         self._geometry = mesh.geometry(made.geometry, given)
         self._transposed = mesh.geometry(made.geometry, given | {"derivative": transposed})
-        launch.load(made.derivatives, made.penalty, made.mean, made.add)
+        launch.load(made.derivatives, made.penalty)
+        assembly_of = partial(blocks_kernel, mesh.real, False)
+        self._sums = in_runs(launch, assembly_of, mesh.lanes, 0, mesh.size)
 
     def __call__(self, x: wp.array, factor: float, out: wp.array) -> None:
         """Add `factor` times the penalty of the wind of x to the wind of `out`."""
-        mesh, made, jumps, weak = self._mesh, self._kernels, self._jumps, self._weak
-        places, stride, launch = mesh.places(2), mesh.lanes, self._launch
-        mesh.sweep(launch, jumps)(
-            made.derivatives, mesh.threads(1), self._geometry, x, x, 0, 1, jumps.values, x
+        mesh, made, means = self._mesh, self._kernels, self._means
+        threads, jumps, weak = mesh.threads(1), self._jumps, self._weak
+        mesh.sweep(self._launch, jumps)(
+            made.derivatives, threads, self._geometry, x, x, 0, 1, jumps.values, x
         )
-        launch(
-            made.mean, mesh.size, places, self._mean_scale, stride, jumps.flat, mesh.size,
-            self._means,
-        )  # fmt: skip
-        means = self._means
-        mesh.sweep(launch, weak)(
-            made.penalty, mesh.threads(1), self._transposed, means, means, 0, 1, weak.values, means
+        self._assemble(self._mean_scale, jumps, mesh.stage, means)
+        mesh.sweep(self._launch, weak)(
+            made.penalty, threads, self._transposed, means, means, 0, 1, weak.values, means
         )
-        launch(
-            made.add, mesh.size, places, mesh.inverse_area, stride, weak.flat, mesh.size, factor,
-            out,
-        )  # fmt: skip
+        added = stage_struct(mesh.real)()
+        added.on, added.start, added.tau = True, out, factor
+        self._assemble(mesh.inverse_area, weak, added, out)
+
+    def _assemble(self, scale: wp.array, local: Field, stage: Any, out: wp.array) -> None:
+        mesh = self._mesh
+        for launch in self._sums:
+            launch(mesh.places(2), scale, mesh.lanes, mesh.size, 2, 0, local.flat, stage, out)
