@@ -77,7 +77,7 @@ def sweep(
 def _planned(
     flags: Mapping[str, object], recipe: Recipe, out: Path
 ) -> list[tuple[Path, SweepPlan | None]]:
-    """What the flags say, and for the rest the recipe: plans, each with its folder."""
+    """Return plans, each with its folder; flags take precedence over the recipe."""
     if not recipe.sweeps:
         return [(out, make_plan(flags))]
     plans = recipe.plans(flags)

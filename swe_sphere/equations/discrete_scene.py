@@ -129,7 +129,7 @@ def _parameters(scene: Scene, on: DeviceMesh) -> dict[str, Any]:
 
 
 def _coefficients(scene: Scene, effect: Effect, on: DeviceMesh) -> dict[str, Any]:
-    """What the terms of an effect read, fields on the device."""
+    """Return the coefficients that the terms of an effect read, fields on the device."""
     mesh, label = on.mesh, f"{scene.name}: coefficients of {effect.name}"
     found = dict(guarded(label, effect.coefficients, mesh))
     if isinstance(effect, PointwiseEffect) and effect.needs is not None:

@@ -67,7 +67,7 @@ class Passes:
         kind = kernels_of(1).geometry
         parameters["point"] = fill(kind.vars["point"].type, parameters, point)
         self._node_geometry = mesh.geometry(kind, parameters)
-        """What the kernels read that step what elements have not."""
+        """Arguments of the kernels that step the nodes which the elements left out."""
         of_fields = field_kernels(np_, self._real, mesh.shape)
         self._local_depth = mesh.scratch(self._masses, of_fields.value)
         self._local_wind = mesh.scratch(2, of_fields.value)

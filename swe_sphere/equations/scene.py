@@ -88,7 +88,7 @@ class Scene:
     reference: str = ""
     """The paper, with its DOI."""
     report: str = ""
-    """What is worth reporting, in words."""
+    """Text that names the results worth reporting."""
     ne: int = 16
     """Recommended number of elements along the edge of a cube face."""
     np: int = 4
@@ -106,11 +106,11 @@ class Scene:
     wind: Wind | None = None
     """The wind, if and only if it is prescribed."""
     steady_wind: bool = False
-    """Whether the prescribed wind is the same at all times, so that it need be evaluated once."""
+    """True if the prescribed wind is the same at all times; it is then evaluated once."""
     forcing: Rates | None = None
     """Rates of change whatever the state is; there if and only if the scene has forcing."""
     steady_forcing: bool = False
-    """Whether the forcing is the same at all times, so that it need be evaluated once."""
+    """True if the forcing is the same at all times; it is then evaluated once."""
     base: State | None = None
     """The flow that the dynamics are linearised about, if and only if they are."""
     equilibrium: Scalar | None = None
@@ -118,11 +118,11 @@ class Scene:
     tracers: Mapping[str, Scalar] | None = None
     """Initial mixing ratios by name, in any unit; there if and only if the scene has tracers."""
     exact_tracers: UnsteadyTracers | None = None
-    """What is known of the tracers at later times; NaN at those where nothing is."""
+    """Function that returns the exact tracers at a time; NaN at times without a solution."""
     error_field: str = "h"
     """Errors of height are those of the fluid depth ("h") or of the free surface ("surface")."""
     sheds_waves: bool = False
-    """Whether the start sheds gravity waves, so that depth alone does not rank steppers."""
+    """True if the initial state sheds gravity waves, so that depth alone does not rank steppers."""
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
     """The scene parameters (alpha, ...) this scene was made with."""
 
@@ -368,7 +368,7 @@ def _wrong_numbers(scene: Scene) -> Iterator[str]:
 
 
 def is_finite(value: object) -> bool:
-    """Whether the value is a finite number; a switch is none, nor is one too large for a float."""
+    """Return True for finite numbers, but not for switches or numbers too large for a float."""
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     try:

@@ -67,7 +67,7 @@ class _Function:
     may_be_nan: bool = False
     """Whether NaN stands for what is not known."""
     by_name: bool = False
-    """Whether it returns fields by name, some or all of them, instead of a tuple."""
+    """True if the function returns fields by name, some or all of them, instead of a tuple."""
 
     def __post_init__(self) -> None:
         function = self.function.function if isinstance(self.function, _Function) else self.function

@@ -1,4 +1,4 @@
-"""Weak Laplacians that damp the smallest scales."""
+"""Effects that damp the smallest scales: weak Laplacians and the edge penalty."""
 
 import math
 from collections.abc import Mapping
@@ -113,7 +113,7 @@ class EdgePenalty(Effect):
 
     @property
     def absent(self) -> bool:
-        """Whether the strength is zero."""
+        """True where the strength is zero."""
         return self.c == 0.0 or self.speed == 0.0
 
     def strength(self, mesh: Mesh, speed: float) -> Array:

@@ -51,7 +51,7 @@ class Effect:
 
     @property
     def diffuses(self) -> bool:
-        """Whether it is a linear damping with derivatives: explicit steppers step it apart."""
+        """True for a linear damping with derivatives, which explicit steppers apply separately."""
         return bool(self.terms & {"diffusion", "biharmonic", "edge-penalty"})
 
     @property
