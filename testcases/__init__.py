@@ -12,6 +12,7 @@ from pathlib import Path
 
 from swe_sphere.equations.scene import Parameter, Scene
 from swe_sphere.errors import unknown_name
+from swe_sphere.settings.registry import first_line
 from swe_sphere.testcases.user_scenes import SceneFactory, load, made
 
 __all__ = ["SCENES", "get_scene", "list_scenes"]
@@ -62,4 +63,4 @@ def list_scenes() -> dict[str, str]:
         >>> swe_sphere.list_scenes()["williamson5"]
         'Zonal flow over an isolated mountain.'
     """
-    return {name: (make.__doc__ or "").strip().splitlines()[0] for name, make in SCENES.items()}
+    return {name: first_line(make) for name, make in SCENES.items()}

@@ -14,6 +14,9 @@ from matplotlib.figure import Figure
 from swe_sphere import compiling
 from swe_sphere.mesh import Mesh
 from swe_sphere.pictures import plot
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS
+from swe_sphere.solvers.preconditioners import PRECONDITIONERS
+from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.report import page
 from swe_sphere.studies.sweep import engine
 
@@ -43,6 +46,18 @@ def coarse_pictures():
         patch.setattr(plot, "ROWS", 61)
         patch.setattr(plot, "DOTS_PER_INCH", 60)
         yield
+
+
+@pytest.fixture(autouse=True)
+def own_classes_are_forgotten():
+    """What one test registers must not be found by another on the same worker."""
+    registries = STEPPERS, PRECONDITIONERS
+    before, diagnostics = [dict(each.data) for each in registries], dict(DIAGNOSTICS)
+    yield
+    for registry, data in zip(registries, before, strict=True):
+        registry.data = data
+    DIAGNOSTICS.clear()
+    DIAGNOSTICS.update(diagnostics)
 
 
 @pytest.fixture

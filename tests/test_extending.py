@@ -21,7 +21,6 @@ from swe_sphere.io.checkpoint import read_checkpoint
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import HOUR
 from swe_sphere.simulation.config import make_config
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.simulation import run
 from swe_sphere.solvers.preconditioners import PRECONDITIONERS, make_preconditioner
 from swe_sphere.steppers import STEPPERS, get_stepper
@@ -37,12 +36,6 @@ SMALL = {"scene": "williamson5", "ne": 2, "np": 4, "days": 0.25, "dt": 1800.0}
 BASE = "from swe_sphere.steppers import Stepper\nclass A(Stepper):\n    name, order = 'a', 1\n"
 RK = "from swe_sphere.steppers.runge_kutta import RungeKutta\n"
 EULER = "class {0}(RungeKutta):\n    name, order, a, b = '{1}', 1, (), (1.0,)\n"
-
-
-@pytest.fixture(autouse=True)
-def no_diagnostics_are_left():
-    yield
-    DIAGNOSTICS.clear()
 
 
 @pytest.fixture

@@ -35,6 +35,13 @@ def test_the_names_are_those_and_no_others():
         _ = swe_sphere.Simulacrum
 
 
+def test_what_has_no_docstring_is_listed_too():
+    class Undocumented(swe_sphere.RungeKutta):
+        name, order, a, b = "undocumented", 1, (), (1.0,)
+
+    assert swe_sphere.list_steppers()["undocumented"] == ""
+
+
 def test_import_loads_nothing_heavy():
     code = (
         "import sys, swe_sphere; dir(swe_sphere);"

@@ -15,15 +15,6 @@ from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.testcases import get_scene
 
 
-@pytest.fixture(autouse=True)
-def no_diagnostics():
-    """Those of a test are gone after it."""
-    before = dict(DIAGNOSTICS)
-    yield
-    DIAGNOSTICS.clear()
-    DIAGNOSTICS.update(before)
-
-
 def small(scene="williamson6", **values):
     return Simulation(scene, **{"ne": 2, "np": 4, "dt": 1800.0} | values)
 

@@ -15,7 +15,6 @@ import xarray as xr
 from swe_sphere.cli.main import main
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.simulation.config import load_config, make_config
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS
 from swe_sphere.simulation.simulation import run
 
 ROOT = Path(__file__).parents[1]
@@ -24,12 +23,6 @@ EXAMPLES = re.findall(
     r"```python\n# (\w+\.py)\n(.*?)```", (ROOT / "docs" / "extending.md").read_text(), re.DOTALL
 )
 SCENE, SCRIPT = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-
-
-@pytest.fixture(autouse=True)
-def no_diagnostics_are_left():
-    yield
-    DIAGNOSTICS.clear()
 
 
 def test_the_scene_runs_and_stays_in_balance(tmp_path):

@@ -33,13 +33,6 @@ mpl.use("Agg")
 SMALL = {"ne": 2, "np": 4, "dt": 1800.0}
 
 
-@pytest.fixture(autouse=True)
-def no_diagnostics_are_left():
-    DIAGNOSTICS.clear()
-    yield
-    DIAGNOSTICS.clear()
-
-
 def small(scene="williamson6", **values):
     return Simulation(scene, **{**SMALL, **values})
 

@@ -19,6 +19,11 @@ class Named(Protocol):
 T = TypeVar("T", bound=Named)
 
 
+def first_line(documented: Any) -> str:
+    """Return the first line of a docstring; the empty text where there is none."""
+    return next(iter((documented.__doc__ or "").strip().splitlines()), "")
+
+
 class Registry(UserDict[str, type[T]]):
     """The classes of one kind by name, in an order of their own.
 

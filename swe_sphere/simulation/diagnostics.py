@@ -27,6 +27,7 @@ from swe_sphere.io.integrals import (
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
 from swe_sphere.io.norms import Norms, area_mean, by_name, field_errors, norms
 from swe_sphere.planet import DAY
+from swe_sphere.settings.registry import first_line
 
 if TYPE_CHECKING:
     import warp as wp
@@ -277,8 +278,8 @@ def diagnostic(
         raise ConfigError(f"the diagnostic {called!r} needs a name= of letters, digits and _")
     if called in OPTIONS or _is_taken(called):
         raise ConfigError(f"the diagnostic {called!r} needs another name: files have one of it")
-    words = (function.__doc__ or called).strip().splitlines()[0]
-    DIAGNOSTICS[called] = Diagnostic(called, function, units, long_name or words)
+    words = long_name or first_line(function) or called
+    DIAGNOSTICS[called] = Diagnostic(called, function, units, words)
     return function
 
 

@@ -4,6 +4,7 @@ import importlib
 import pkgutil
 from pathlib import Path
 
+from swe_sphere.settings.registry import first_line
 from swe_sphere.steppers.stepper import RECOMMENDED, STEPPERS, Stepper, Trajectory
 
 __all__ = ["RECOMMENDED", "STEPPERS", "Stepper", "Trajectory", "get_stepper", "list_steppers"]
@@ -28,6 +29,6 @@ def list_steppers() -> dict[str, str]:
         >>> swe_sphere.list_steppers()["rk4"]
         'Classical Runge-Kutta: four stages, fourth order; stable to 2.83 times the leapfrog limit.'
     """
-    named = {name: (cls.__doc__ or "").strip().splitlines()[0] for name, cls in STEPPERS.items()}
+    named = {name: first_line(cls) for name, cls in STEPPERS.items()}
     aliases = STEPPERS.aliases.items()
     return named | {name: f"The recommended scheme: {scheme}." for name, scheme in aliases}
