@@ -13,7 +13,7 @@ import sys
 from contextlib import contextmanager
 
 from swe_sphere import Simulation
-from swe_sphere.ranks.communicator import MpiCommunicator, world
+from swe_sphere.ranks.communicator import Communicator, world
 from swe_sphere.solvers import vector_space
 from swe_sphere.steppers import newton_stages
 
@@ -38,7 +38,7 @@ def as_gpu(reached):
     reach the array.
     """
     return [
-        (MpiCommunicator, "reaches", lambda self, device: reached),
+        (Communicator, "reaches", lambda self, device: reached),
         (vector_space, "HostSpace", vector_space.DeviceSpace),
     ]
 

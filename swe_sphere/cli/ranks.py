@@ -17,8 +17,7 @@ from typing import TextIO
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import OF_RANKS, world
-from swe_sphere.ranks.memory import available_memory
-from swe_sphere.ranks.terminal import handed_on
+from swe_sphere.ranks.limits import available_memory
 
 NOISE = (
     "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
@@ -52,7 +51,7 @@ def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
     command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
     with subprocess.Popen(
         command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
-        process_group=0, env=handed_on(),
+        process_group=0,
     ) as job:  # fmt: skip
         # in a group of its own a Ctrl-C reaches it once, from here, like what others send
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -13,7 +13,6 @@ from typing import Any
 import typer
 
 from swe_sphere.errors import SweError, in_one_line
-from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.observers import LogLines, Observer, ProgressBar
 from swe_sphere.simulation.summary import Summary
@@ -28,7 +27,7 @@ def progress(config: RunConfig) -> list[Observer]:
     """Return what shows the progress of a run: a bar in a terminal, lines elsewhere."""
     if config.quiet or config.as_json or config.live:
         return []
-    return [ProgressBar() if screen("stderr").isatty() else LogLines()]
+    return [ProgressBar() if sys.stderr.isatty() else LogLines()]
 
 
 def show_warning(text: str) -> None:
@@ -70,7 +69,7 @@ def _print_table(summary: Summary, config: RunConfig) -> None:
     table = Table(show_header=False, title=summary.title)
     for line in (*summary.rows(), *written):
         table.add_row(*line)
-    Console(file=screen("stdout"), markup=False, highlight=False).print(table)
+    Console(markup=False, highlight=False).print(table)
 
 
 def print_table(heads: Sequence[str], lines: Iterable[Iterable[str]], **look: Any) -> None:

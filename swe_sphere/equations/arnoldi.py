@@ -7,8 +7,8 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.ranks.blas import one_thread
 from swe_sphere.ranks.communicator import Communicator
+from swe_sphere.ranks.limits import one_thread
 
 Float32 = NDArray[np.float32]
 Product = Callable[[NDArray[np.floating]], Array]

@@ -15,7 +15,6 @@ from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid
 from swe_sphere.pictures.plot import default_field
-from swe_sphere.ranks.terminal import screen
 
 WIDEST, LINES_BESIDE = 160, 3
 """Largest number of columns; lines of the terminal left for the caption and the prompt."""
@@ -30,7 +29,7 @@ class LivePicture:
 
     def __init__(self, field: str, own: Iterable[str] = ()) -> None:
         self._field = field if field == "auto" else check_field(field, own)
-        self._console = Console(file=screen("stderr"), highlight=False)
+        self._console = Console(stderr=True, highlight=False)
         self._drawing: Drawing | None = None
         self._low, self._high = np.inf, -np.inf
 

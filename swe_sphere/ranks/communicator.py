@@ -4,26 +4,25 @@ Each rank holds the whole mesh on the host and steps its part of it.  Every rank
 what follows from the same numbers: decisions of all ranks agree because their bits do.
 """
 
-import atexit
 import ctypes
 import functools
 import math
 import os
 import signal
-import stat
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.ranks.blas import keep_to_one_thread
+from swe_sphere.ranks.limits import keep_to_one_thread
 
 T = TypeVar("T")
 
@@ -56,7 +55,7 @@ class Messages:
 
         requests = [comm.Recv_init(array, rank) for rank, array in incoming.items()]
         requests += [comm.Send_init(array, rank) for rank, array in outgoing.items()]
-        weakref.finalize(self, _free, requests)
+        weakref.finalize(self, lambda: [*map(Prequest.Free, requests)])
         self.start = functools.partial(Prequest.Startall, requests)
         """Sends all outgoing arrays, which must not change before `wait`, and receives."""
         self._are_complete = functools.partial(Prequest.Testall, requests)
@@ -64,11 +63,6 @@ class Messages:
     def wait(self) -> None:
         """Return when all arrays have been sent and received."""
         _complete(self._are_complete)
-
-
-def _free(requests: list[Any]) -> None:
-    for request in requests:
-        request.Free()
 
 
 def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
@@ -86,20 +80,40 @@ def _complete(test: Callable[[], bool], patience: float = math.inf) -> bool:
 
 
 class Communicator:
-    """The communicator of a single process, in which all communication is trivial."""
+    """The communicator of a single process, or of all ranks that MPI started.
 
-    rank, size, local = 0, 1, 0
-    """Number of this rank, number of ranks, and number of this rank on its machine."""
-    shared = False
-    """Whether MPI shares the mesh between ranks, of which there may be one."""
+    mpi: the module `mpi4py.MPI`; None for a single process, where all communication is trivial.
+    """
+
+    def __init__(self, mpi: Any = None) -> None:
+        self.rank, self.size, self.local = 0, 1, 0
+        """Number of this rank, number of ranks, and number of this rank on its machine."""
+        self.shared = mpi is not None
+        """Whether MPI shares the mesh between ranks, of which there may be one."""
+        if mpi is None:
+            return
+        keep_to_one_thread()
+        # messages of callers on COMM_WORLD must not meet those of the halo
+        self._mpi, self._comm = mpi, mpi.COMM_WORLD.Dup()
+        self._failures = self._comm.Dup()
+        self.rank, self.size = self._comm.rank, self._comm.size
+        self.local = self._comm.Split_type(mpi.COMM_TYPE_SHARED).rank
+        self._tell, sys.excepthook = sys.excepthook, self._fail
+        threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
         """Return messages between arrays of this rank and of others; a single process has none."""
-        raise NotImplementedError
+        return Messages(self._comm, outgoing, incoming)
 
     def reaches(self, device: str) -> bool:
-        """Return whether messages need no copies between a device and the host."""
-        return True
+        """Return whether messages need no copies between a device and the host.
+
+        MPI reaches the memory of CPUs always, that of GPUs where it was built for them.
+        """
+        if not self.shared or device == "cpu":
+            return True
+        ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
+        return ask is not None and bool(ask())
 
     def gather(
         self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
@@ -108,7 +122,11 @@ class Communicator:
 
         counts: the size of the array of each rank; out: room for all of several ranks.
         """
-        return mine.ravel()
+        if not self.shared:
+            return mine.ravel()
+        room = np.empty(sum(counts), mine.dtype) if out is None else out
+        _complete(self._comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
+        return room
 
     def of_each(self, mine: float) -> NDArray[Any]:
         """Return a number of each rank, as an array (size,)."""
@@ -116,71 +134,13 @@ class Communicator:
 
     def tell_all(self, mine: T) -> list[T]:
         """Return an object of each rank."""
-        return [mine]
+        self._wait_for_all()
+        return list(self._comm.allgather(mine)) if self.shared else [mine]
 
     def on_root(self, function: Callable[[], T]) -> T:
         """Return, or raise, what the function does on rank 0, which alone calls it."""
-        return function()
-
-    @contextmanager
-    def root_first(self) -> Iterator[None]:
-        """Have the other ranks enter the block when rank 0 has left it."""
-        yield
-
-    def any_lately(self, mine: bool) -> bool:
-        """Return whether `mine` held on any rank in the call before this one, or holds now."""
-        return mine
-
-    def agree_to_fail(self, line: str) -> None:
-        """Return where all ranks fail; otherwise print the line and end all of them."""
-
-
-class MpiCommunicator(Communicator):
-    """The communicator of all ranks that MPI started."""
-
-    shared = True
-
-    def __init__(self) -> None:
-        from mpi4py import MPI
-
-        keep_to_one_thread()
-        # messages of callers on COMM_WORLD must not meet those of the halo
-        self._mpi, self._comm = MPI, cast(Any, MPI.COMM_WORLD.Dup())
-        self._failures = self._comm.Dup()
-        self.rank, self.size = self._comm.rank, self._comm.size
-        machine = self._comm.Split_type(MPI.COMM_TYPE_SHARED)
-        self.local = machine.rank
-        machine.Free()
-        self._asked = (np.zeros(1, np.int8), np.zeros(1, np.int8))
-        self._answer: Any = None
-        atexit.register(self._settle)
-        self._tell, sys.excepthook = sys.excepthook, self._fail
-        threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-
-    def messages(self, outgoing: Arrays, incoming: Arrays) -> Messages:
-        """Return messages by persistent requests of MPI."""
-        return Messages(self._comm, outgoing, incoming)
-
-    def reaches(self, device: str) -> bool:
-        """Return whether MPI reaches the memory of a device: always of CPUs, in some of GPUs."""
-        ask = getattr(ctypes.CDLL(self._mpi.__file__), "MPIX_Query_cuda_support", None)
-        return device == "cpu" or (ask is not None and bool(ask()))
-
-    def gather(
-        self, mine: NDArray[Any], counts: Sequence[int], out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
-        """Gather by one collective message."""
-        room = np.empty(sum(counts), mine.dtype) if out is None else out
-        _complete(self._comm.Iallgatherv(np.ascontiguousarray(mine), (room, counts)).Test)
-        return room
-
-    def tell_all(self, mine: T) -> list[T]:
-        """Gather by one collective message."""
-        self._wait_for_all()
-        return list(self._comm.allgather(mine))
-
-    def on_root(self, function: Callable[[], T]) -> T:
-        """Call the function on rank 0 and broadcast its result."""
+        if not self.shared:
+            return function()
         told: tuple[T | None, Exception | None] = None, None
         if self.rank == 0:
             try:
@@ -195,7 +155,7 @@ class MpiCommunicator(Communicator):
 
     @contextmanager
     def root_first(self) -> Iterator[None]:
-        """Hold back the other ranks by a barrier."""
+        """Have the other ranks enter the block when rank 0 has left it."""
         if self.rank:
             self._wait_for_all()
         try:
@@ -205,23 +165,8 @@ class MpiCommunicator(Communicator):
                 self._wait_for_all()
 
     def _wait_for_all(self) -> None:
-        _complete(self._comm.Ibarrier().Test)
-
-    def any_lately(self, mine: bool) -> bool:
-        """Return the answer to the call before: its message travels while ranks compute."""
-        if self._answer is not None:
-            _complete(self._answer.Test)
-        said, heard = self._asked  # zeros before the first call
-        found = bool(heard[0])
-        said[0] = mine and not found
-        self._answer = self._comm.Iallreduce(said, heard, self._mpi.MAX)
-        return found
-
-    def _settle(self) -> None:
-        """Complete what is open when the process ends: MPI would complain."""
-        if self._answer is not None:
-            _complete(self._answer.Test)
-        self._failures.Free()
+        if self.shared:
+            _complete(self._comm.Ibarrier().Test)
 
     def _fail(self, kind: type[BaseException], error: BaseException, trace: Any) -> None:
         """End all ranks after an exception that nothing caught: others may wait for this one."""
@@ -229,8 +174,8 @@ class MpiCommunicator(Communicator):
         self.agree_to_fail(f"{kind.__name__}: {error}")
 
     def agree_to_fail(self, line: str) -> None:
-        """Wait at a barrier for PATIENCE seconds."""
-        if not _complete(self._failures.Ibarrier().Test, PATIENCE):
+        """Return where all ranks fail within `PATIENCE`; else print the line and end all ranks."""
+        if self.shared and not _complete(self._failures.Ibarrier().Test, PATIENCE):
             sys.stderr.write(f"swe-sphere: rank {self.rank} of {self.size}: {line}\n")
             sys.stderr.flush()
             time.sleep(HEARD)
@@ -256,7 +201,7 @@ def world() -> Communicator:
     if started is None:
         return Communicator()
     try:
-        ranks = MpiCommunicator()
+        from mpi4py import MPI
     except ImportError:
         if started == 1:
             return Communicator()
@@ -264,6 +209,7 @@ def world() -> Communicator:
             "several ranks were started, but there is no mpi4py for them: pip install"
             " 'swe-sphere[mpi]'"
         ) from None
+    ranks = Communicator(MPI)
     if started not in (0, ranks.size):
         raise ConfigError(
             f"{started} ranks were started, but mpi4py knows of {ranks.size}: it is of another MPI"
@@ -279,19 +225,11 @@ def started_ranks() -> int | None:
     """
     said = [os.environ[name] for name in SIZES if name in os.environ]
     socket = "" if len(said) > 1 else os.environ.get("PMI_FD", "")  # of an outer MPI
-    if socket.isdigit() and not _is_socket(int(socket)):
+    if socket.isdigit() and not Path(f"/dev/fd/{socket}").is_socket():
         return None
     if not said and "PMIX_RANK" in os.environ:
         said = [os.environ.get("SLURM_STEP_NUM_TASKS", "0")]
     return int(said[0]) if said and said[0].isdigit() else None
-
-
-def _is_socket(descriptor: int) -> bool:
-    """Return whether a file descriptor of this process is a socket."""
-    try:
-        return stat.S_ISSOCK(os.fstat(descriptor).st_mode)
-    except OSError:
-        return False
 
 
 def leave_ranks() -> None:

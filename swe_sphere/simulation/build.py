@@ -24,7 +24,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
-from swe_sphere.ranks.memory import available_memory
+from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import Snapshot, load_diagnostics

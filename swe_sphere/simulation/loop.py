@@ -148,7 +148,7 @@ class Loop:
     def _stop(self, interruption: Interruption, late: bool = False) -> None:
         """Raise Interrupted or TimedOut on all ranks where there is reason to on one."""
         comm = self.model.comm
-        if not comm.any_lately(late or interruption.received is not None):
+        if not comm.of_each(late or interruption.received is not None).any():
             return
         signals, hurry = zip(*comm.tell_all((interruption.received, late)), strict=True)
         for name in filter(None, signals):

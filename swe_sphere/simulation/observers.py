@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable
 from swe_sphere.files.user_file import guarded
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.ranks.terminal import screen
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import appends
@@ -199,7 +198,7 @@ class ProgressBar(Observer):
         with suppress(OSError):
             self._bar = tqdm(
                 total=plan.steps, initial=snapshot.steps, desc=label, unit="step", leave=False,
-                file=screen("stderr"), dynamic_ncols=True,
+                dynamic_ncols=True,
             )  # fmt: skip
 
     def tick(self, step: int) -> None:

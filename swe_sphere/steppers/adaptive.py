@@ -12,7 +12,7 @@ from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.files.user_file import users_code
 from swe_sphere.planet import DAY
-from swe_sphere.ranks.blas import one_thread
+from swe_sphere.ranks.limits import one_thread
 from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
 from swe_sphere.steppers.variable_stepper import ImplicitStepper
 

@@ -17,7 +17,7 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.user_file import users_code
 from swe_sphere.operators.replay import Replay
-from swe_sphere.ranks.blas import one_thread
+from swe_sphere.ranks.limits import one_thread
 from swe_sphere.settings.registry import Registry
 from swe_sphere.steppers.split_diffusion import Diffusion
 from swe_sphere.steppers.stability import Complex, largest_step

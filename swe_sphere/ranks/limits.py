@@ -1,0 +1,65 @@
+"""Limits of a process: the memory that it may still occupy, and the threads of BLAS."""
+
+import os
+import sys
+from contextlib import AbstractContextManager, suppress
+from functools import cache
+from pathlib import Path
+
+from threadpoolctl import ThreadpoolController
+
+
+@cache
+def _libraries(scipy: bool) -> ThreadpoolController:
+    """Return the BLAS libraries loaded so far; scipy loads its own with `scipy.linalg`."""
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Limit BLAS to one thread within a block.
+
+    The libraries of numpy and scipy each have threads that spin: together fifty times slower.
+    """
+    libraries = _libraries("scipy.linalg" in sys.modules)
+    limited: AbstractContextManager[object] = libraries.limit(limits=1, user_api="blas")
+    return limited
+
+
+def keep_to_one_thread() -> None:
+    """Limit BLAS to one thread in this process, unless OPENBLAS_NUM_THREADS says otherwise.
+
+    The limit holds for libraries loaded later, too.  Processes that share a machine need it: their
+    spinning threads would wait for each other.
+    """
+    if os.environ.setdefault("OPENBLAS_NUM_THREADS", "1") == "1":
+        ThreadpoolController().limit(limits=1, user_api="blas")
+
+
+def available_memory() -> float | None:
+    """Return the memory [bytes] that this process may still occupy; None where it is unknown.
+
+    The machine, its container and the batch job each have a limit.
+    """
+    return min(_free_memory(), default=None)
+
+
+def _free_memory() -> list[float]:
+    """Return what the machine and each limit of control groups (Linux) leave."""
+    free: list[float] = []
+    with suppress(OSError, KeyError):
+        machine = Path("/proc/meminfo").read_text().splitlines()
+        free.append(1024.0 * float(dict(ln.split()[:2] for ln in machine)["MemAvailable:"]))
+        for line in Path("/proc/self/cgroup").read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            base, limit, usage = Path("/sys/fs/cgroup"), "memory.max", "memory.current"
+            if controllers:  # the first version of control groups, a tree for each kind
+                base, limit = base / controllers, "memory.limit_in_bytes"
+                usage = "memory.usage_in_bytes"
+            inside = Path(path.lstrip("/"))
+            for folder in (base / part for part in (inside, *inside.parents)):
+                with suppress(OSError, ValueError):
+                    largest, used = (float((folder / x).read_text()) for x in (limit, usage))
+                    lines = (folder / "memory.stat").read_text().splitlines()
+                    cached = dict(line.split() for line in lines)
+                    free.append(largest - used + float(cached.get("inactive_file", 0)))
+    return free
