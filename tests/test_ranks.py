@@ -18,7 +18,7 @@ import xarray as xr
 from ranks import fingerprint
 
 from swe_sphere.cli.main import main
-from swe_sphere.cli.ranks import PROCESS, start_ranks
+from swe_sphere.cli.run import PROCESS, start_ranks
 from swe_sphere.compiling import COMPILING
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
@@ -455,7 +455,7 @@ def test_ranks_may_have_fewer_nodes_than_a_register(mpi):
 
 
 def test_more_ranks_than_there_is_memory_for_are_not_started(mpi, monkeypatch):
-    monkeypatch.setattr("swe_sphere.cli.ranks.available_memory", lambda: 10.5 * PROCESS)
+    monkeypatch.setattr("swe_sphere.cli.run.available_memory", lambda: 10.5 * PROCESS)
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: pytest.fail("ranks were started"))
     with pytest.raises(ConfigError, match="ranks=300: there is memory for about 10 processes"):
         start_ranks(300, 30, ["run", "williamson2"])

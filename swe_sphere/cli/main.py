@@ -1,6 +1,8 @@
 """The program `swe-sphere`: its commands and its exit status."""
 
+import os
 import sys
+import traceback
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Annotated
@@ -8,10 +10,10 @@ from typing import Annotated
 import typer
 
 from swe_sphere import __version__
-from swe_sphere.cli.ranks import fail
-from swe_sphere.cli.show import explain, show_traceback
+from swe_sphere.cli.show import DEBUG, explain
 from swe_sphere.compiling import on_compile, tell_of_compiling
-from swe_sphere.ranks.communicator import refuse_ranks
+from swe_sphere.errors import ConfigError
+from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
@@ -59,16 +61,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     0: done, 2: the request cannot be carried out as written, 1: the run failed, 130: interrupted.
     """
-    sys.exit(_status(sys.argv[1:] if arguments is None else arguments))
-
-
-def _status(arguments: Sequence[str]) -> int:
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
         with on_compile(tell_of_compiling):
-            asked = [name for name in arguments[:1] if name in COMMANDS]
-            app = program(asked or COMMANDS)
-            return app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments) or 0
+            app = program([name for name in arguments[:1] if name in COMMANDS] or COMMANDS)
+            status = app(arguments, prog_name="swe-sphere", standalone_mode=False, obj=arguments)
     except Exception as error:
-        show_traceback()
+        if os.environ.get(DEBUG):
+            traceback.print_exc()
         line, status = explain(error)
-    return fail(line, status)
+        _show_failure(line)
+    sys.exit(status or 0)
+
+
+def _show_failure(line: str) -> None:
+    """Print in one line why the program fails; if all ranks do, on one of them."""
+    try:
+        comm = world()
+        comm.agree_to_fail(line)
+        first = comm.rank == 0
+    except ConfigError:  # which is what the line says: nobody knows the others
+        first = all(os.environ.get(name, "0") == "0" for name in OF_RANKS)
+    if first:
+        sys.stderr.write(f"swe-sphere: {line}\n")

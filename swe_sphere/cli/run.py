@@ -1,33 +1,45 @@
-"""`swe-sphere run`: flags and configuration file to a run, and its result to the terminal."""
+"""`swe-sphere run`: a run from flags and a file, in this process or in ranks, and its result."""
 
+import ctypes
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from subprocess import DEVNULL, PIPE
+from threading import Thread
+from typing import Any, TextIO
 
 import typer
 
 from swe_sphere.cli.options import given, option, with_flags
-from swe_sphere.cli.ranks import start_ranks
-from swe_sphere.cli.show import Stopped, explain, progress, show_summary, show_warning
+from swe_sphere.cli.show import Stopped, explain
 from swe_sphere.compiling import on_compile
-from swe_sphere.errors import ConfigError
+from swe_sphere.errors import ConfigError, in_one_line
+from swe_sphere.mesh.partition import check_ranks
 from swe_sphere.ranks.communicator import world
-from swe_sphere.settings.values import validated
+from swe_sphere.ranks.limits import available_memory
+from swe_sphere.settings.values import convert
 from swe_sphere.simulation.build import make_scene
-from swe_sphere.simulation.config import RunConfig, Whole, load_config, make_config
+from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.observers import LogLines, ProgressBar
 from swe_sphere.simulation.restart import adopt, read_restart
 from swe_sphere.simulation.simulation import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
-
-class Asked(RunConfig):
-    """What flags and the file say."""
-
-    ranks: Whole | None = None
-    """Processes that share the mesh, by MPI."""
-
-    def of_run(self) -> RunConfig:
-        """Without the number of processes, on which the run does not depend."""
-        return make_config({name: x for name, x in self.given().items() if name != "ranks"})
+NOISE = (
+    "===", "=   ", "YOUR APPLICATION TERMINATED", "This typically refers", "Please see the FAQ",
+    "Abort(", "application called MPI_Abort", "MPICH:", "[mpiexec@",
+)  # fmt: skip
+"""How lines of mpiexec about a process that died begin; ours says it in one."""
+PR_SET_PDEATHSIG = 1
+"""Of Linux: see prctl(2)."""
+PROCESS = 100 * 2**20
+"""Memory [bytes] that a rank shares with no other, with the smallest mesh."""
 
 
 @with_flags(RunConfig, argument="scene")
@@ -38,14 +50,14 @@ def run(
     **values: Any,
 ) -> int:
     """Run a scene and report errors, conservation and cost."""
-    comm = world()
-    said = given(values | {"ranks": ranks}, Asked)
+    comm, said = world(), given(values, RunConfig)
     try:
         said = said if config is None else load_config(config) | said
-        told = validated(Asked, said)
-        asked, ranks = told.of_run(), told.ranks
+        ranks = convert("ranks", int | None, said.pop("ranks", None) if ranks is None else ranks)
+        asked = make_config(said)
         if ranks is not None and not comm.shared:
-            return start_ranks(ranks, _ne(asked), context.obj)
+            mesh = asked if asked.restart is None else adopt(asked, read_restart(asked))
+            return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
             raise ConfigError(f"ranks={ranks}: {comm.size} have been started: leave ranks out")
         summary = _run(asked)
@@ -54,23 +66,102 @@ def run(
             typer.echo(failed_summary(said, *explain(error)).as_json())
         raise
     if comm.rank == 0:
-        show_summary(summary, asked)
+        _show_summary(summary, asked)
     return summary.exit_status
 
 
-def _ne(asked: RunConfig) -> int:
-    """Of the mesh that the run will have."""
-    before = asked if asked.restart is None else adopt(asked, read_restart(asked))
-    return make_scene(before).ne if before.ne is None else before.ne
-
-
-def _run(asked: RunConfig) -> Summary:
-    if world().rank:
-        return run_scene(asked)
+def _run(config: RunConfig) -> Summary:
     try:
-        if asked.quiet:
+        if config.quiet or world().rank:
             with on_compile(lambda: None):
-                return run_scene(asked)
-        return run_scene(asked, progress(asked), show_warning)
+                return run_scene(config)
+        progress = [ProgressBar() if sys.stderr.isatty() else LogLines()]
+        return run_scene(config, [] if config.as_json or config.live else progress, _show_warning)
     except KeyboardInterrupt:
         raise Stopped("interrupted by Ctrl-C") from None
+
+
+def _show_warning(text: str) -> None:
+    with suppress(OSError):  # nobody reads it any more
+        sys.stderr.write(f"swe-sphere: warning: {text}\n")
+
+
+def _show_summary(summary: Summary, config: RunConfig) -> None:
+    """Print the result as a table or a line of JSON, and on stderr why the run stopped early."""
+    if summary.reason is not None:
+        named = config.out is None or str(config.out) in summary.reason
+        kept = "" if named else f"; {config.out} keeps what was written"
+        sys.stderr.write(f"swe-sphere: {in_one_line(summary.reason)}{kept}\n")
+    told = config.out is not None and not (config.quiet or config.as_json)
+    if told and summary.status in ("interrupted", "timed-out"):
+        words = ["swe-sphere", "run", config.scene, "--restart", str(config.out)]
+        words += ["--out", str(config.out), "--days", f"{summary['days_planned']:.12g}"]
+        sys.stderr.write(f"swe-sphere: it goes on with: {shlex.join(words)}\n")
+    if config.as_json:
+        sys.stdout.write(summary.as_json() + "\n")
+    elif not config.quiet:
+        from rich.console import Console
+        from rich.table import Table
+
+        files = {"frames": config.out, "picture": config.plot}
+        table = Table(show_header=False, title=summary.title)
+        for line in (*summary.rows(), *files.items()):
+            if line[1] is not None:
+                table.add_row(*map(str, line))
+        Console(markup=False, highlight=False).print(table)
+
+
+def start_ranks(ranks: int, ne: int, arguments: Sequence[str]) -> int:
+    """Run the same command line in that many processes; returns the exit status of all.
+
+    Raises ConfigError where there is no MPI to start them, or no memory for so many, or a mesh of
+    that ne has too few elements.
+    """
+    if ranks < 1:
+        raise ConfigError(f"ranks={ranks}: give a number of processes, at least 1")
+    check_ranks(ne, ranks)
+    there = available_memory()
+    if there is not None and ranks * PROCESS > there:
+        most = max(int(there / PROCESS), 1)
+        raise ConfigError(f"ranks={ranks}: there is memory for about {most} processes: take fewer")
+    beside = Path(sys.executable).with_name("mpiexec")
+    starter = str(beside) if beside.exists() else shutil.which("mpiexec")
+    if starter is None or find_spec("mpi4py") is None:
+        missing = "mpi4py" if starter else "mpiexec"
+        raise ConfigError(f"ranks: there is no {missing}: pip install 'swe-sphere[mpi]'")
+    command = [starter, "-n", str(ranks), sys.executable, "-m", "swe_sphere", *arguments]
+    with subprocess.Popen(
+        command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, preexec_fn=_end_with_parent,
+        process_group=0,
+    ) as job:  # fmt: skip
+        # in a group of its own a Ctrl-C reaches it once, from here, like what others send
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda sent, _: job.send_signal(sent))
+        assert job.stdout is not None and job.stderr is not None
+        results = Thread(target=_pass_on, args=(job.stdout, sys.stdout))
+        results.start()
+        told = _pass_on(job.stderr, sys.stderr)
+        results.join()
+    if job.returncode and not told:
+        sys.stderr.write("swe-sphere: a rank has died; all frames written so far can be read\n")
+    return min(abs(int(job.returncode)), 255)
+
+
+def _end_with_parent() -> None:
+    """Have the system kill this process when its parent dies, where it does that (Linux).
+
+    mpiexec does not notice, and its ranks would go on; they do notice the end of mpiexec.
+    """
+    with suppress(AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def _pass_on(lines: Iterable[str], to: TextIO) -> bool:
+    """Print them, but for the noise of mpiexec; whether one of them says why the program fails."""
+    told = False
+    for line in lines:
+        if line.strip() and not line.startswith(NOISE):
+            to.write(line)
+            to.flush()
+        told = told or (line.startswith("swe-sphere: ") and "warning:" not in line)
+    return told
