@@ -1,18 +1,25 @@
-"""`swe-sphere list`, `compare`, `regrid` and `scrip`: what there is, and files for other tools."""
+"""`swe-sphere list`, `plot`, `animate`, `compare`, `regrid` and `scrip`: work on files of runs."""
 
 from __future__ import annotations
 
 import json
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from swe_sphere.cli.options import AsJson, Field, flag, option
+from swe_sphere.cli.options import AsJson, Field, flag, given, option, with_flags
+from swe_sphere.errors import ConfigError
+from swe_sphere.pictures.look import Look
 from swe_sphere.planet import DAY
-from swe_sphere.settings.values import names_in
+from swe_sphere.settings.values import names_in, validated
 
+if TYPE_CHECKING:
+    from swe_sphere.io.compare import Source
+    from swe_sphere.pictures.exact import Exact
+
+File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that was regridded.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 
 
@@ -26,6 +33,55 @@ def list_all() -> None:
         typer.echo(f"{title}:")
         for name, text in lines.items():
             typer.echo(f"  {name:{width}}  {text}")
+
+
+@with_flags(Look)
+def plot(
+    file: File,
+    field: Field = None,
+    time: float | None = option("DAYS", "Time of the frame (the last)."),
+    out: Path | None = option("FILE.png", "The picture (beside the file: FILE_FIELD.png)."),
+    compare: str | None = option("FILE.nc|exact", "Draw the difference from that."),
+    **look: Any,
+) -> None:
+    """Draw a field of a file on the globe."""
+    from swe_sphere.pictures.plot import plot_file
+
+    seconds = None if time is None else time * DAY
+    against = None if compare is None else _against(file, compare)
+    typer.echo(plot_file(file, field, seconds, out, validated(Look, given(look, Look)), against))
+
+
+@with_flags(Look, without=["panel"])
+def animate(
+    file: File,
+    field: Field = None,
+    out: Path | None = option("FILE.mp4|FILE.gif", "The film (beside: FILE_FIELD.mp4)."),
+    rate: float = option("N", "Frames a second.", 8.0),
+    **look: Any,
+) -> None:
+    """Make a film of all frames of a run."""
+    from swe_sphere.pictures.animate import animate_file
+
+    typer.echo(animate_file(file, field, out, validated(Look, given(look, Look)), rate))
+
+
+def _against(file: Path, other: str) -> Source | Exact:
+    """What the field is compared with: a file, or the exact solution of the file's scene."""
+    from swe_sphere.io.compare import open_source
+
+    if other != "exact":
+        return open_source(other)
+    from swe_sphere.io.runfile import RunFile
+    from swe_sphere.pictures.exact import Exact
+    from swe_sphere.simulation.build import make_scene
+    from swe_sphere.simulation.config import make_config
+
+    run = RunFile(file)
+    told = run.attributes.get("configuration")
+    if told is None:
+        raise ConfigError(f"{file} does not say of which scene it is: compare with another file")
+    return Exact(make_scene(make_config(json.loads(told))), run.mesh)
 
 
 def compare(
@@ -51,7 +107,7 @@ def compare(
 
 
 def regrid(
-    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    file: File,
     grid: str = option("latlon:ROWSxCOLUMNS|gaussian:N", "The grid.", "latlon:181x360"),
     out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
     conservative: bool = flag("conservative", "Cell means that keep the integrals."),
@@ -66,7 +122,7 @@ def regrid(
 
 
 def scrip(
-    file: Annotated[Path, typer.Argument(help="File of a run.")],
+    file: File,
     out: Path | None = option("FILE.nc", "The grid (beside: FILE_scrip.nc)."),
     overwrite: Overwrite = False,
 ) -> None:

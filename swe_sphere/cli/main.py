@@ -17,7 +17,7 @@ from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
-    "advise": "advise:advise", "plot": "pictures:plot", "animate": "pictures:animate",
+    "advise": "advise:advise", "plot": "files:plot", "animate": "files:animate",
     "compare": "files:compare", "regrid": "files:regrid", "scrip": "files:scrip",
     "verify": "cases:verify", "stress": "cases:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
