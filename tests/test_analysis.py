@@ -2,7 +2,6 @@
 
 import re
 import tracemalloc
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from scipy.special import sph_harm_y
 from swe_sphere.analysis.accessor import Analysis, open_run
 from swe_sphere.analysis.grids import gaussian, lat_lon, parse_grid
 from swe_sphere.analysis.regrid import CellMeans, Points
-from swe_sphere.analysis.regrid_file import regrid_file, write_scrip
+from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
 from swe_sphere.io.layout import frame_dataset
@@ -396,10 +395,9 @@ def test_files_that_are_not_regridded(run, tmp_path):
         assert "\n" not in str(error.value)
     link = tmp_path / "link.nc"
     link.symlink_to(run)
-    for write in (partial(regrid_file, run, "latlon:4x4"), partial(write_scrip, run)):
-        for out in (run, link):
-            with pytest.raises(ConfigError, match="is the file that is read"):
-                write(out, overwrite=True)
+    for out in (run, link):
+        with pytest.raises(ConfigError, match="is the file that is read"):
+            regrid_file(run, "latlon:4x4", out, overwrite=True)
     assert grid.read_bytes() == before and RunFile(run).times.size == 3
 
 
@@ -470,13 +468,3 @@ def test_cells_around_the_nodes_cover_the_sphere_as_the_weights_do(mesh):
     assert ratio[7] < 0.51 < 0.97 < ratio[8] and ratio[-1] < 1.02
     h = depth(mesh.lon, mesh.lat)
     assert np.average(h, weights=area) == pytest.approx(np.average(h, weights=weights), rel=1e-7)
-
-
-def test_a_scrip_grid(run, mesh, tmp_path):
-    with xr.open_dataset(write_scrip(run, tmp_path / "grid.nc")) as grid:
-        assert dict(grid.sizes) == {"grid_size": mesh.size, "grid_corners": 4, "grid_rank": 1}
-        np.testing.assert_allclose(np.radians(grid.grid_center_lat), mesh.lat, atol=1e-14)
-        assert grid.grid_area.sum().item() == pytest.approx(4.0 * np.pi, rel=1e-6)
-        assert grid.grid_corner_lon.attrs["units"] == "degrees"
-    with pytest.raises(ConfigError, match="there already"):
-        write_scrip(run, tmp_path / "grid.nc")

@@ -1,8 +1,4 @@
-"""Files of runs on grids of latitudes and longitudes, frame by frame; their nodes as a SCRIP grid.
-
-Format of the latter, which ESMF and others read: Jones (1998), A User's Guide for SCRIP, section
-3.2.
-"""
+"""Files of runs on grids of latitudes and longitudes, frame by frame."""
 
 from __future__ import annotations
 
@@ -10,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import netCDF4
-import numpy as np
 import xarray as xr
 
 from swe_sphere.analysis.grids import parse_grid
@@ -20,7 +15,6 @@ from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
 from swe_sphere.io.layout import SERIES, history
 from swe_sphere.io.runfile import RunFile, engine
 from swe_sphere.io.zarr_store import check_zarr
-from swe_sphere.mesh.cells import cell_corners
 
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 
@@ -54,7 +48,10 @@ def regrid_file(
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
         raise ConfigError(f"cannot write {out}: there is no folder {out.parent}")
-    _check_other(path, out, overwrite)
+    if out.exists() and not overwrite:
+        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
+    if out.exists() and out.samefile(path):
+        raise ConfigError(f"{out} is the file that is read: choose another name")
     if out.suffix == ".zarr":
         check_zarr(out)
     part = part_of(out)
@@ -72,13 +69,6 @@ def regrid_file(
         finally:
             remove(part)
     return out
-
-
-def _check_other(path: Path, out: Path, overwrite: bool) -> None:
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} is there already: choose another name, or say --overwrite")
-    if out.exists() and out.samefile(path):
-        raise ConfigError(f"{out} is the file that is read: choose another name")
 
 
 def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
@@ -117,37 +107,3 @@ def _write_zarr(path: Path, frames: Iterator[xr.Dataset]) -> None:
     for frame in frames:
         changing = frame.drop_vars([n for n in frame.variables if "time" not in frame[n].dims])
         changing.to_zarr(path, append_dim="time", consolidated=True)
-
-
-def write_scrip(path: Path, out: Path, overwrite: bool = False) -> Path:
-    """Write the cells of a run's nodes as a SCRIP grid: centres, corners, areas [rad2].
-
-    Areas are the quadrature weights, with which integrals are those of the run.  Raises ConfigError
-    if the file is not of a run, or if `out` is there already or cannot be written.
-    """
-    mesh = RunFile(path).mesh
-    _check_other(path, out, overwrite)
-    lon, lat = map(np.degrees, cell_corners(mesh))
-    cells, corners, degrees = "grid_size", ("grid_size", "grid_corners"), {"units": "degrees"}
-    ones, size = np.ones(mesh.size, np.int32), np.array([mesh.size], np.int32)
-    variables = {
-        "grid_center_lat": (cells, np.degrees(mesh.lat), degrees),
-        "grid_center_lon": (cells, np.degrees(mesh.lon), degrees),
-        "grid_corner_lat": (corners, lat, degrees),
-        "grid_corner_lon": (corners, lon, degrees),
-        "grid_area": (cells, mesh.area / mesh.radius**2, {"units": "radians^2"}),
-        "grid_imask": (cells, ones, {"units": "unitless"}),
-        "grid_dims": ("grid_rank", size, {"units": "unitless"}),
-    }
-    about = {"title": f"nodes of {mesh!r}", "history": history(f"scrip {path.name}")}
-    encoding = {name: {"_FillValue": None} for name in variables}
-    part = part_of(out)
-    with clear_errors(f"cannot write {out}"):
-        try:
-            xr.Dataset(variables, attrs=about).to_netcdf(
-                part, format="NETCDF3_64BIT", encoding=encoding
-            )
-            part.replace(out)
-        finally:
-            part.unlink(missing_ok=True)
-    return out

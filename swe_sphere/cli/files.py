@@ -1,4 +1,4 @@
-"""`swe-sphere list`, `plot`, `animate`, `compare`, `regrid` and `scrip`: work on files of runs."""
+"""`swe-sphere list`, `plot`, `animate`, `compare` and `regrid`: work on files of runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from swe_sphere.pictures.exact import Exact
 
 File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that was regridded.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")]
 
 
 def list_all() -> None:
@@ -112,21 +111,10 @@ def regrid(
     out: Path | None = option("FILE.nc|FILE.zarr", "The result (beside: FILE_GRID.nc)."),
     conservative: bool = flag("conservative", "Cell means that keep the integrals."),
     fields: str | None = option("A,B,...", "Variables wanted (all)."),
-    overwrite: Overwrite = False,
+    overwrite: bool = flag("overwrite", "Replace a file that is there."),
 ) -> None:
     """Bring the frames of a run to a grid of latitudes and longitudes."""
     from swe_sphere.analysis.regrid_file import regrid_file
 
     place = out or file.with_name(f"{file.stem}_{re.sub(r'[^a-z0-9]', '', grid)}.nc")
     typer.echo(regrid_file(file, grid, place, conservative, names_in(fields), overwrite))
-
-
-def scrip(
-    file: File,
-    out: Path | None = option("FILE.nc", "The grid (beside: FILE_scrip.nc)."),
-    overwrite: Overwrite = False,
-) -> None:
-    """Write the nodes as cells of a SCRIP grid, for other tools that regrid."""
-    from swe_sphere.analysis.regrid_file import write_scrip
-
-    typer.echo(write_scrip(file, out or file.with_name(f"{file.stem}_scrip.nc"), overwrite))

@@ -18,7 +18,7 @@ from swe_sphere.ranks.communicator import OF_RANKS, refuse_ranks, world
 COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
     "advise": "advise:advise", "plot": "files:plot", "animate": "files:animate",
-    "compare": "files:compare", "regrid": "files:regrid", "scrip": "files:scrip",
+    "compare": "files:compare", "regrid": "files:regrid",
     "verify": "cases:verify", "stress": "cases:stress", "ensemble": "ensemble:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""
