@@ -21,7 +21,6 @@ from swe_sphere.io.norms import area_mean
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.mesh import Mesh, cubed_sphere
-from swe_sphere.mesh.cells import cell_corners
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.plot import plot_file
 from swe_sphere.planet import EARTH
@@ -459,7 +458,7 @@ def triangle(a, b, c):
 
 @pytest.mark.parametrize("mesh", [Mesh.build(8, 4), Mesh.build(8, 8)], ids=["np4", "np8"])
 def test_cells_around_the_nodes_cover_the_sphere_as_the_weights_do(mesh):
-    corners = position(*cell_corners(mesh))
+    corners = position(*mesh.cell_corners())
     parts = [triangle(mesh.xyz, corners[:, k], corners[:, (k + 1) % 4]) for k in range(4)]
     assert np.min(parts) > -1e-15  # anticlockwise, the node inside
     area, weights = sum(parts), mesh.area / mesh.radius**2

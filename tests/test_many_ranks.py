@@ -10,7 +10,7 @@ import pytest
 from scaling_bytes import Traffic
 
 from swe_sphere.mesh import Mesh, partition
-from swe_sphere.mesh.numbering import BLOCK
+from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, pieces
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.ranks.communicator import Communicator

@@ -8,9 +8,8 @@ from scipy.special import sph_harm_y
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.cubed_sphere import lattice_tangents
+from swe_sphere.mesh.cubed_sphere import FACES, lattice_tangents
 from swe_sphere.mesh.gll import derivative_matrix, gll_points, gll_weights
-from swe_sphere.mesh.numbering import FACES
 from swe_sphere.mesh.sphere import frame, longitude_latitude, position
 
 TILTED = {"centre": (40.0, 23.0), "spin": 17.0}

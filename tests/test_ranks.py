@@ -22,7 +22,7 @@ from swe_sphere.cli.run import PROCESS, start_ranks
 from swe_sphere.compiling import COMPILING
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.numbering import BLOCK
+from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Partition, curve, whole
 from swe_sphere.operators import DeviceMesh
 from swe_sphere.operators.halo import LEAST

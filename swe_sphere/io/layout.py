@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from swe_sphere import __version__
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.cells import cell_corners
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -149,7 +148,7 @@ def _on_nodes(mesh: Mesh, constants: Mapping[str, ArrayLike]) -> dict[str, Varia
     """Return the coordinates of the nodes with the bounds of their cells, and constant fields."""
     values = {name: np.full(mesh.size, constants[name], float) for name in ("b", "f")}
     values["area"], found = mesh.area, {}
-    places = zip(("lon", "lat"), (mesh.lon, mesh.lat), cell_corners(mesh), strict=True)
+    places = zip(("lon", "lat"), (mesh.lon, mesh.lat), mesh.cell_corners(), strict=True)
     for name, centre, corners in places:
         about = VARIABLES["coordinates"][name] | {"bounds": name + BOUNDS}
         found[name] = Variable(("node",), about, np.degrees(centre))

@@ -1,4 +1,7 @@
-"""Equiangular gnomonic cubed sphere: its points and tangent vectors, and where it lies.
+"""Equiangular gnomonic cubed sphere: its nodes, points and tangent vectors, and where it lies.
+
+With M = ne (np-1) every node of every element lies at a triple of integers in {0..M}^3 on the
+surface of the cube, so nodes shared by elements or faces are found by comparing integers.
 
 Face coordinates alpha, beta in [-pi/4, pi/4]; the cube point is P = n + tan(alpha) t1 +
 tan(beta) t2 and the sphere point P/|P| (Ronchi, Iacono & Paolucci 1996,
@@ -18,15 +21,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.mesh.numbering import FACES, Integers, line_lattice
 from swe_sphere.mesh.sphere import frame, position
+
+Integers = NDArray[np.int64]
+Int32 = NDArray[np.int32]
+
+FACES: Integers = np.array(
+    [
+        # outward normal, direction of xi1, direction of xi2: right-handed
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
+        [[-1, 0, 0], [0, -1, 0], [0, 0, 1]],
+        [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+        [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+        [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    ]
+)
+"""The faces of the cube, (6, 3, 3): outward normal, direction of xi1, direction of xi2."""
+
+BLOCK = 16
+"""Elements whose nodes of one place in the element follow one another."""
+
+
+def _lattice(ne: int, np_: int) -> Integers:
+    """Lattice coordinate (ne, np) of node i of element a along one edge of a face."""
+    lattice: Integers = np.arange(ne)[:, None] * (np_ - 1) + np.arange(np_)
+    return lattice
 
 
 def lattice_tangents(ne: int, points: Array) -> Array:
     """tan(angle) (M+1,) at each lattice coordinate of a face, exactly antisymmetric, ends -1, 1."""
     middles = (np.arange(ne) + 0.5) / ne - 0.5
     angles = 0.5 * np.pi * (middles[:, None] + 0.5 * points / ne)
-    lattice = line_lattice(ne, points.size)
+    lattice = _lattice(ne, points.size)
     line = np.empty(lattice[-1, -1] + 1)
     line[lattice] = np.tan(angles)
     line = 0.5 * (line - line[::-1])
@@ -34,27 +61,60 @@ def lattice_tangents(ne: int, points: Array) -> Array:
     return line
 
 
-def cube_points(triples: Integers, line: Array) -> tuple[Array, Array]:
-    """Unit vectors (..., 3) and distances |P| (...) of the cube's lattice triples (..., 3)."""
+def build_cube(ne: int, points: Array) -> tuple[Int32, Array, Array]:
+    """Node numbers (E, np, np), unit vectors (N, 3) and tangents d(xyz)/d(xi) (2, E, np, np, 3).
+
+    Element number: (face * ne + place along xi1) * ne + place along xi2.
+    """
+    line, lattice = lattice_tangents(ne, points), _lattice(ne, points.size)
+    face, first, second = np.indices((6, ne, ne)).reshape(3, -1)
+    axes = FACES[face][:, None, None]
+    along = lattice[first][:, :, None], lattice[second][:, None, :]
+    nodes, triples = _number_nodes(axes, *along, line.size - 1)
     cube = line[triples]
     distance = np.sqrt(np.sum(cube**2, axis=-1))
-    return cube / distance[..., None], distance
-
-
-def sphere_tangents(
-    face: Integers, lattice: tuple[Integers, Integers], line: Array, xyz: Array, distance: Array
-) -> Array:
-    """Tangents d(xyz)/d(alpha), d(xyz)/d(beta), (2, E, np, np, 3), at the points xyz, |P|.
-
-    face (E,1,1), lattice coordinates (E,np,1) and (E,1,np), xyz (E,np,np,3), distance (E,np,np).
-    """
-    result = np.empty((2, *xyz.shape))
-    for a, coordinate in enumerate(lattice):
+    xyz = cube / distance[..., None]
+    tangents = np.empty((2, *nodes.shape, 3))
+    for a, coordinate in enumerate(along):
         slope = 1.0 + line[coordinate] ** 2  # d tan(alpha)/d alpha
-        dcube = slope[..., None] * FACES[face, 1 + a]
-        along = np.sum(xyz * dcube, axis=-1, keepdims=True)
-        result[a] = (dcube - xyz * along) / distance[..., None]
-    return result
+        dcube = slope[..., None] * axes[..., 1 + a, :]
+        radial = np.sum(xyz[nodes] * dcube, axis=-1, keepdims=True)
+        tangents[a] = (dcube - xyz[nodes] * radial) / distance[nodes][..., None]
+    tangents *= 0.25 * np.pi / ne  # d alpha / d xi
+    return nodes, xyz, tangents
+
+
+def _number_nodes(
+    axes: Integers, first: Integers, second: Integers, last: int
+) -> tuple[Int32, Integers]:
+    """Number the nodes at face lattice coordinates: nodes inside elements, on edges, vertices.
+
+    Returns the node numbers (E, np, np) and the lattice triples (N, 3) in {0..last}^3 of the nodes.
+    The separate kinds let the processor foresee how many contributors DSS adds up at a node; within
+    a kind the order in which nodes first appear keeps those of an element together in memory.
+    """
+    normal, one, two = np.moveaxis(axes, -2, 0)
+    # twice the coordinates, counted from the centre of the cube, are integers too
+    doubled = last * normal + (2 * first - last)[..., None] * one
+    triples = (doubled + (2 * second - last)[..., None] * two + last) // 2
+    code = np.ravel_multi_index(np.moveaxis(triples, -1, 0), (last + 1,) * 3)
+    _, earliest, inverse, met = np.unique(
+        code.ravel(), return_index=True, return_inverse=True, return_counts=True
+    )
+    element, point = np.divmod(earliest, code.shape[-1] ** 2)
+    block, lane = np.divmod(element, BLOCK)
+    order = np.lexsort((lane, point, block, np.minimum(met, 3)))
+    number = np.empty(order.size, dtype=np.int32)
+    number[order] = np.arange(order.size, dtype=np.int32)
+    return number[inverse].reshape(code.shape), triples.reshape(-1, 3)[earliest[order]]
+
+
+def contributors(nodes: Int32, size: int) -> tuple[Int32, Int32]:
+    """CSR list of the flat element-node indices of each node: offsets (size+1,), entries."""
+    flat = nodes.ravel()
+    counts = np.bincount(flat, minlength=size)
+    offsets = np.concatenate(([0], np.cumsum(counts))).astype(np.int32)
+    return offsets, np.argsort(flat, kind="stable").astype(np.int32)
 
 
 def locate(xyz: Array, ne: int) -> tuple[NDArray[np.int64], Array, Array]:

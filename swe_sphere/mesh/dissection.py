@@ -3,8 +3,8 @@
 import numpy as np
 
 from swe_sphere.arrays import Array
+from swe_sphere.mesh.cubed_sphere import Integers
 from swe_sphere.mesh.mesh import Mesh
-from swe_sphere.mesh.numbering import Integers
 
 
 def dissection_order(mesh: Mesh) -> Integers:

@@ -10,9 +10,8 @@ import numpy as np
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.mesh import cubed_sphere, gll, numbering
-from swe_sphere.mesh.cubed_sphere import Placement
-from swe_sphere.mesh.numbering import Int32
+from swe_sphere.mesh import cubed_sphere, gll
+from swe_sphere.mesh.cubed_sphere import Int32, Placement
 from swe_sphere.mesh.sphere import frame, longitude_latitude, snap_poles
 from swe_sphere.planet import EARTH
 
@@ -129,6 +128,31 @@ class Mesh:
         corners = [n[:, :-1, :-1], n[:, 1:, :-1], n[:, 1:, 1:], n[:, :-1, 1:]]
         return np.stack(corners, axis=-1).reshape(-1, 4)
 
+    def cell_corners(self) -> tuple[Array, Array]:
+        """Longitude and latitude (N, 4) [rad] of the corners of each node's cell, anticlockwise.
+
+        Each sub-quad of an element holds one corner, where the reference square is cut in
+        proportion to the quadrature weights: the cell of a node is then, on a square element, as
+        large as its weight says.  The cells cover the sphere; edges are great circles.  At the
+        corners of the cube a cell has three corners, of which the last is given twice.
+        """
+        cuts = np.cumsum(self.gll_weights)[:-1] - 1.0
+        at = gll.lagrange(self.gll_points, cuts)
+        inside = np.einsum("ai,bj,eijx->eabx", at, at, self.xyz[self.nodes]).reshape(-1, 3)
+        inside /= np.linalg.norm(inside, axis=1)[:, None]
+        quads = self.quads()
+        turn = np.empty(quads.shape)
+        for k, node in enumerate(quads.T):  # one after the other: large meshes
+            away = inside - self.xyz[node]
+            north, east = (np.einsum("qx,qx->q", away, x[node]) for x in (self.north, self.east))
+            turn[:, k] = np.arctan2(north, east)
+        order = np.lexsort((turn.ravel(), quads.ravel())) // 4
+        number = np.bincount(quads.ravel(), minlength=self.size)
+        starts = np.cumsum(number) - number
+        around = order[starts[:, None] + np.minimum(np.arange(4), number[:, None] - 1)]
+        lon, lat = longitude_latitude(inside)
+        return lon[around], lat[around]
+
     @property
     def quadrature(self) -> Array:
         """(np, np) quadrature weights of the nodes of an element on [-1, 1]^2."""
@@ -174,7 +198,9 @@ def _check(ne: int, np_: int, radius: float, placement: Placement) -> None:
 def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     points = gll.gll_points(np_)
     weights = gll.gll_weights(points)
-    nodes, xyz, tangents = _geometry(ne, points, placement)
+    nodes, plain, tangents = cubed_sphere.build_cube(ne, points)
+    xyz = snap_poles(placement.place(plain))
+    tangents = placement.place_tangent(plain[nodes], tangents)
     lon, lat = longitude_latitude(xyz)
     east, north = frame(lon, lat)
     along = [np.einsum("aeijk,eijk->eija", tangents, unit[nodes]) for unit in (east, north)]
@@ -182,23 +208,9 @@ def _assemble(ne: int, np_: int, radius: float, placement: Placement) -> Mesh:
     jacobian = basis[..., 0, 0] * basis[..., 1, 1] - basis[..., 0, 1] * basis[..., 1, 0]
     local = jacobian * weights[:, None] * weights
     area = np.bincount(nodes.ravel(), weights=local.ravel()).astype(np.float64)
-    offsets, entries = numbering.contributors(nodes, len(xyz))
+    offsets, entries = cubed_sphere.contributors(nodes, len(xyz))
     return Mesh(
         ne, np_, radius, placement.stretch, placement.centre, placement.spin,
         points, weights, gll.derivative_matrix(points), xyz, lon, lat, east, north,
         nodes, basis, jacobian, area, offsets, entries,
     )  # fmt: skip
-
-
-def _geometry(ne: int, points: Array, placement: Placement) -> tuple[Int32, Array, Array]:
-    """Node numbers (E, np, np), unit vectors (N, 3) and d(xyz)/d(xi) (2, E, np, np, 3)."""
-    line = cubed_sphere.lattice_tangents(ne, points)
-    face, first, second = numbering.element_lattice(ne, points.size)
-    nodes, triples = numbering.number_nodes(face, first, second, line.size - 1)
-    plain, distance = cubed_sphere.cube_points(triples, line)
-    tangents = cubed_sphere.sphere_tangents(
-        face, (first, second), line, plain[nodes], distance[nodes]
-    )
-    tangents *= 0.25 * np.pi / ne  # d alpha / d xi
-    tangents = placement.place_tangent(plain[nodes], tangents)
-    return nodes, snap_poles(placement.place(plain)), tangents

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.cubed_sphere import BLOCK, Integers
 from swe_sphere.mesh.mesh import Mesh
-from swe_sphere.mesh.numbering import BLOCK, Integers
 
 PATH = ((0, 0), (1, 0), (2, 0), (5, 1), (3, 5), (4, 0))
 """Faces in the order of the curve, and the turn of each: 1 swaps the coordinates, 2 and 4 then

@@ -18,7 +18,7 @@ from swe_sphere.kernels.simd.memory import CONTRIBUTORS, Contributors
 from swe_sphere.kernels.simd.register import REGISTER_BYTES
 from swe_sphere.kernels.simd.stages import stage_struct
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.numbering import BLOCK
+from swe_sphere.mesh.cubed_sphere import BLOCK
 from swe_sphere.mesh.partition import Part, Partition, whole
 from swe_sphere.operators.chunks import Chunks
 from swe_sphere.operators.halo import Halo, Rim

@@ -10,7 +10,7 @@ __all__ = ["EDITS"]
 MESH = (
     Edit(
         "d alpha / d xi + 1 %",
-        "swe_sphere/mesh/mesh.py",
+        "swe_sphere/mesh/cubed_sphere.py",
         STEADY,
         "tangents *= 0.25 * np.pi / ne",
         "tangents *= 0.2525 * np.pi / ne",

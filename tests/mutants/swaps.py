@@ -150,7 +150,7 @@ SCENES = (
 ASSEMBLY = (
     Swap(
         "a contributor to a node is missing",
-        "swe_sphere.mesh.numbering:contributors",
+        "swe_sphere.mesh.cubed_sphere:contributors",
         STEADY,
         _drop_contributor,
     ),
