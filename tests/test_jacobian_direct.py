@@ -11,7 +11,7 @@ from support import make_scene, random_state, tangent
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
-from swe_sphere.mesh.dissection import dissection_order
+from swe_sphere.mesh.partition import dissection_order
 from swe_sphere.operators.sparse import Probing
 from swe_sphere.planet import HOUR
 from swe_sphere.solvers.gmres import FlexibleGMRES

@@ -8,7 +8,7 @@ import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.mesh.dissection import dissection_order
+from swe_sphere.mesh.partition import dissection_order
 from swe_sphere.operators.sparse import Probing
 from swe_sphere.solvers.preconditioners.preconditioner import DEPTH_CHANGE, KeptSetup
 
