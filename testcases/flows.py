@@ -1,18 +1,41 @@
-"""Formulas that several scenes share: flow about a tilted axis, distances, the conical mountain.
+"""Formulas that several scenes share: tilted and zonal flow, distances, the conical mountain.
 
 Points are given by longitude and latitude [rad]. Everything is written so that it is finite and
 smooth at the poles and at the longitude where angles wrap around.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, wraps
+from typing import Any, ParamSpec
 
 import numpy as np
 
-from swe_sphere.equations.scene import Array
+from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.mesh.sphere import angle, position
+from swe_sphere.planet import EARTH, Planet
+
+P = ParamSpec("P")
+
+PANELS = 128
+POINTS = 8
+"""Gauss-Legendre panels over the wind and points a panel: the integrals are right to round-off."""
 
 
-def at_rest(depth: float) -> Callable[[Array, Array], tuple[Array, Array, Array]]:
+def recommended(**numbers: Any) -> Callable[[Callable[P, Scene]], Callable[P, Scene]]:
+    """Return a decorator that gives the scenes of a factory these ne, np, dt [s] and days."""
+
+    def beside(factory: Callable[P, Scene]) -> Callable[P, Scene]:
+        @wraps(factory)
+        def make(*args: P.args, **parameters: P.kwargs) -> Scene:
+            return replace(factory(*args, **parameters), **numbers)
+
+        return make
+
+    return beside
+
+
+def at_rest(depth: float) -> State:
     """No wind, and the same depth [m] everywhere."""
     return lambda lon, lat: (0.0 * lon, 0.0 * lat, depth + 0.0 * lat)
 
@@ -60,3 +83,72 @@ def cone(lon: Array, lat: Array) -> Array:
     radius = np.pi / 9.0
     distance = np.hypot(wrapped(lon - 1.5 * np.pi), lat - np.pi / 6.0)
     return 2000.0 * (1.0 - np.minimum(distance, radius) / radius)
+
+
+def zonal_balance(
+    wind: Callable[[Array], Array],
+    south: float = -np.pi / 2.0,
+    north: float = np.pi / 2.0,
+    planet: Planet = EARTH,
+) -> Callable[[Array], Array]:
+    """Return the fall of g h [m2 s-2], from the south pole to a latitude, that balances a wind.
+
+    A steady zonal flow satisfies g ∂h/∂θ = -a u (f + u tan θ / a) (Williamson et al. 1992, eq. 101;
+    Galewsky et al. 2004, eq. 3).
+
+    Args:
+        wind: eastward wind [m s-1] at latitudes [rad]; smooth, or smooth where it is not zero.
+        south, north: the wind is zero outside of these latitudes [rad].
+        planet: whose radius and rotation.
+    """
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+
+    def integral(start: Array, end: Array) -> Array:
+        """Integral of a u (f + u tan θ / a) [m2 s-2], one Gauss-Legendre panel each."""
+        half = 0.5 * (end - start)
+        lat = 0.5 * (start + end)[..., None] + half[..., None] * points
+        u, coriolis = wind(lat), 2.0 * planet.rotation * np.sin(lat)
+        return half * ((u * (planet.radius * coriolis + u * np.tan(lat))) @ weights)
+
+    edges = np.linspace(south, north, PANELS + 1)
+    totals = np.concatenate([[0.0], np.cumsum(integral(edges[:-1], edges[1:]))])
+
+    def drop(lat: Array | float) -> Array:
+        lat = np.asarray(lat, dtype=np.float64)
+        fall = np.where(lat >= north, totals[-1], 0.0)
+        inside = (lat > south) & (lat < north)
+        panel = np.searchsorted(edges, lat[inside], side="right") - 1
+        fall[inside] = totals[panel] + integral(edges[panel], lat[inside])
+        return fall
+
+    return drop
+
+
+@dataclass(frozen=True)
+class ZonalJet:
+    """A wind between two latitudes, infinitely smooth but not analytic at its rims.
+
+    u(θ) = u0 exp(s (4/w² - 1/((θ - θ0)(θ1 - θ)))) for θ0 < θ < θ1, w = θ1 - θ0; zero elsewhere.
+
+    Args:
+        speed: u0 [m s-1], the largest wind, halfway.
+        south, north: θ0 and θ1 [rad].
+        sharpness: s [rad2].
+    """
+
+    speed: float
+    south: float
+    north: float
+    sharpness: float = 1.0
+
+    def __call__(self, lat: Array) -> Array:
+        """Wind [m s-1] at latitudes [rad]."""
+        inside = (lat > self.south) & (lat < self.north)
+        within = np.where(inside, (lat - self.south) * (self.north - lat), 1.0)
+        shape = np.exp(self.sharpness * (4.0 / (self.north - self.south) ** 2 - 1.0 / within))
+        return np.where(inside, self.speed * shape, 0.0)
+
+    @cached_property
+    def drop(self) -> Callable[[Array], Array]:
+        """Fall of g h from the south pole to a latitude, in balance with the wind."""
+        return zonal_balance(self, self.south, self.north)

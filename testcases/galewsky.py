@@ -11,19 +11,14 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Relaxation, R
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import wrapped
+from swe_sphere.testcases.flows import ZonalJet, recommended, wrapped
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
-from swe_sphere.testcases.recommended import recommended
-from swe_sphere.testcases.zonal import ZonalJet
 
 PAPER = "Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, doi:10.3402/tellusa.v56i5.14436"
 SOUTH_POLE_DEPTH = 10158.18617045462
 """Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""
-NORTH = np.pi / 2.0 - np.pi / 7.0
-JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=NORTH)
+JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
 """The jet at 45°N (eq. 2)."""
-DEGREE = 20
-"""Highest degree of the streamfunction of random winds."""
 
 
 @recommended(ne=12, np=8, dt=150.0, days=6.0)
@@ -50,7 +45,7 @@ def galewsky(
     if seed < 0:
         raise ConfigError(f"galewsky: seed must not be negative, but is {seed}")
     flow = _balanced(replace(JET, speed=speed))
-    found = random_streamfunction(np.ones_like, DEGREE, noise, EARTH.radius, seed)
+    found = random_streamfunction(np.ones_like, 20, noise, EARTH.radius, seed)
     random = BalancedFlow(found, EARTH, 0.0, linear=True)
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
@@ -75,7 +70,7 @@ def _balanced(jet: ZonalJet) -> UnsteadyState:
     """Return a jet over the depth in balance with it."""
 
     def state(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
-        depth = SOUTH_POLE_DEPTH - jet.balance.drop(lat) / EARTH.gravity
+        depth = SOUTH_POLE_DEPTH - jet.drop(lat) / EARTH.gravity
         return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
 
     return state

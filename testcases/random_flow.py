@@ -14,8 +14,8 @@ from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import EARTH, Planet
+from swe_sphere.testcases.flows import recommended
 from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
-from swe_sphere.testcases.recommended import recommended
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class BalancedFlow:
         u, v = self.wind(lon, lat)
         spin = 2.0 * self.planet.rotation * np.sin(lat)
         if not self.linear:
-            vorticity = _laplacian(self.streamfunction) / self.planet.radius**2
+            n = np.arange(degree + 1)[:, None]
+            vorticity = -n * (n + 1) * self.streamfunction / self.planet.radius**2
             spin = spin + synthesis(vorticity, lon, lat)[0]
         # ∇ψ is (v, -u)
         flux = grid.against_gradients(spin * v, -spin * u)
@@ -103,26 +104,10 @@ def mean_kinetic_energy(streamfunction: Complex, radius: float) -> Array:
     return 0.5 * n * (n + 1) / radius**2 * squares
 
 
-def _laplacian(coefficients: Complex) -> Complex:
-    """∇² on the unit sphere."""
-    n = np.arange(len(coefficients))[:, None]
-    return -n * (n + 1) * coefficients
-
-
 def inverse_laplacian(coefficients: Complex) -> Complex:
     """∇⁻² on the unit sphere; zero for the mean."""
     n = np.arange(len(coefficients))[:, None]
     return coefficients / np.where(n > 0, -n * (n + 1.0), np.inf)
-
-
-PAPER = (
-    "after Cho & Polvani (1996), Phys. Fluids 8, 1531-1552, doi:10.7916/D8DJ5RSK (copy); "
-    "spectrum of Yoden & Yamada (1993), J. Atmos. Sci. 50, 631-644"
-)
-STEEPNESS = 100
-"""γ of the spectrum: the larger, the narrower."""
-DEPTH = 1e4
-"""Mean depth [m]."""
 
 
 @recommended(ne=30, np=4, dt=200.0, days=20.0)
@@ -158,11 +143,11 @@ def turbulence(
 
     def spectrum(n: Array) -> Array:
         ratio: Array = np.sqrt(4.0 * n * wavenumber) / (n + wavenumber)  # 1 at the peak
-        return ratio**STEEPNESS
+        return ratio**100
 
     planet = EARTH if rotating else Planet(EARTH.radius, EARTH.gravity, 0.0)
     streamfunction = random_streamfunction(spectrum, 3 * wavenumber, speed, EARTH.radius, seed)
-    flow = BalancedFlow(streamfunction, planet, DEPTH)
+    flow = BalancedFlow(streamfunction, planet, 1e4)
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, depth = flow.state(lon, lat)
@@ -175,7 +160,8 @@ def turbulence(
     return Scene(
         name="turbulence",
         title="decaying turbulence",
-        reference=PAPER,
+        reference="after Cho & Polvani (1996), Phys. Fluids 8, 1531-1552, doi:10.7916/D8DJ5RSK "
+        "(copy); spectrum of Yoden & Yamada (1993), J. Atmos. Sci. 50, 631-644",
         effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
         initial=initial,
         planet=planet,

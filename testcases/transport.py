@@ -8,8 +8,7 @@ from swe_sphere.equations.effects import PrescribedWind, Tracers
 from swe_sphere.equations.scene import Array, Scalar, Scene, Wind
 from swe_sphere.mesh.sphere import frame, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import distance, solid_body, turned
-from swe_sphere.testcases.recommended import recommended
+from swe_sphere.testcases.flows import distance, recommended, solid_body, turned
 
 PERIOD = 12.0 * DAY
 """Time of one turn of the background, and of the deformation and its undoing [s]."""

@@ -118,9 +118,8 @@ def load(
                 scene = with_parameters(scene, {name: values})
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}" if depth == 0 else str(error)) from None
-    asked = {key: getattr(file, key) for key in ("title", "report", "ne", "np", "dt", "days")}
-    said = {key: value for key, value in asked.items() if value is not None}
-    return replace(scene, name=file.name or path.stem, **said)
+    changed = file.model_dump(exclude={"base", "parameters", "effects"}, exclude_none=True)
+    return replace(scene, **{"name": path.stem} | changed)
 
 
 def _complaint(error: ValidationError) -> str:

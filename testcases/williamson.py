@@ -1,17 +1,24 @@
 """The test set of Williamson, Drake, Hack, Jakob & Swarztrauber (1992), J. Comput. Phys. 102.
 
-doi:10.1016/S0021-9991(05)80016-6
+doi:10.1016/S0021-9991(05)80016-6.  Case 7 has a file of its own; the cross-polar flow of McDonald &
+Bates (1989) is added.
 """
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Orography, PrescribedWind, Rotation
+from swe_sphere.equations.effects import DYNAMICS, Forcing, Orography, PrescribedWind, Rotation
 from swe_sphere.equations.scene import Array, Scene, UnsteadyState, Wind
 from swe_sphere.mesh.sphere import angle, position
 from swe_sphere.planet import DAY, EARTH
-from swe_sphere.testcases.flows import cone, solid_body, tilted_latitude, turned
-from swe_sphere.testcases.recommended import recommended
-from swe_sphere.testcases.zonal import ZonalJet
+from swe_sphere.testcases.flows import (
+    ZonalJet,
+    cone,
+    recommended,
+    solid_body,
+    tilted_latitude,
+    turned,
+    zonal_balance,
+)
 
 PAPER = "Williamson et al. (1992), J. Comput. Phys. 102, 211-224, doi:10.1016/S0021-9991(05)80016-6"
 TURN = 12.0 * DAY
@@ -20,6 +27,17 @@ SPEED = 2.0 * np.pi * EARTH.radius / TURN
 """Speed of the solid-body flow at its equator [m s-1]."""
 JET = ZonalJet(SPEED, -np.pi / 6.0, np.pi / 2.0, sharpness=(2.0 * np.pi / 3.0) ** 2 / 0.3)
 """The jet of case 3, at latitudes of its own axis; 0.3 is x_e of the paper."""
+
+DEPTH = 1e5
+"""g h0 of the paper [m2 s-2]: g h at the poles."""
+CENTRE = np.pi / 4.0
+"""Latitude of the low [rad]."""
+STRENGTH = -0.03 * DEPTH / (2.0 * EARTH.rotation * np.sin(CENTRE))
+"""Streamfunction at the centre of the low [m2 s-1]."""
+SHARPNESS = (2.0 * EARTH.radius / 1e6) ** 2
+"""The constant σ of the paper."""
+FAR = 0.4
+"""Cosine of a distance at which ψ is 1e-30 of what it is at the centre."""
 
 
 @recommended(ne=16, np=4, dt=1200.0, days=12.0)
@@ -98,7 +116,7 @@ def williamson3(alpha: float = 0.0) -> Scene:
         around = np.hypot(east, north)  # cosine of the tilted latitude
         latitude = np.arctan2(sine, around)
         turning = JET(latitude) / np.where(around > 0.0, around, 1.0)
-        depth = (2.94e4 - JET.balance.drop(latitude)) / EARTH.gravity
+        depth = (2.94e4 - JET.drop(latitude)) / EARTH.gravity
         return turning * east, turning * north, depth
 
     return _steady(3, "steady jet of compact support", exact, alpha)
@@ -222,3 +240,124 @@ def _gaussian_bell(point: Array, centre: Array) -> Array:
     """Depth [m] at unit vectors (..., 3)."""
     depth: Array = 1000.0 * np.exp(-5.0 * np.sum((point - centre) ** 2, axis=-1))
     return depth
+
+
+@recommended(ne=8, np=8, dt=150.0, days=5.0)
+def williamson4(u0: float = 20.0) -> Scene:
+    """Low carried along in a jet by a forcing (exact).
+
+    Case 4. A wind ū = u0 sin¹⁴ 2θ in balance with its depth h̄, and a low in it,
+
+        ψ = ψ0 exp(-σ (1 - C)/(1 + C)),  C the cosine of the distance from its centre,
+        u = ū - ∂ψ/∂θ / a,  v = ∂ψ/∂λ / (a cos θ),  h = h̄ + f ψ / g
+
+    whose centre moves along 45°N at the angular speed u0 / a. This solves the equations with a
+    forcing of wind and depth, evaluated at the times of the stepper's stages.
+
+    Args:
+        u0: speed of the jets at 45°N and 45°S [m s-1]; 20 and 40 in the paper.
+    """
+    a, speed = EARTH.radius, u0 / EARTH.radius
+
+    def jet(lat: Array) -> Array:
+        """Return ū [m s-1]."""
+        wind: Array = u0 * np.sin(2.0 * lat) ** 14
+        return wind
+
+    drop = zonal_balance(jet)
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        c_lat, side, psi, once = _low(lon - u0 * t / a, lat)[1:5]
+        depth = DEPTH - drop(lat) + EARTH.coriolis(lon, lat) * psi
+        return jet(lat) + -once * c_lat / a, -once * side / a, depth / EARTH.gravity
+
+    def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        """Return what is left of the equations when the exact flow is put in.
+
+        It is zero, and not computed, where there is nothing of the low. With its derivatives
+        written out, nothing is divided by the cosine of the latitude.
+        """
+        lon = lon - u0 * t / a
+        there = _low(lon, lat)[0] > FAR
+        found = np.zeros((3, *np.shape(there)))
+        found[:, there] = rates(lon[there], lat[there])
+        return found[0], found[1], found[2]
+
+    def rates(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        c, c_lat, side, psi, once, twice = _low(lon, lat)
+        around, sin, cos = np.cos(CENTRE) * np.cos(lon), np.sin(lat), np.cos(lat)
+        u, v = -once * c_lat / a, -once * side / a
+        u_lon = side * (twice * cos * c_lat - once * sin) / a
+        v_lon = (twice * cos * side**2 - once * around) / a
+        u_lat = (once * c - twice * c_lat**2) / a**2
+        v_lat = -twice * side * c_lat / a**2
+        # (∂v/∂λ / cos θ + u tan θ) / a, with what is infinite at the poles cancelled
+        bend = (twice * side**2 - once * c) / a**2
+        sin13, mean, spin = np.sin(2.0 * lat) ** 13, jet(lat), 2.0 * EARTH.rotation * cos
+        mean_tan = 2.0 * u0 * sin13 * sin**2  # ū tan θ: zero at the poles
+        total, shear = mean + u, 28.0 * u0 * sin13 * np.cos(2.0 * lat) / a + u_lat
+        east = -speed * u_lon - total * v_lat + v * shear
+        north = -speed * v_lon + total * bend + v * v_lat
+        north += (mean_tan * u + spin * psi) / a
+        pull = -u0 * EARTH.coriolis(lon, lat) * cos
+        depth = v * (pull + (spin * psi - mean * mean_tan) / a)
+        return east, north, depth / EARTH.gravity
+
+    return Scene(
+        name="williamson4",
+        title="forced low in a jet",
+        reference=f"{PAPER}, case 4",
+        effects=(*DYNAMICS, Rotation(), Forcing()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        forcing=forcing,
+        report="l1, l2, linf of h and of the wind after 5 days; depth at the centre of the low",
+    )
+
+
+def _low(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return C, ∂C/∂θ, -∂C/∂λ / cos θ, ψ, dψ/dC and d²ψ/dC² of the low.
+
+    Longitudes are counted from that of the centre of the low.
+    """
+    sin, cos = np.sin(lat), np.cos(lat)
+    around, side = np.cos(CENTRE) * np.cos(lon), np.cos(CENTRE) * np.sin(lon)
+    c = np.sin(CENTRE) * sin + np.cos(CENTRE) * cos * np.cos(lon)
+    near = np.maximum(1.0 + c, 1e-9)  # zero at the antipode of the centre
+    psi = STRENGTH * np.exp(-SHARPNESS * (1.0 - c) / near)
+    once = 2.0 * SHARPNESS * psi / near**2
+    twice = 4.0 * SHARPNESS * psi * (SHARPNESS - near) / near**4
+    return c, np.sin(CENTRE) * cos - around * sin, side, psi, once, twice
+
+
+@recommended(ne=16, np=4, dt=600.0, days=10.0)
+def mcdonald_bates() -> Scene:
+    """Cross-polar flow in geostrophic balance.
+
+    Winds of 20 m/s blow straight over both poles:
+
+        g h = g h0 + 2 Ω a v0 sin³ θ cos θ sin λ,  g h0 = 5.768e4 m² s⁻²
+        u = -v0 sin λ sin θ (4 cos² θ - 1),  v = v0 cos λ sin² θ
+
+    There is no exact solution. The flow stays the same under λ → λ + π, θ → -θ with v → -v
+    (reflection at the planet's centre), which the cubed sphere shares.
+    """
+
+    speed = 20.0
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        sin, cos = np.sin(lat), np.cos(lat)
+        u = -speed * np.sin(lon) * sin * (4.0 * cos**2 - 1.0)
+        swell = 2.0 * EARTH.rotation * EARTH.radius * speed * sin**3 * cos * np.sin(lon)
+        return u, speed * sin**2 * np.cos(lon), (5.768e4 + swell) / EARTH.gravity
+
+    return Scene(
+        name="mcdonald-bates",
+        title="cross-polar flow",
+        reference="McDonald & Bates (1989), Mon. Wea. Rev. 117, 130-137, "
+        "doi:10.1175/1520-0493(1989)117<0130:SLIOAS>2.0.CO;2",
+        effects=(*DYNAMICS, Rotation()),
+        initial=initial,
+        report="depth at days 5 and 10; drift of energy and potential enstrophy; loss of the"
+        " symmetry about the planet's centre",
+    )

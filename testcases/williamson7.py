@@ -2,20 +2,33 @@
 
 The three analyses of the paper (21 December 1978, 9 and 16 January 1979) are not public any more.
 The scene reads any analysis; without one it starts from a synthetic state and says so.
+
+The netCDF file of an analysis has
+
+* one-dimensional variables `lat` or `latitude` and `lon` or `longitude` [degrees]: latitudes in
+  order, up to the poles but for a grid spacing; longitudes equally spaced eastward, an even number
+  of them, once around without repeating the first;
+* eastward wind `u`, northward wind `v`, with units of m s-1, and `z`, geopotential height with
+  units of m or geopotential with units of m2 s-2, by the names of ERA5 or those of NCEP (`uwnd`,
+  `vwnd`, `hgt`) or CMIP (`ua`, `va`, `zg`);
+
+each of the three on (lat, lon), nothing missing.  Of a dimension of pressures the level of 500 hPa
+is taken; other dimensions must have length 1.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from swe_sphere.equations.effects import DYNAMICS, Rotation
 from swe_sphere.equations.scene import Array, Scene, State
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.sphere import global_spline
 from swe_sphere.planet import EARTH
-from swe_sphere.testcases.analysis import read_analysis
-from swe_sphere.testcases.harmonics import Complex, GaussGrid
-from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
-from swe_sphere.testcases.recommended import recommended
+from swe_sphere.testcases.flows import recommended
+from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+from swe_sphere.testcases.random_flow import BalancedFlow, inverse_laplacian, random_streamfunction
 from swe_sphere.testcases.williamson import PAPER
 
 DEPTH = 1e4
@@ -26,6 +39,21 @@ HIGHEST = 1000
 """Highest degree that may be asked for."""
 JET, EDDIES = 20.0, 12.0
 """Largest zonal-mean wind and root mean square of the rest, of the synthetic state [m s-1]."""
+NAMES = {
+    "lat": ("lat", "latitude"),
+    "lon": ("lon", "longitude"),
+    "u": ("u", "uwnd", "ua"),
+    "v": ("v", "vwnd", "va"),
+    "z": ("z", "hgt", "zg"),
+}
+PASCALS = {"Pa": 1.0, "hPa": 100.0, "millibar": 100.0, "millibars": 100.0, "mb": 100.0}
+WIND = dict.fromkeys(("m s-1", "m/s", "m s**-1", "m s^-1", "ms-1", "m.s-1"), 1.0)
+HEIGHT = dict.fromkeys(("m", "metre", "metres", "meter", "meters", "gpm"), 1.0) | dict.fromkeys(
+    ("m2 s-2", "m**2 s**-2", "m^2 s^-2", "m2/s2", "m^2/s^2", "m2 s**-2"), 1.0 / EARTH.gravity
+)
+"""Factors that take numbers of these units to m s-1 and to m."""
+LEAST = 8
+"""Smallest number of latitudes and of longitudes."""
 
 
 @recommended(ne=12, np=8, dt=150.0, days=5.0)
@@ -43,7 +71,7 @@ def williamson7(
 
     Args:
         file: netCDF file with u, v [m s-1] and z [m, or m2 s-2] on a latitude-longitude grid; see
-            `swe_sphere.testcases.analysis` for what it must hold.
+            `swe_sphere.testcases.williamson7` for what it must hold.
         degree: leave out of the file's fields what is above this degree of the spherical
             harmonics; 0: nothing.
         balanced: the file's wind without its divergent part, up to degree (42), and the height of
@@ -90,19 +118,162 @@ def _streamfunction(seed: int) -> Complex:
 
 
 def _analysed(file: Path, degree: int, balanced: bool) -> State:
-    """The state of a file, with a mean depth of 10 km."""
+    """The state of a file, by bicubic splines, with a mean depth of 10 km."""
     if not 0 <= degree <= HIGHEST:
         raise ConfigError(f"williamson7: degree must be from 0 to {HIGHEST}, but is {degree}")
-    analysis = read_analysis(file)
-    mean = analysis.mean_height()
-    if analysis.z.min() - mean + DEPTH <= 0.0:
+    lat, lon, *fields = _read_analysis(file)
+    # area mean by the trapezoidal rule in the sine of the latitude
+    edges = 0.5 * (np.sin(lat[1:]) + np.sin(lat[:-1]))
+    weights = np.diff(edges, prepend=-1.0, append=1.0)
+    mean = float(weights @ fields[2].mean(axis=1) / 2.0)
+    if fields[2].min() - mean + DEPTH <= 0.0:
         raise ConfigError(f"{file}: z varies by more than 10 km: is it in m, or m2 s-2 as it says?")
+    splines = [
+        global_spline(lat, lon, field, 3, sign)
+        for field, sign in zip(fields, (-1.0, -1.0, 1.0), strict=True)
+    ]
 
-    filtered = degree or balanced
-    state: State = analysis.filtered(degree or DEGREE, balanced) if filtered else analysis.state
+    def interpolated(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, z = (spline(lon, lat) for spline in splines)
+        return u, v, z
+
+    state: State = interpolated
+    if degree or balanced:
+        state = _filtered(interpolated, lat.size, degree or DEGREE, balanced)
 
     def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
         u, v, z = state(lon, lat)
         return u, v, z - mean + DEPTH
 
     return initial
+
+
+def _filtered(state: State, latitudes: int, degree: int, balanced: bool) -> State:
+    """The state without spherical harmonics above the degree; mean height as it is.
+
+    balanced: without the divergent wind, and with the height that keeps it from growing at once
+    (`BalancedFlow`), so that next to no gravity waves are left.
+    """
+    grid = GaussGrid(max(degree, latitudes))
+    u, v, z = state(*grid.points)
+    wanted = slice(degree + 1), slice(degree + 1)
+
+    def potential(east: Array, north: Array) -> Complex:
+        """Of which the field is the gradient, as far as it is one."""
+        return -EARTH.radius * inverse_laplacian(grid.against_gradients(east, north)[wanted])
+
+    streamfunction, height = potential(v, -u), grid.coefficients(z)[wanted]
+    if balanced:
+        return BalancedFlow(streamfunction, EARTH, height[0, 0].real).state
+    parts = np.stack([height, streamfunction, potential(u, v)])
+
+    def filtered(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        value, east, north = synthesis(parts, lon, lat)
+        slopes = (east[2] - north[1]) / EARTH.radius, (north[2] + east[1]) / EARTH.radius
+        return *slopes, value[0]
+
+    return filtered
+
+
+def _read_analysis(path: Path) -> list[Array]:
+    """Return latitudes from south to north and longitudes [rad], and u, v [m s-1] and z [m] there.
+
+    Raises:
+        ConfigError: the file is not there, is no netCDF, is damaged, or is not as described above;
+            one line that says what to change.
+    """
+    import netCDF4
+
+    try:
+        with netCDF4.Dataset(path) as dataset:
+            lat, lon = _axis(dataset, "lat"), _axis(dataset, "lon")
+            _check_grid(lat, lon)
+            order, dims = np.argsort(lat[1]), [lat[0].dimensions[0], lon[0].dimensions[0]]
+            fields = [_field(dataset, name, dims)[order] for name in "uvz"]
+            return [np.radians(lat[1])[order], np.radians(lon[1]), *fields]
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or "damaged, or not a netCDF file"
+        raise ConfigError(f"cannot read {path}: {why}") from None
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def _variable(dataset: Any, ours: str) -> Any:
+    for name in NAMES[ours]:
+        if name in dataset.variables:
+            return dataset[name]
+    wanted = "; u, v and z are needed" if ours in "uvz" else ""
+    raise ConfigError(f"there is no variable {' or '.join(NAMES[ours])}{wanted}")
+
+
+def _axis(dataset: Any, ours: str) -> tuple[Any, Array]:
+    """Return the variable of latitudes or longitudes, and its values [degrees]."""
+    variable = _variable(dataset, ours)
+    if variable.ndim != 1 or variable.size < LEAST:
+        raise ConfigError(f"{variable.name} must have one dimension and at least {LEAST} values")
+    units = getattr(variable, "units", "degrees")
+    if not units.startswith("degree"):
+        raise ConfigError(f"{variable.name} must be in degrees, not in {units!r}")
+    return variable, _numbers(variable)
+
+
+def _check_grid(lat: tuple[Any, Array], lon: tuple[Any, Array]) -> None:
+    name, values = lat[0].name, lat[1]
+    steps, largest = np.diff(values), np.abs(values).max()
+    if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+        raise ConfigError(f"{name} must rise or fall from pole to pole")
+    if largest > 90.0 + 1e-6:
+        raise ConfigError(f"{name} must lie between -90 and 90, not reach {largest:g}")
+    gap = max(90.0 - values.max(), 90.0 + values.min())
+    if gap > 1.5 * np.abs(steps).max():
+        raise ConfigError(f"{name} must reach the poles; {gap:.3g} degrees are missing")
+    name, count = lon[0].name, lon[1].size
+    if count % 2:
+        raise ConfigError(
+            f"{name} must be an even number of values, not {count} (is the first one repeated?)"
+        )
+    step = 360.0 / count
+    if np.abs(np.diff(lon[1]) - step).max() > 1e-3 * step:
+        raise ConfigError(f"{name} must be {count} equal steps of {step:.4g} degrees eastward")
+
+
+def _field(dataset: Any, ours: str, dims: list[str]) -> Array:
+    """Return a field (latitudes, longitudes) in m s-1 or m."""
+    variable = _variable(dataset, ours)
+    units, known = str(getattr(variable, "units", "")).strip(), HEIGHT if ours == "z" else WIND
+    if units not in known:
+        wanted = "'m' (height) or 'm2 s-2' (geopotential)" if ours == "z" else "'m s-1'"
+        raise ConfigError(f"{variable.name} must have units {wanted}, not {units!r}")
+    sizes = dict(zip(variable.dimensions, variable.shape, strict=True))
+    levels = {d: _level(dataset, d) for d in sizes if d not in dims}
+    kept = [d for d, n in sizes.items() if n > 1 and not isinstance(levels.get(d), int)]
+    if sorted(kept) != sorted(dims):
+        shape = ", ".join(f"{d}={n}" for d, n in sizes.items())
+        raise ConfigError(
+            f"{variable.name} must be on ({', '.join(dims)}), not on ({shape}): take one level and"
+            " time"
+        )
+    values = _numbers(variable, tuple(levels.get(d, slice(None)) for d in sizes)).squeeze()
+    return known[units] * (values if kept == dims else values.T)
+
+
+def _level(dataset: Any, axis: str) -> int | slice:
+    """Return the index of 500 hPa on an axis of pressures, all of any other."""
+    variable = dataset.variables.get(axis)
+    factor = PASCALS.get(getattr(variable, "units", ""))
+    if factor is None or variable.shape == (1,):
+        return slice(None)
+    found = np.flatnonzero(np.isclose(variable[:] * factor, 5e4))
+    if found.size != 1:
+        raise ConfigError(f"{axis} does not hold the level of 500 hPa")
+    return int(found[0])
+
+
+def _numbers(variable: Any, key: Any = slice(None)) -> Array:
+    values = np.ma.filled(np.ma.asarray(variable[key], dtype=np.float64), np.nan)
+    missing = int(np.count_nonzero(~np.isfinite(values)))
+    if missing:
+        raise ConfigError(
+            f"{variable.name} has {missing} missing or infinite values; there must be none"
+        )
+    return np.asarray(values)

@@ -11,7 +11,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.hough import hough_wave
+from swe_sphere.testcases.waves import hough_wave
 
 MODES = [("rossby", 1, 2), ("kelvin", 1, 1), ("eastward", 2, 1), ("westward", 3, 2)]
 

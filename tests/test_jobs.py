@@ -163,11 +163,11 @@ def test_what_other_processes_do_not_have_is_refused():
 
 
 def test_verification_is_the_same_beside_others(at_once):
-    chosen = cases.choose_verification(["lake-at-rest", "start-lauter"], quick=True)
+    chosen = cases.choose("verification", ["lake-at-rest", "start-lauter"], quick=True)
     known = {found.fingerprint: found for found in cases.measured_beside(2, chosen)}
     assert len(known) > 1
     assert [*cases.measured_beside(2, chosen, known)] == []
-    alone, beside = cases.run_cases(chosen), cases.run_cases(chosen, known)
+    alone, beside = cases.run_cases(chosen), cases.run_cases(chosen, known.values())
     for one, other in zip(alone, beside, strict=True):
         assert one.as_dict()["quantities"] == other.as_dict()["quantities"]
         assert other.measure in known.values()
@@ -176,7 +176,7 @@ def test_verification_is_the_same_beside_others(at_once):
 def test_levels_that_share_a_finer_run_share_a_process():
     """And all cases can be sent to it."""
     tasks = []
-    chosen = cases.choose_verification()
+    chosen = cases.choose("verification")
 
     def note(count, begin, arguments, asked):
         tasks.extend(pickle.loads(pickle.dumps(asked)))
@@ -190,13 +190,13 @@ def test_levels_that_share_a_finer_run_share_a_process():
 
 
 def test_stability_cases_are_the_same_beside_others(at_once):
-    chosen = cases.choose_stability(["rest"], ["rk4"], quick=True)
+    chosen = cases.choose("stability", ["rest"], ["rk4"], quick=True)
     by_name = {case.name: case for case in chosen}
     found = [*cases.measured_beside(2, chosen)]
     assert [measure.name for measure in found] == [*by_name]
     rows = [cases.Row(case, case.levels[0], by) for case, by in zip(chosen, found, strict=True)]
     assert {row.outcome for row in rows} == {"passed"}
-    timed = [case for case in cases.choose_stability() if case.is_timed]
+    timed = [case for case in cases.choose("stability") if case.is_timed]
     assert timed and all("step_seconds" in case.bounds for case in timed)
     assert [*cases.measured_beside(2, timed)] == []
 

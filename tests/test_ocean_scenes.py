@@ -7,7 +7,7 @@ from swe_sphere import Simulation
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, EARTH, Planet
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.tide import TIDES, TidalEquations
+from swe_sphere.testcases.waves import TIDES, TidalEquations
 
 SCENES = [
     *(("tide", {"constituent": name}) for name in TIDES),

@@ -140,17 +140,17 @@ def test_galewsky_integral_is_right_to_round_off() -> None:
 
     ends = np.linspace(0.5, 1.1, 13)
     fresh = [quad(slope, np.pi / 7.0, end, epsabs=0.0, epsrel=1e-13, limit=200)[0] for end in ends]
-    np.testing.assert_allclose(JET.balance.drop(ends), fresh, rtol=0.0, atol=3e-11)  # of 1e4 m² s⁻²
+    np.testing.assert_allclose(JET.drop(ends), fresh, rtol=0.0, atol=3e-11)  # of 1e4 m² s⁻²
 
 
 def test_galewsky_integral_is_monotone_and_takes_many_latitudes() -> None:
     lat = np.arcsin(np.random.default_rng(1).uniform(-1.0, 1.0, 200_000))
-    drop = JET.balance.drop(lat)
-    fine = JET.balance.drop(np.linspace(0.4, 1.2, 100_001))
+    drop = JET.drop(lat)
+    fine = JET.drop(np.linspace(0.4, 1.2, 100_001))
     assert np.all(np.diff(fine) >= 0.0)
     assert drop.max() == fine[-1] and drop.min() == 0.0
-    one = JET.balance.drop(0.8)
-    assert isinstance(one, np.ndarray) and one == JET.balance.drop(np.array([0.8]))
+    one = JET.drop(0.8)
+    assert isinstance(one, np.ndarray) and one == JET.drop(np.array([0.8]))
 
 
 @pytest.mark.parametrize(("cone", "rotating"), list(product([True, False], repeat=2)))

@@ -17,7 +17,7 @@ from swe_sphere.planet import DAY, EARTH, HOUR
 from swe_sphere.testcases import get_scene
 from swe_sphere.testcases.flows import distance
 from swe_sphere.testcases.harmonics import legendre
-from swe_sphere.testcases.matsuno import DEPTH, PLANET, Mode
+from swe_sphere.testcases.waves import DEPTH, PLANET, EquatorialMode
 
 MESH = Mesh.build(6, 8)
 
@@ -182,7 +182,7 @@ def spherical_frequencies(k: int, degree: int = 60) -> Array:
     return (1j * np.linalg.eigvals(rates)).real
 
 
-def frequency(scene: Scene, mode: Mode, mesh, steps: int) -> float:
+def frequency(scene: Scene, mode: EquatorialMode, mesh, steps: int) -> float:
     """ω [s-1] of the model, from the phase of v after about a period."""
     model, end = Model(mesh, scene), scene.days * DAY
     stepper = advance("rk4", model, model.initial_state(), end / steps, end)
@@ -197,7 +197,7 @@ def frequency(scene: Scene, mode: Mode, mesh, steps: int) -> float:
 @pytest.mark.parametrize("wave", ["eig", "wig"])
 def test_matsuno_waves_move_as_on_the_sphere(wave: str) -> None:
     """Nearer to the sphere's frequency than that is to the β-plane's, of which it is 0.3 % off."""
-    mode = Mode(wave, 5, 1, 1e-5)
+    mode = EquatorialMode(wave, 5, 1, 1e-5)
     known = spherical_frequencies(5)
     exact = known[np.abs(known - mode.frequency).argmin()]
     assert 2e-3 < abs(exact / mode.frequency - 1.0) < 5e-3
@@ -217,7 +217,7 @@ def test_matsuno_rossby_wave_keeps_its_shape_for_a_period() -> None:
 def test_matsuno_frequencies_and_published_values() -> None:
     """Periods of 18.488, 1.880 and 2.093 days; the three roots of the cubic add up to nothing."""
     periods = {"rossby": -18.488, "eig": 1.880, "wig": -2.093}
-    roots = {wave: Mode(wave, 5, 1, 1.0).frequency for wave in periods}
+    roots = {wave: EquatorialMode(wave, 5, 1, 1.0).frequency for wave in periods}
     for wave, days in periods.items():
         assert 2.0 * np.pi / roots[wave] / DAY == pytest.approx(days, abs=1e-3)
     assert abs(sum(roots.values())) < 1e-12 * roots["eig"]
@@ -225,7 +225,7 @@ def test_matsuno_frequencies_and_published_values() -> None:
 
 @pytest.mark.parametrize("wave", ["rossby", "eig", "wig"])
 def test_matsuno_solves_the_equations_of_the_beta_plane(wave: str) -> None:
-    mode, t, d = Mode(wave, 2, 3, 1.0), 5e3, 1e-4
+    mode, t, d = EquatorialMode(wave, 2, 3, 1.0), 5e3, 1e-4
     lon, lat = np.meshgrid(np.linspace(0.0, 6.0, 5), np.linspace(-0.5, 0.5, 11))
     a, f = PLANET.radius, 2.0 * PLANET.rotation * lat
 

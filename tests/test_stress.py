@@ -11,23 +11,23 @@ import numpy as np
 import pytest
 
 from swe_sphere.cli.main import main
-from swe_sphere.errors import ConfigError, RunFailed
+from swe_sphere.errors import ConfigError
 from swe_sphere.mesh import Mesh
 from swe_sphere.simulation.loop import Interrupted
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.studies.cases import (
     Case,
     Measure,
     Row,
-    all_cases,
-    choose_stability,
+    choose,
     families,
+    page,
     run_cases,
 )
 from swe_sphere.studies.cases import measure as measuring
-from swe_sphere.studies.cases.families import DEFAULTS, read_family
+from swe_sphere.studies.cases.case import DEFAULTS, read_family
 from swe_sphere.studies.cases.measure import SYMMETRIES, Series
-from swe_sphere.studies.cases.page import stability_page
 from swe_sphere.studies.cases.scenes import (
     FASTEST,
     SHALLOWEST,
@@ -35,15 +35,13 @@ from swe_sphere.studies.cases.scenes import (
     random_setting,
     random_state,
 )
-from swe_sphere.studies.cases.store import Results, StabilityStore
-from swe_sphere.studies.record_store import read_record
 from swe_sphere.testcases import get_scene
 
 DOCS = Path(__file__).parents[1] / "docs"
 
 
 GROUPS = families("stability")
-CASES = all_cases("stability")
+CASES = choose("stability")
 
 
 def find(name: str) -> Case:
@@ -122,7 +120,7 @@ def test_growth_of_errors(power: float, growth: float) -> None:
             "max_wind": 1.0, "min_depth": 1.0, "max_wave": 1.0, "l2_h": error, "l2_v": error,
         }  # fmt: skip
 
-    series = Series(SimpleNamespace(steps=120), [])
+    series = Series(RunPlan(dt=21600.0, steps=120, frame_steps=120, wanted=21600.0))
     for day in days:
         series.observe(SimpleNamespace(time=day, diagnostics=sampled(day), snapshot=None))
     assert series.numbers()["growth_v"] == pytest.approx(growth, rel=0.01)
@@ -131,21 +129,21 @@ def test_growth_of_errors(power: float, growth: float) -> None:
 # --- symmetries
 
 
-def test_fourfold_sees_what_is_off_the_wave() -> None:
+def test_deviations_from_symmetries_are_measured() -> None:
     mesh = Mesh.build(3, 4)
     _, v, h = get_scene("williamson6").initial(mesh.lon, mesh.lat)
-    symmetry = SYMMETRIES["fourfold"](mesh)
+    off_wave, off_mirror = SYMMETRIES["off_wave"], SYMMETRIES["off_mirror"]
     one = np.cos(mesh.lat) * np.sin(mesh.lon)
-    assert symmetry(SimpleNamespace(fields={"v": v}))["off_wave"] < 1e-25
-    assert symmetry(SimpleNamespace(fields={"v": one}))["off_wave"] == pytest.approx(1.0)
-    mirror = SYMMETRIES["mirror"](mesh)
-    assert mirror(SimpleNamespace(fields={"h": h}))["off_mirror"] < 1e-13
-    assert mirror(SimpleNamespace(fields={"h": np.sin(mesh.lat)}))["off_mirror"] == pytest.approx(2)
+    assert off_wave(mesh, {"v": v}) < 1e-25
+    assert off_wave(mesh, {"v": one}) == pytest.approx(1.0)
+    assert off_mirror(mesh, {"h": h}) < 1e-13
+    assert off_mirror(mesh, {"h": np.sin(mesh.lat)}) == pytest.approx(2)
 
 
 def test_a_mesh_without_the_symmetry_is_refused() -> None:
+    mesh = Mesh.build(2, 4, spin=17.0)
     with pytest.raises(ValueError, match="does not have this symmetry"):
-        SYMMETRIES["fourfold"](Mesh.build(2, 4, spin=17.0))
+        SYMMETRIES["off_wave"](mesh, {"v": mesh.lat})
 
 
 # --- random states
@@ -295,81 +293,27 @@ def test_every_case_can_be_run() -> None:
 
 def test_names_are_unique_and_every_stepper_is_tried() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
-    assert choose_stability() == CASES
     for group in ("noise", "rest", "random"):
         assert {case.stepper for case in GROUPS[group].cases} == set(STEPPERS)
 
 
 def test_choosing() -> None:
-    chosen = choose_stability(["noise", "steady"], ["fully-implicit", "rk4"])
-    assert [*dict.fromkeys(case.family for case in chosen)] == ["noise", "steady"]
+    chosen = choose("stability", ["noise", "steady"], ["fully-implicit", "rk4"])
+    assert [*dict.fromkeys(case.family for case in chosen)] == ["steady", "noise"]
     assert {case.stepper for case in chosen} == {"tr-bdf2", "rk4"}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
-        choose_stability(["nois"])
+        choose("stability", ["noize"])
     with pytest.raises(ConfigError, match="no case is left"):
-        choose_stability(["steady"], ["gauss-legendre"], quick=True)
+        choose("stability", ["steady"], ["gauss-legendre"], quick=True)
 
 
-def result(name: str, status: str, reason: str, code: str, **numbers: float) -> Measure:
-    return Measure(name=name, status=status, reason=reason, numbers=numbers, fingerprint=code)
-
-
-WITHIN = {"growth_v": 1.0, "l2_v": 0.002, "l2_h": 1e-5, "mass_drift": 0.0, "min_depth": 1.0}
-"""Numbers that keep the bounds of steady flow."""
-
-
-def test_results_stay_until_they_are_replaced(tmp_path) -> None:
-    path, name = tmp_path / "page.md", "steady-pi/4-rk4"
-    store = StabilityStore(path, quick=False)
-    store.add(result(name, "failed", "why", "abc", l2_v=math.nan))
-    store.add(result("island-rk4", "unstable", "no water", "def"))
-    again = StabilityStore(path, quick=False)
-    assert {found.fingerprint for found in again.records} == {"abc", "def"}
-    with again.unfinished():
-        again.add(result(name, "completed", "", "abc", **WITHIN))
-        with pytest.raises(ConfigError, match="another process"), store.unfinished():
-            pass
-    text, numbers = path.read_text(), json.loads((tmp_path / "page.json").read_text())
-    assert "no water" in text
-    assert "| passed | mass_drift 0, min_depth 1, growth_v 1, l2_v 0.002," in text
-    assert numbers["results"][name]["outcome"] == "passed"
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["page.json", "page.md"]
-    assert "def" in {found.fingerprint for found in StabilityStore(path, quick=False).records}
-    with pytest.raises(ConfigError, match="full form"):
-        StabilityStore(path, quick=True)
-
-
-@pytest.mark.parametrize(("name", "word"), [("page.txt", "must end in"), ("no/page.md", "folder")])
-def test_places_that_do_not_do(tmp_path, name: str, word: str) -> None:
-    with pytest.raises(ConfigError, match=word):
-        StabilityStore(tmp_path / name, quick=False)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ['{"rows": []}', "[]", '{"quick": false, "results": []}', '{"quick": false',
-     '{"quick": false, "results": {"a": 1}}', '{"quick": false, "results": {"a": {"reason": ""}}}'],
-)  # fmt: skip
-def test_a_file_of_something_else_is_not_overwritten(tmp_path, text) -> None:
-    (tmp_path / "page.json").write_text(text)
-    with pytest.raises(ConfigError, match="is no record of this version"):
-        StabilityStore(tmp_path / "page.md", quick=False)
-    assert (tmp_path / "page.json").read_text() == text
-
-
-def test_a_disk_that_is_full_leaves_the_results_before(tmp_path, monkeypatch) -> None:
-    store = StabilityStore(tmp_path / "page.md", quick=False)
-    store.add(result("island-rk4", "unstable", "no water", "def"))
-
-    def refuse(*_):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as full:
-        full.setattr("os.write", refuse)
-        with pytest.raises(RunFailed, match=r"cannot write .*000002\.json: No space left on"):
-            store.add(result("steady-pi/4-rk4", "completed", "", "abc"))
-    again = StabilityStore(tmp_path / "page.md", quick=False)
-    assert {found.fingerprint for found in again.records} == {"def"}
+@pytest.mark.parametrize("name", ["page.json", "page.md"])
+def test_a_file_of_something_else_is_not_overwritten(tmp_path, capsys, name) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(SystemExit) as end:
+        main(["stress", "--quick", "--groups", "steady", "--out", str(tmp_path / "page.md")])
+    assert end.value.code == 2 and "would be replaced" in capsys.readouterr().err
+    assert (tmp_path / name).read_text() == "mine"
 
 
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
@@ -384,20 +328,17 @@ def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_quick_form_passes_and_is_not_run_twice(tmp_path, capsys) -> None:
-    line = ["stress", "--quick", "--json", "--resume", "--out", str(tmp_path / "page.md")]
+def test_the_quick_form_passes(tmp_path, capsys) -> None:
     with pytest.raises(SystemExit) as end:
-        main(line)
+        main(["stress", "--quick", "--json", "--out", str(tmp_path / "page.md")])
     told = json.loads(capsys.readouterr().out)
     bad = [result for result in told["results"] if result["outcome"] in ("failed", "broke")]
     assert (bad, end.value.code) == ([], 0)
     assert told["passed"] >= 12
     assert told["refused"] >= 3
-    groups = {case.family for case in choose_stability(quick=True)}
+    assert json.loads((tmp_path / "page.json").read_text()) == told
+    groups = {case.family for case in choose("stability", quick=True)}
     assert {"steady", "noise", "depth", "random", "guards"} <= groups
-    with pytest.raises(SystemExit):
-        main(line)
-    assert json.loads(capsys.readouterr().out)["results"] == told["results"]
 
 
 def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> None:
@@ -459,7 +400,12 @@ def test_a_planet_that_turns_fast_limits_steps_that_extrapolate_the_wind(name: s
 
 def test_the_page_in_docs_is_made_of_the_numbers_beside_it() -> None:
     """Every result is of a case that there is, and the page shows it."""
-    made = stability_page(read_record(DOCS / "stability.json", Results).rows(), quick=False)
+    found = json.loads((DOCS / "stability.json").read_text(encoding="utf-8"))["results"]
+    rows = [
+        judge(find(each["name"]), each["status"], each["stopped"], **each["numbers"])
+        for each in found
+    ]
+    made = page("stability", rows, "swe-sphere stress")
     text = (DOCS / "stability.md").read_text(encoding="utf-8")
     assert text.partition("\n| group |")[2] == made.partition("\n| group |")[2]
     assert len(text) > 10_000

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from swe_sphere.studies.cases import choose_verification, run_cases
+from swe_sphere.studies.cases import choose, run_cases
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ("swe_sphere", "kernels", "testcases", "tests")
@@ -55,7 +55,7 @@ class Swap(Mutant):
 
     def caught(self) -> str | None:
         """The first row that fails, and in what; None for a survivor."""
-        cases = choose_verification(self.cases, quick=True)
+        cases = choose("verification", self.cases, quick=True)
         with self.planted():
             for row in run_cases(cases):
                 if failed := [check.quantity for check in row.checks if not check.holds]:

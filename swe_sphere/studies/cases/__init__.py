@@ -2,20 +2,15 @@
 
 from swe_sphere.ranks.communicator import refuse_ranks
 from swe_sphere.simulation.loop import Interrupted
-from swe_sphere.studies.cases.case import Case
-from swe_sphere.studies.cases.families import (
-    all_cases,
-    choose_stability,
-    choose_verification,
-    families,
-)  # fmt: skip
+from swe_sphere.studies.cases.case import Case, choose, families
 from swe_sphere.studies.cases.measure import Measure
-from swe_sphere.studies.cases.rows import OUTCOMES, Row, measured_beside, run_cases
+from swe_sphere.studies.cases.page import page
+from swe_sphere.studies.cases.rows import Row, count_outcomes, measured_beside, run_cases
 from swe_sphere.studies.jobs import checked_jobs
 
 __all__ = [
-    "OUTCOMES", "Case", "Measure", "Row", "all_cases", "choose_stability", "choose_verification",
-    "families", "measured_beside", "run_cases", "verify",
+    "Case", "Measure", "Row", "choose", "count_outcomes", "families", "measured_beside", "page",
+    "run_cases", "verify",
 ]  # fmt: skip
 
 
@@ -40,12 +35,12 @@ def verify(
         True
 
     Raises:
-        ConfigError: an unknown scene, case or shape.
+        ConfigError: an unknown scene, case or shape, or nothing of them is in the quick form.
         RunFailed: one of several processes has died.
         KeyboardInterrupt: on Ctrl-C.
     """
     refuse_ranks()
-    cases = choose_verification(scenes, quick, launch)
+    cases = choose("verification", scenes, quick=quick, launch=launch)
     try:
         return list(run_cases(cases, jobs=checked_jobs(jobs)))
     except Interrupted as error:

@@ -1,18 +1,25 @@
-"""A case as data: runs of a scene, how they are measured, and the bounds decided beforehand."""
+"""Cases as data: runs of scenes, how they are measured, and the bounds decided beforehand.
+
+The cases of `swe-sphere verify` and `swe-sphere stress` are in the TOML files beside this module.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
-from swe_sphere.settings.values import by_field
+from swe_sphere.settings.values import by_field, place_and_complaint, read_toml
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.studies.cases.scenes import make_scene
+from swe_sphere.steppers import STEPPERS, get_stepper
+from swe_sphere.studies.cases.scenes import random_setting
 
 Norms = tuple[float, float, float]
 """l1, l2 and linf."""
@@ -21,10 +28,8 @@ Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
 
 CONVERGED = "converged"
 """Value of `Case.against` for a run on the same mesh with a step too short for a time error."""
-
 NORMS = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
 """Names of the six normalised errors."""
-
 ORDERS = {
     "l2_h": "order",
     "l2_v": "order_v",
@@ -32,6 +37,26 @@ ORDERS = {
     "l2_q_gaussian_hills": "order_q",
 }
 """Quantities that fall with refinement, and the names of their observed orders."""
+FAMILIES = {
+    "verification": (
+        "start", "transport", "steady", "unsteady", "rest", "jet", "reference", "finer",
+        "conservation", "dissipation", "steppers",
+    ),
+    "stability": (
+        "rossby-haurwitz", "galewsky", "steady", "mountain", "bottoms", "depth", "noise", "random",
+        "precision", "long-steps", "tilted", "stretched", "planets", "rest", "modons", "guards",
+    ),
+}  # fmt: skip
+"""Folders of files of cases, and the files in the order of the page."""
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "verification": {
+        "run": {"ne": 8, "np": 4, "days": 5.0},
+        "bounds": {"mass_drift": 1e-13},
+    },
+    "stability": {"method": "series", "seconds": 900.0},
+}
+"""What all cases of a folder share unless a file says otherwise."""
+QUICK_SEEDS = 2
 
 
 @dataclass(frozen=True)
@@ -186,13 +211,13 @@ class Case(BaseModel):
 
     @property
     def stepper(self) -> str:
-        """Name of the stepper that the run states."""
-        return str(self.run["stepper"])
+        """Name of the stepper of the run."""
+        return self.configured().stepper
 
     @property
     def scene(self) -> str:
-        """Name of the scene."""
-        return make_scene(self.configured()).name
+        """Name of the scene of the run."""
+        return str(self.run["scene"]).removeprefix("cases:")
 
 
 def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,3 +228,121 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         if isinstance(value, Mapping) and isinstance(table.get(key), Mapping)
     }
     return {**table, **changes, **deep}
+
+
+class Table(Case):
+    """A table [[case]] of a file; with steppers it is a case for each, called NAME-STEPPER."""
+
+    steppers: tuple[str, ...] = ()
+    random: int = 0
+    remedy: Mapping[str, dict[str, Any]] = {}
+    remedied: tuple[str, ...] | None = None
+    quick: tuple[str, ...] = ()
+
+    def cases(self) -> Iterator[Case]:
+        """Yield all cases; one with the remedy, which must pass, after the one that may break."""
+        own = self.model_dump(include=set(Case.model_fields) & self.model_fields_set)
+        if not self.steppers:
+            yield Case.model_validate(own)
+        names: dict[str, None] = {}
+        for word in self.steppers:
+            family = [name for name, kind in STEPPERS.items() if word in ("all", kind.family)]
+            names |= dict.fromkeys(family or [get_stepper(word).name])
+        for index, stepper in enumerate(names):
+            seeds = range(index, self.random, len(names))
+            # other np than 4 compile more kernels
+            few = [seed for seed in seeds if random_setting(seed)[0]["np"] == 4][:QUICK_SEEDS]
+            case = Case.model_validate(own | {
+                "name": f"{self.name}-{stepper}",
+                "run": self.run | {"stepper": stepper},
+                "seeds": tuple(seeds),
+                "levels": (Level(quick=stepper in self.quick),),
+                "quickly": self.quickly | ({"seeds": few} if seeds else {}),
+            })  # fmt: skip
+            if not self.remedy:
+                yield case
+                continue
+            is_needed = self.remedied is None or stepper in self.remedied
+            usual = "break" if is_needed else "either"
+            yield case.changed(expect=self.expect if "expect" in own else usual)
+            if is_needed:
+                name = f"{case.name}+{next(iter(self.remedy))}"
+                yield case.changed(name=name, run={"set": self.remedy}, levels=(Level(),))
+
+
+@dataclass(frozen=True)
+class Family:
+    """Cases that belong together."""
+
+    name: str
+    title: str
+    text: str
+    """Paragraph of the page: what is run, and what is required."""
+    cases: tuple[Case, ...]
+
+
+@cache
+def families(folder: str) -> Mapping[str, Family]:
+    """Return all families of "verification" or "stability" by name."""
+    place = Path(__file__).parent / folder
+    return {
+        name: read_family(place / f"{name}.toml", DEFAULTS[folder]) for name in FAMILIES[folder]
+    }
+
+
+def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family:
+    """Return the family in a file: its tables [[case]], each merged with the table [shared].
+
+    Raises:
+        ConfigError: the file cannot be read, or is not as `Table` says.
+    """
+    whole = read_toml(path)
+    shared, tables = merged(defaults or {}, whole.pop("shared", {})), whole.pop("case", None)
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{path}: there must be tables [[case]]")
+    shared["family"] = path.stem
+    try:
+        read = [Table.model_validate(merged(shared, table)) for table in tables]
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {place_and_complaint(error)}") from None
+    cases = tuple(case for table in read for case in table.cases())
+    return Family(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
+
+
+def choose(
+    folder: str,
+    names: Sequence[str] = (),
+    steppers: Sequence[str] = (),
+    quick: bool = False,
+    launch: str | None = None,
+) -> list[Case]:
+    """Return cases of "verification" or "stability" in the order of the page.
+
+    Args:
+        folder: "verification" or "stability".
+        names: Names of groups, scenes or cases; none: all of them.
+        steppers: Names of steppers; none: all of them.
+        quick: Whether to return the quick form of the cases that have one.
+        launch: Shape of kernel launches; None: as the cases state.
+
+    Raises:
+        ConfigError: an unknown name or shape, or no case is left.
+    """
+    cases = [case for family in families(folder).values() for case in family.cases]
+    known = [(case.family, case.scene, case.name) for case in cases]
+    for name in names:
+        if not any(name in own for own in known):
+            short = dict.fromkeys(each for own in known for each in own[:2])
+            raise unknown_name("group, scene or case", name, short)
+    if names:
+        cases = [case for case, own in zip(cases, known, strict=True) if {*own} & {*names}]
+    wanted = {get_stepper(name).name for name in steppers}
+    cases = [case for case in cases if not wanted or case.stepper in wanted]
+    if quick:
+        cases = [case for each in cases if (case := each.quick_form()).levels]
+    if not cases:
+        raise ConfigError("no case is left: choose other names or steppers, or leave out --quick")
+    if launch is not None:
+        cases = [case.changed(run={"launch": launch}) for case in cases]
+        cases[0].configured()  # an unknown shape ends here
+    return cases

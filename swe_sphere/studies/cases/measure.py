@@ -6,7 +6,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -23,7 +23,13 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import RunConfig
-from swe_sphere.simulation.diagnostics import Snapshot, exact_fields, flow_errors, state_integrals
+from swe_sphere.simulation.diagnostics import (
+    Fields,
+    Snapshot,
+    exact_fields,
+    flow_errors,
+    state_integrals,
+)
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.planning import RunPlan, free_steps
@@ -72,13 +78,15 @@ def measure(case: Case, level: Level, tick: Tick | None = None) -> Measure:
     )
 
 
-def _progress(case: Case, sim: Simulation, tick: Tick | None) -> list[Observer]:
-    if tick is None:
-        return []
-    plan, name = sim.plan, case.name
-    return [
-        Ticker(lambda n: tick(f"{name}: day {plan.time(n) / DAY:.3g}, step {n} of {plan.steps}"))
-    ]
+def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observer) -> Ended:
+    """Step a simulation to its end; tick: called with the progress."""
+
+    def show(step: int) -> None:
+        if tick is not None:
+            day = sim.plan.time(step) / DAY
+            tick(f"{case.name}: day {day:.3g}, step {step} of {sim.plan.steps}")
+
+    return stepped(sim, [*observers, Ticker(show)], case.seconds)
 
 
 # --- errors, integrals and extremes
@@ -98,8 +106,7 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
         of the initial ones, and the largest relative drift of mass.
     """
     sim = _begun(run)
-    begins = case.method == "start"
-    ended = Ended(sim=sim) if begins else stepped(sim, _progress(case, sim, tick), case.seconds)
+    ended = Ended(sim=sim) if case.method == "start" else _stepped(case, sim, tick)
     if ended.completed:
         ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case, run)
     ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.clock.wall_seconds}
@@ -112,13 +119,11 @@ def _simulation(run: RunConfig) -> Simulation:
 
 def _begun(run: RunConfig) -> Simulation:
     """Return the run without frames between start and end, to which its step would have to fit."""
-    sim = _simulation(_with(run, every=24.0 * run.days) if run.days else run)
+    if run.days:
+        run = run.model_copy(update={"every": 24.0 * run.days})
+    sim = _simulation(run)
     sim.begin()
     return sim
-
-
-def _with(run: RunConfig, **changes: object) -> RunConfig:
-    return run.model_copy(update=changes)
 
 
 @lru_cache(maxsize=1)
@@ -157,7 +162,8 @@ def _extremes(sim: Simulation) -> dict[str, float]:
 def _errors_against(sim: Simulation, case: Case, run: RunConfig) -> dict[str, float]:
     fields, against = sim.snapshot.fields, case.against
     if against == CONVERGED:
-        other = _completed(_with(run, dt=60.0, stepper="rk4", tolerance=None)).snapshot.fields
+        short = run.model_copy(update={"dt": 60.0, "stepper": "rk4", "tolerance": None})
+        other = _completed(short).snapshot.fields
     elif isinstance(against, dict):
         fine = _completed(case.configured(against))
         other = at_nodes(fine.mesh, fine.snapshot.fields, sim.mesh)
@@ -178,8 +184,6 @@ def _errors_against(sim: Simulation, case: Case, run: RunConfig) -> dict[str, fl
 
 # --- series of samples
 
-Symmetry = Callable[[Snapshot], dict[str, float]]
-
 SAMPLES = 120
 """About how many samples of a run are taken."""
 BROKEN = 1e-2
@@ -190,24 +194,24 @@ ENDS = ("l2_h", "l2_v", "linf_h", "off_wave", "off_mirror")
 """Numbers of which the last sample counts."""
 
 
+@dataclass
 class Series(Observer):
     """An observer that samples diagnostics and symmetries about `SAMPLES` times."""
 
-    def __init__(self, plan: RunPlan, symmetries: Sequence[Symmetry] = ()) -> None:
-        self._symmetries = symmetries
-        self._every = max(1, plan.steps // SAMPLES)
-        self._rows: list[dict[str, float]] = []
+    plan: RunPlan
+    symmetries: Sequence[str] = ()
+    """Keys of `SYMMETRIES`."""
+    rows: list[dict[str, float]] = field(default_factory=list)
+    """The samples."""
 
     def due(self, step: int) -> bool:
         """Whether the step is sampled."""
-        return step % self._every == 0
+        return step % self.plan.interval(SAMPLES) == 0
 
     def observe(self, snapshot: Snapshot) -> None:
         """Take a sample."""
-        row = {"day": snapshot.time / DAY, **snapshot.diagnostics}
-        for symmetry in self._symmetries:
-            row |= symmetry(snapshot)
-        self._rows.append(row)
+        off = {x: SYMMETRIES[x](snapshot.model.mesh, snapshot.fields) for x in self.symmetries}
+        self.rows.append({"day": snapshot.time / DAY} | snapshot.diagnostics | off)
 
     def numbers(self) -> dict[str, float]:
         """Return the numbers of the series; none of a run that had no sample.
@@ -219,10 +223,10 @@ class Series(Observer):
         symmetry_day is the first day on which `BROKEN` of v² is off the symmetry, infinite if there
         is none.  Of tracers: extremes of mixing ratios, and the largest drift of a mass.
         """
-        if not self._rows:
+        if not self.rows:
             return {}
-        names = dict.fromkeys((*DRIFTS, *EXTREMES, *self._rows[-1]))
-        of = {name: np.array([row.get(name, math.nan) for row in self._rows]) for name in names}
+        names = dict.fromkeys((*DRIFTS, *EXTREMES, *self.rows[-1]))
+        of = {name: np.array([row.get(name, math.nan) for row in self.rows]) for name in names}
         days, winds = of["day"], of["max_wind"]
         found = {name: np.abs(of[name]).max() for name in DRIFTS} | {
             "max_wind": winds.max(),
@@ -254,43 +258,36 @@ def _growth(errors: Array) -> float:
     return float(late / (3.0 * early)) if early > 0.0 else math.nan
 
 
-def fourfold(mesh: Mesh) -> Symmetry:
-    """Measure off_wave: the northward wind whose zonal wavenumber is no multiple of four.
+def off_wave(mesh: Mesh, fields: Fields) -> float:
+    """Return the share of the northward wind whose zonal wavenumber is no multiple of four.
 
     It is the fraction of the mean of v² that is lost when v is averaged over quarter turns, which
     take nodes to nodes on an unturned, unstretched mesh.
     """
-    once = _images(mesh, [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    v, once = fields["v"], _images(mesh, ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     turns = [np.arange(mesh.size), once, once[once], once[once[once]]]
-
-    def off_wave(snapshot: Snapshot) -> dict[str, float]:
-        v = snapshot.fields["v"]
-        rest = v - sum(v[turn] for turn in turns) / 4.0
-        return {"off_wave": area_mean(mesh.area, rest**2) / (area_mean(mesh.area, v**2) or 1.0)}
-
-    return off_wave
+    rest = v - sum(v[turn] for turn in turns) / 4.0
+    return area_mean(mesh.area, rest**2) / (area_mean(mesh.area, v**2) or 1.0)
 
 
-def mirrored(mesh: Mesh) -> Symmetry:
-    """Measure off_mirror: how far the depth differs between both sides of the equator.
+def off_mirror(mesh: Mesh, fields: Fields) -> float:
+    """Return how far the depth differs between both sides of the equator.
 
     It is the rms of h less its mirror image, over the rms of its deviation from the mean.
     """
-    other = _images(mesh, np.diag([1.0, 1.0, -1.0]))
-
-    def off_mirror(snapshot: Snapshot) -> dict[str, float]:
-        h = snapshot.fields["h"]
-        spread = area_mean(mesh.area, (h - area_mean(mesh.area, h)) ** 2) or 1.0
-        return {"off_mirror": np.sqrt(area_mean(mesh.area, (h - h[other]) ** 2) / spread)}
-
-    return off_mirror
+    h, other = fields["h"], _images(mesh, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))
+    spread = area_mean(mesh.area, (h - area_mean(mesh.area, h)) ** 2) or 1.0
+    return math.sqrt(area_mean(mesh.area, (h - h[other]) ** 2) / spread)
 
 
-SYMMETRIES: dict[str, Callable[[Mesh], Symmetry]] = {"fourfold": fourfold, "mirror": mirrored}
-"""All of them by name; each is made for a mesh."""
+SYMMETRIES: dict[str, Callable[[Mesh, Fields], float]] = {
+    "off_wave": off_wave, "off_mirror": off_mirror,
+}  # fmt: skip
+"""Deviations from symmetries by name."""
 
 
-def _images(mesh: Mesh, matrix: object) -> NDArray[np.intp]:
+@lru_cache(maxsize=2)
+def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.intp]:
     """Return for each node the one that it is mapped to; ValueError where there is none."""
     apart, found = KDTree(mesh.xyz).query(mesh.xyz @ np.array(matrix).T)
     if apart.max() > 1e-9:
@@ -302,9 +299,9 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     """Run a case and measure extremes of the whole run, see `Series`, and its costs."""
     sim = _simulation(run)
     sim.begin(_plan(case, sim))
-    series = Series(sim.plan, [SYMMETRIES[name](sim.mesh) for name in case.symmetries])
+    series = Series(sim.plan, case.symmetries)
     series.observe(sim.snapshot)
-    ended = stepped(sim, [series, *_progress(case, sim, tick)], case.seconds)
+    ended = _stepped(case, sim, tick, series)
     costs = sim.stepper.costs()
     ended.numbers = series.numbers() | {
         "dt": sim.plan.dt,
@@ -336,10 +333,10 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
 
 def _precisions(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     """Run a case in float32, and measure apart_h, apart_v: relative l2 distance from float64."""
-    exact = _series(case, _with(run, precision="float64"), tick)
+    exact = _series(case, run.model_copy(update={"precision": "float64"}), tick)
     if exact.sim is None or not exact.completed:
         return replace(exact, reason=f"in float64: {exact.reason}")
-    rough = _series(case, _with(run, precision="float32"), tick)
+    rough = _series(case, run.model_copy(update={"precision": "float32"}), tick)
     if rough.sim is not None and rough.completed:
         ours, theirs = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
         apart = field_errors(rough.sim.mesh.area, ours, theirs)
@@ -381,20 +378,20 @@ def _file(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
 
     Missing values count too.
     """
-    import netCDF4
+    import xarray as xr
 
     if case.part is not None:
-        run = _with(run, dt=case.part * _simulation(run).stable_dt())
+        run = run.model_copy(update={"dt": case.part * _simulation(run).stable_dt()})
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "case.nc"
         summary = _simulation(run).run(out=path, progress=False, warn=lambda text: None)
         if summary.status == "interrupted":
             raise Interrupted(summary.reason)
-        numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
-        with netCDF4.Dataset(path) as data:
-            fields = (data[name][:] for name in ("u", "v", "h", "vorticity", "divergence"))
-            bad = sum((~np.isfinite(np.ma.filled(x, np.nan))).sum() for x in fields)
-        numbers |= {"not_finite": float(bad), "last_day": float(summary["days"] or 0.0)}
+        with xr.open_dataset(path, decode_times=False) as data:
+            fields = data[["u", "v", "h", "vorticity", "divergence"]].to_dataarray()
+            bad = int((~np.isfinite(fields)).sum())
+    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
+    numbers |= {"not_finite": float(bad), "last_day": float(summary["days"] or 0.0)}
     return Ended(summary.status, summary.reason or "", numbers)
 
 

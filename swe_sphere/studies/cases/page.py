@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -12,67 +11,50 @@ from typing import Any
 
 from swe_sphere.files.fingerprints import versions
 from swe_sphere.settings.values import read_toml
-from swe_sphere.studies.cases.case import NORMS, Check
-from swe_sphere.studies.cases.families import Family, families
-from swe_sphere.studies.cases.rows import OUTCOMES, Row
+from swe_sphere.studies.cases.case import NORMS, families
+from swe_sphere.studies.cases.rows import OUTCOMES, Row, count_outcomes
 from swe_sphere.studies.pages import anchor, rendered
 
 MASS = "mass_drift"
 """Shown once for all rows of the verification, unless it is out of bounds."""
-
 COLUMNS = {name: f"{name[:-2]}({name[-1]})" for name in NORMS} | {
     "order": "order(h)",
     "order_v": "order(v)",
 }
 """Quantities that have a column of their own, and its head."""
-
+HEADS = {
+    "verification": ("ne", "np", "Δt [s]", *COLUMNS.values(), "other", "of bound"),
+    "stability": ("case", "Δt [s]", "× 1/ρ", "outcome", "numbers"),
+}
+"""Columns of tables; those without any entry are left out."""
 
 Table = tuple[str, Sequence[str], Sequence[Sequence[str]], Sequence[str]]
 """A caption, heads, lines, and remarks below."""
 
 
-def verification_page(rows: Sequence[Row], command: str) -> str:
-    """Return the page of these rows, in the order of the families: a table for each case."""
-    sections = [
-        (family, [_case_table([*case]) for _, case in groupby(mine, lambda row: row.case.name)])
-        for family, mine in _by_family("verification", rows)
-    ]
-    return _rendered(
-        "verification", sections, command=command, count=len(rows),
-        failed=sum(not row.passed for row in rows), seconds=sum(row.seconds for row in rows),
-        mass=max(map(_drift, rows), default=0.0),
-    )  # fmt: skip
+def page(folder: str, rows: Sequence[Row], command: str) -> str:
+    """Return the page of the rows of "verification" or "stability", made by a command.
 
-
-def stability_page(rows: Sequence[Row], quick: bool) -> str:
-    """Return the page of these rows, in the order of the families: a table for each family."""
-    shown = _by_family("stability", rows)
-    lines = []
-    for family, mine in shown:
-        counts = Counter(row.outcome for row in mine)
-        numbers = [*(counts[name] for name in OUTCOMES), len(family.cases) - len(mine)]
-        lines.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
-    return _rendered(
-        "stability", [(family, [_family_table(mine)]) for family, mine in shown], quick=quick,
-        summary=(["group", *OUTCOMES, "not run"], lines),
-        seconds=sum(row.quantities.get("seconds", 0.0) for row in rows),
-    )  # fmt: skip
-
-
-def _rendered(name: str, sections: list[tuple[Family, list[Table]]], **values: object) -> str:
+    Families are in their order; verification has a table for each case, stability one for each
+    family.
+    """
+    sections, summary = [], []
+    for family in families(folder).values():
+        mine = [row for row in rows if row.case.family == family.name]
+        if mine and folder == "verification":
+            cases = groupby(mine, lambda row: row.case.name)
+            sections.append((family, [_case_table([*case]) for _, case in cases]))
+        elif mine:
+            sections.append((family, [_family_table(mine)]))
+            numbers = [*count_outcomes(mine).values(), len(family.cases) - len(mine)]
+            summary.append([f"[{family.title}](#{anchor(family.title)})", *map(str, numbers)])
     return rendered(
-        "swe_sphere.studies.cases", f"{name}.md.j2", sections=sections, **versions(), **values
-    )
-
-
-def _by_family(folder: str, rows: Sequence[Row]) -> list[tuple[Family, list[Row]]]:
-    """Return the families of which there are rows, in order, and their rows."""
-    every = families(folder).values()
-    found = [(each, [row for row in rows if row.case.family == each.name]) for each in every]
-    return [(family, mine) for family, mine in found if mine]
-
-
-# --- verification
+        "swe_sphere.studies.cases", f"{folder}.md.j2", sections=sections, command=command,
+        summary=(["group", *OUTCOMES, "not run"], summary), count=len(rows),
+        failed=sum(not row.passed for row in rows), mass=max(map(_drift, rows), default=0.0),
+        stepping=sum(row.seconds for row in rows),
+        seconds=sum(row.quantities.get("seconds", 0.0) for row in rows), **versions(),
+    )  # fmt: skip
 
 
 def _drift(row: Row) -> float:
@@ -81,55 +63,11 @@ def _drift(row: Row) -> float:
     return abs(row.quantities.get(MASS, 0.0)) if kept and row.config.precision == "float64" else 0.0
 
 
-def _case_table(rows: list[Row]) -> Table:
-    case, shown, others = rows[0].case, [*map(_shown, rows)], [*map(_others, rows)]
-    names = [name for name in COLUMNS if any(name in numbers for numbers in shown)]
-    other = ["other"] * any(others)
-    lines = []
-    for row, numbers, texts in zip(rows, shown, others, strict=True):
-        step = "-" if case.method == "start" else f"{row.dt:.4g}"
-        cells = [_number(name, numbers[name]) if name in numbers else "" for name in names]
-        mark = "✓" if row.passed else "**fails**"
-        cells += [*["; ".join(texts)] * len(other), f"{row.worst.used:.2f} {mark}"]
-        lines.append([f"{row.config.ne}", f"{row.config.np}", step, *cells])
-    caption = f"**{case.name}** ({case.scene})" + (f": {case.title}" if case.title else "")
-    heads = ["ne", "np", "Δt [s]", *(COLUMNS[name] for name in names), *other, "of bound"]
-    return caption, heads, lines, [*_case_remarks(rows)]
-
-
-def _shown(row: Row) -> dict[str, float]:
-    """Return the numbers with a column: what is bounded, and all norms if one of them is."""
-    wanted = {check.quantity for check in row.checks}
-    wanted |= {"order", "order_v"} if wanted & set(NORMS) else set()
-    return {name: x for name, x in row.quantities.items() if name in wanted and name in COLUMNS}
-
-
-def _others(row: Row) -> list[str]:
-    """Return the numbers without a column."""
-    return [
-        f"{_label(check.quantity)} {_number(check.quantity, check.obtained)}{_limit(check)}"
-        for check in row.checks
-        if check.quantity not in COLUMNS and (check.quantity != MASS or not check.holds)
-    ]
-
-
-def _limit(check: Check) -> str:
-    if math.isinf(check.low):
-        return f" (≤ {check.high:.3g})"
-    return f" (≥ {check.low:.3g})" if math.isinf(check.high) else ""
-
-
-def _case_remarks(rows: list[Row]) -> Iterator[str]:
-    """Yield published numbers, failures, and the note of a case."""
-    for row in rows:
-        for source, values in row.level.published.items():
-            for name, value in values.items():
-                ours = _number(name, row.quantities.get(name, math.nan))
-                yield f"{_label(name)}: {ours} here, {value:.4g} published ({source})."
-    stopped = [row.measure for row in rows if row.measure.status != "completed"]
-    yield from (f"The run was {measure.status}: {measure.reason}." for measure in stopped)
-    if note := rows[0].case.note:
-        yield f"{note[0].upper()}{note[1:]}."
+def _table(folder: str, cells: Iterable[Mapping[str, str]]) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and the lines of a table from the cells of each line by head."""
+    rows = [*cells]
+    heads = [head for head in HEADS[folder] if any(row.get(head) for row in rows)]
+    return heads, [[row.get(head, "") for head in heads] for row in rows]
 
 
 @cache
@@ -149,29 +87,70 @@ def _number(name: str, value: float) -> str:
     return f"{value:.{digits}g}" if digits else f"{value:.2e}"
 
 
-# --- stability
+def _case_table(rows: list[Row]) -> Table:
+    case = rows[0].case
+    caption = f"**{case.name}** ({case.scene})" + (f": {case.title}" if case.title else "")
+    return caption, *_table("verification", map(_cells, rows)), [*_case_remarks(rows)]
+
+
+def _cells(row: Row) -> dict[str, str]:
+    """Return what is bounded, and all norms and orders if one of the norms is."""
+    wanted, numbers = {check.quantity for check in row.checks}, row.quantities
+    wanted |= {"order", "order_v"} if wanted & set(NORMS) else set()
+    others = []
+    for check in row.checks:
+        if check.quantity not in COLUMNS and (check.quantity != MASS or not check.holds):
+            limit = f" (≤ {check.high:.3g})" if math.isinf(check.low) else ""
+            limit = f" (≥ {check.low:.3g})" if math.isinf(check.high) else limit
+            number = _number(check.quantity, check.obtained)
+            others.append(f"{_label(check.quantity)} {number}{limit}")
+    return {
+        "ne": f"{row.config.ne}", "np": f"{row.config.np}",
+        "Δt [s]": "-" if row.case.method == "start" else f"{row.dt:.4g}",
+        **{COLUMNS[n]: _number(n, numbers[n]) for n in COLUMNS if n in wanted and n in numbers},
+        "other": "; ".join(others),
+        "of bound": f"{row.used:.2f} {'✓' if row.passed else '**fails**'}",
+    }  # fmt: skip
+
+
+def _case_remarks(rows: list[Row]) -> Iterator[str]:
+    """Yield published numbers, failures, and the note of a case."""
+    for row in rows:
+        for source, values in row.level.published.items():
+            for name, value in values.items():
+                ours = _number(name, row.quantities.get(name, math.nan))
+                yield f"{_label(name)}: {ours} here, {value:.4g} published ({source})."
+    stopped = [row.measure for row in rows if row.measure.status != "completed"]
+    yield from (f"The run was {measure.status}: {measure.reason}." for measure in stopped)
+    if note := rows[0].case.note:
+        yield f"{note[0].upper()}{note[1:]}."
 
 
 def _family_table(rows: list[Row]) -> Table:
     """Return the table of a family, with each reason once below it."""
     reasons: dict[str, list[str]] = {}
-    lines = []
     for row in rows:
-        numbers, outcome = row.measure.numbers, row.outcome
         if row.reason:
-            reasons.setdefault(f"{outcome}: {row.reason}", []).append(row.case.name)
-        names = dict.fromkeys([*(check.quantity for check in row.checks), *row.case.report])
-        texts = [f"{name} {_short(numbers[name], name)}" for name in names if name in numbers]
-        if outcome != "passed" and numbers.get("last_day") is not None:
-            texts.append(f"last_day {_short(numbers['last_day'])}")
-        marked = f"**{outcome}**" if outcome in ("broke", "failed") else outcome
-        steps = [_short(numbers[x]) if x in numbers else "" for x in ("dt", "dt_over_gravity")]
-        lines.append([row.case.name, *steps, marked, ", ".join(texts)])
+            reasons.setdefault(f"{row.outcome}: {row.reason}", []).append(row.case.name)
     remarks = [f"`{'`, `'.join(names)}` {reason}" for reason, names in reasons.items()]
-    return "", ["case", "Δt [s]", "× 1/ρ", "outcome", "numbers"], lines, remarks
+    return "", *_table("stability", map(_outcome_cells, rows)), remarks
 
 
-def _short(value: float | None, name: str = "") -> str:
+def _outcome_cells(row: Row) -> dict[str, str]:
+    numbers, outcome = row.measure.numbers, row.outcome
+    names = dict.fromkeys([*(check.quantity for check in row.checks), *row.case.report])
+    if outcome != "passed" and numbers.get("last_day") is not None:
+        names |= {"last_day": None}
+    shown = {name: _short(numbers[name], name) for name in numbers}
+    return {
+        "case": row.case.name, "Δt [s]": shown.get("dt", ""),
+        "× 1/ρ": shown.get("dt_over_gravity", ""),
+        "outcome": f"**{outcome}**" if outcome in ("broke", "failed") else outcome,
+        "numbers": ", ".join(f"{name} {shown[name]}" for name in names if name in shown),
+    }  # fmt: skip
+
+
+def _short(value: float | None, name: str) -> str:
     if value is None:
         return "none" if name == "symmetry_day" else "–"
     if value and not 1e-3 <= abs(value) < 1e5:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -75,9 +76,9 @@ class Row:
         return [replace(of, obtained=abs(x) if math.isinf(of.low) else x) for of, x in found]
 
     @property
-    def worst(self) -> Check:
-        """The check that uses most of its bound."""
-        return max(self.checks, key=lambda check: check.used)
+    def used(self) -> float:
+        """Largest fraction of a bound that is used, see `Check.used`."""
+        return max((check.used for check in self.checks), default=0.0)
 
     @cached_property
     def _verdict(self) -> tuple[str, list[str]]:
@@ -138,14 +139,21 @@ class Row:
         """Return the measure, the outcome and the bounds in words; None for what is not finite."""
         numbers = {n: None if x is None else finite(x) for n, x in self.measure.numbers.items()}
         return self.measure.model_dump() | {
-            "numbers": numbers, "reason": self.reason, "stepper": self.case.stepper,
-            "outcome": self.outcome, "bounds": [check.limits for check in self.checks],
+            "numbers": numbers, "reason": self.reason, "stopped": self.measure.reason,
+            "stepper": self.case.stepper, "outcome": self.outcome,
+            "bounds": [check.limits for check in self.checks],
         }  # fmt: skip
+
+
+def count_outcomes(rows: Iterable[Row]) -> dict[str, int]:
+    """Return how many of the rows had each of the `OUTCOMES`."""
+    counts = Counter(row.outcome for row in rows)
+    return {name: counts[name] for name in OUTCOMES}
 
 
 def run_cases(
     cases: Sequence[Case],
-    known: Mapping[str, Measure] | None = None,
+    known: Iterable[Measure] = (),
     store: Store[Measure] | None = None,
     jobs: int = 1,
     tick: Tick | None = None,
@@ -154,12 +162,12 @@ def run_cases(
 
     Args:
         cases: What to run.
-        known: Measures by fingerprint that are not made again.
+        known: Measures that are not made again.
         store: Where new measures are kept.
         jobs: Number of processes; with several, levels that are not timed are measured first.
         tick: Called with the progress in words.
     """
-    found = dict(known or {})
+    found = {each.fingerprint: each for each in known}
     keep = store.add if store else (lambda measured: measured)
     beside = measured_beside(jobs, cases, found) if jobs > 1 else ()
     for count, measured in enumerate(beside, 1):
@@ -175,17 +183,18 @@ def run_cases(
 
 
 def measured_beside(
-    jobs: int, cases: Sequence[Case], known: Mapping[str, Measure] | None = None
+    jobs: int, cases: Sequence[Case], known: Collection[str] = ()
 ) -> Iterator[Measure]:
-    """Measure levels that are not known in processes beside each other, but none that is timed.
+    """Measure levels in processes beside each other, but none of a case that is timed.
 
-    Raises as `in_processes`.
+    known: Fingerprints of levels that are not measured.  Raises as `in_processes`.
     """
-    tasks: list[tuple[Case, list[Level]]] = []
-    for case in (case for case in cases if not case.is_timed):
-        left = [level for level in case.levels if case.fingerprint(level) not in (known or {})]
-        shared = isinstance(case.against, dict) and left  # one finer run for all of them
-        tasks += [(case, left)] if shared else [(case, [level]) for level in left]
+    tasks = [
+        (case, levels)
+        for case in cases
+        if not case.is_timed
+        if (levels := [each for each in case.levels if case.fingerprint(each) not in known])
+    ]
     yield from in_processes(jobs, _measuring, (), tasks)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from swe_sphere.equations.effects import (
     DYNAMICS,
     Drag,
-    Forcing,
     Hyperviscosity,
     Orography,
     Relaxation,
@@ -20,12 +19,12 @@ from swe_sphere.equations.effects import (
 )  # fmt: skip
 from swe_sphere.equations.scene import Array, Scalar, Scene, UnsteadyState
 from swe_sphere.errors import unknown_name
-from swe_sphere.planet import DAY, EARTH, Planet
+from swe_sphere.planet import EARTH, Planet
 from swe_sphere.settings.values import SCENE
 from swe_sphere.simulation import build
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.flows import cone, distance, solid_body, tilted_latitude
+from swe_sphere.testcases.flows import at_rest, cone, distance
 from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
 from swe_sphere.testcases.user_scenes import made
 
@@ -35,6 +34,9 @@ State = tuple[Array, Array, Array]
 # --- exact solutions
 
 MEAN = 1000.0
+"""Mean depth [m]."""
+EMPTY = Scene("empty", (), at_rest(MEAN), ne=4, days=1.0)
+"""Nothing acts on the fluid."""
 
 
 def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
@@ -61,7 +63,7 @@ def decay(nu: float = 0.0, nu4: float = 0.0, default: bool = False) -> Scene:
 
     diffusion = (Viscosity(nu), Hyperviscosity(None if default else nu4))
     effects = tuple(effect for effect in diffusion if not effect.absent)
-    return _exact("decay", "decay of spherical harmonics", exact, effects=effects)
+    return _starting(exact, EMPTY, name="decay", effects=effects)
 
 
 def friction(linear: float, quadratic: float, time: float) -> Scene:
@@ -89,54 +91,12 @@ def friction(linear: float, quadratic: float, time: float) -> Scene:
         return slower * wind[0], slower * wind[1], depth
 
     effects = (Drag(linear, quadratic), Relaxation(time))
-    return _exact(
-        "friction", "drag and relaxation", exact, effects=effects, equilibrium=equilibrium
-    )
+    return _starting(exact, EMPTY, name="friction", effects=effects, equilibrium=equilibrium)
 
 
-def driven(alpha: float = np.pi / 4.0) -> Scene:
-    """Solid-body flow that a forcing of wind and depth keeps up, all of it of first order (exact).
-
-    The planet does not rotate. With s the sine of the latitude above the equator of the flow,
-
-        h = (3000 m - 1000 m s²) (1 + t/T),
-        Fh = h(0)/T,  Fv = (u0² - 2 g 1000 m (1 + t/T)) s grad s / a,
-
-    keep the wind as it is; grad is that of the unit sphere.
-
-    Args:
-        alpha: tilt of the flow's axis [rad].
-    """
-    speed, drop, doubling = 40.0, 1000.0, 5.0 * DAY
-
-    def exact(lon: Array, lat: Array, t: float) -> State:
-        east, north = solid_body(lon, lat, alpha)
-        return speed * east, speed * north, first(lon, lat) * (1.0 + t / doubling)
-
-    def first(lon: Array, lat: Array) -> Array:
-        depth: Array = 3000.0 - drop * tilted_latitude(lon, lat, alpha) ** 2
-        return depth
-
-    def forcing(lon: Array, lat: Array, t: float) -> State:
-        pull = speed**2 - 2.0 * EARTH.gravity * drop * (1.0 + t / doubling)
-        push = pull / EARTH.radius * tilted_latitude(lon, lat, alpha)
-        east = np.sin(alpha) * np.sin(lon)
-        north = np.sin(alpha) * np.sin(lat) * np.cos(lon) + np.cos(alpha) * np.cos(lat)
-        return push * east, push * north, first(lon, lat) / doubling
-
-    title, effects = "solid-body flow kept up by a forcing", (*DYNAMICS, Forcing())
-    return _exact("driven", title, exact, effects=effects, forcing=forcing)
-
-
-def _exact(name: str, title: str, exact: UnsteadyState, **values: Any) -> Scene:
-    """Return a scene of a day that starts as its exact solution does."""
-    return Scene(
-        name, title=title, initial=_begin(exact), exact=exact, ne=4, days=1.0, **values
-    )  # fmt: skip
-
-
-def _begin(exact: UnsteadyState) -> Callable[[Array, Array], State]:
-    return lambda lon, lat: exact(lon, lat, 0.0)
+def _starting(exact: UnsteadyState, base: Scene, **values: Any) -> Scene:
+    """Return a scene with other values that starts as its exact solution does."""
+    return replace(base, initial=lambda lon, lat: exact(lon, lat, 0.0), exact=exact, **values)
 
 
 def _harmonic(lon: Array, lat: Array) -> State:
@@ -224,14 +184,14 @@ def mesa(lon: Array, lat: Array) -> Array:
     return np.where(distance(lon, lat, 1.5 * np.pi, np.pi / 6.0) < np.pi / 9.0, 2000.0, 0.0)
 
 
-def _cone_of(height: float) -> Scalar:
-    """The cone of williamson5, which is 2000 m high, with another height [m]."""
-    return lambda lon, lat: height / 2000.0 * cone(lon, lat)
-
-
 Bottom = Literal["mesa", "peak", "island"]
-BOTTOMS: dict[str, Scalar] = {"mesa": mesa, "peak": _cone_of(5000.0), "island": _cone_of(7000.0)}
-"""Bottoms by name: the peak is 960 m below the surface at rest, the island looks out of it."""
+BOTTOMS: dict[str, Scalar] = {
+    "mesa": mesa,
+    "peak": lambda lon, lat: 2.5 * cone(lon, lat),
+    "island": lambda lon, lat: 3.5 * cone(lon, lat),
+}
+"""Bottoms by name: the peak of 5000 m is 960 m below the surface at rest, the island of 7000 m
+looks out of it."""
 
 
 def lake_over(bottom: Bottom) -> Scene:
@@ -239,11 +199,9 @@ def lake_over(bottom: Bottom) -> Scene:
     mountain = BOTTOMS[bottom]
 
     def exact(lon: Array, lat: Array, t: float) -> State:
-        still = 0.0 * (lon + lat)
-        return still, still.copy(), 5960.0 - mountain(lon, lat)
+        return 0.0 * lon, 0.0 * lat, 5960.0 - mountain(lon, lat)
 
-    lake: Scene = get_scene("lake-at-rest")
-    return replace(lake, initial=_begin(exact), exact=exact, bottom=mountain)
+    return _starting(exact, get_scene("lake-at-rest"), bottom=mountain)
 
 
 def flow_over(bottom: Bottom) -> Scene:
@@ -268,21 +226,17 @@ def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene
         h = depth + fall * (1.0 / 3.0 - np.sin(lat) ** 2)
         return speed * np.cos(lat) + 0.0 * lon, 0.0 * (lon + lat), h + 0.0 * lon
 
-    return replace(
-        get_scene("williamson2"), planet=Planet(radius, gravity, rotation), coriolis=None,
-        initial=_begin(exact), exact=exact,
-    )  # fmt: skip
+    planet = Planet(radius, gravity, rotation)
+    return _starting(exact, get_scene("williamson2"), planet=planet, coriolis=None)
 
 
 def eddies(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
     """Random balanced flow of 10 m/s, of this mean depth [m], without any dissipation."""
     planet = Planet(radius, gravity, rotation)
     psi = random_streamfunction(lambda n: 1.0 / n**2, 8, 10.0, radius, seed=3)
-    initial, effects = BalancedFlow(psi, planet, depth).state, (*DYNAMICS, Rotation())
-    return replace(
-        get_scene("williamson2"), planet=planet, coriolis=None, initial=initial, exact=None,
-        effects=effects,
-    )  # fmt: skip
+    return Scene(
+        "eddies", (*DYNAMICS, Rotation()), BalancedFlow(psi, planet, depth).state, planet=planet
+    )
 
 
 # --- random admissible states
@@ -372,8 +326,8 @@ def _hills(draw: np.random.Generator, height: float) -> Scalar:
 SCENES: dict[str, Callable[..., Scene]] = {
     scene.__name__.replace("_", "-"): scene
     for scene in (
-        decay, friction, driven, homme_mountain, homme_wave, lake_over, flow_over, noisy,
-        thin_layer, zonal, eddies, random_state,
+        decay, friction, homme_mountain, homme_wave, lake_over, flow_over, noisy, thin_layer, zonal,
+        eddies, random_state,
     )
 }  # fmt: skip
 """Scenes by the names in files of cases; their keyword parameters are those of the scene."""

@@ -1,19 +1,60 @@
-"""Gravity waves from heaps of water: one splash, three bumps, and a dam that breaks."""
+"""Scenes without wind or without rotation: a lake, heaps of water, a dam that breaks, modons."""
 
 import numpy as np
 
-from swe_sphere.equations.effects import DYNAMICS, Orography, Rotation
+from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Rotation
 from swe_sphere.equations.scene import Array, Scene
 from swe_sphere.errors import ConfigError
+from swe_sphere.mesh.sphere import position
 from swe_sphere.planet import EARTH, Planet
-from swe_sphere.testcases.flows import distance
-from swe_sphere.testcases.recommended import recommended
+from swe_sphere.testcases.flows import cone as conical_mountain
+from swe_sphere.testcases.flows import distance, recommended
 
 CENTRE = (1.5 * np.pi, 0.0)
 """Longitude and latitude of the splash and of the dam [rad]."""
 STILL = Planet(EARTH.radius, EARTH.gravity, 0.0)
 WIND = 40.0
 """Speed at the equator of the air at rest among the stars, seen from the turning frame [m s-1]."""
+BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
+"""Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
+
+
+@recommended(ne=16, np=4, dt=600.0, days=5.0)
+def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
+    """Water at rest over a mountain (exact): nothing may move.
+
+    The surface is at 5960 m. Whatever moves shows that the gradients of bottom and depth do not
+    cancel as they must.
+
+    Args:
+        cone: over the cone of williamson5; else over the smooth 2000 m exp(-|n - n0|²/w²) with
+            w = π/18 at the same place.
+        rotating: with the Coriolis force.
+    """
+    bottom = conical_mountain if cone else _smooth_bottom
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        return 0.0 * lon, 0.0 * lat, 5960.0 - bottom(lon, lat)
+
+    return Scene(
+        name="lake-at-rest",
+        title="water at rest over a mountain",
+        reference="Audusse et al. (2004), SIAM J. Sci. Comput. 25, doi:10.1137/S1064827503431090;"
+        " mountain of Williamson et al. (1992), doi:10.1016/S0021-9991(05)80016-6, case 5",
+        effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Orography()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        bottom=bottom,
+        report="largest wind after 5 days: round-off, below 1e-10 m/s in float64",
+        error_field="surface",
+    )
+
+
+def _smooth_bottom(lon: Array, lat: Array) -> Array:
+    """Height [m] of a smooth mountain at (3π/2, π/6)."""
+    offset = position(lon, lat) - position(1.5 * np.pi, np.pi / 6.0)
+    height: Array = 2000.0 * np.exp(-np.sum(offset**2, axis=-1) / (np.pi / 18.0) ** 2)
+    return height
 
 
 @recommended(ne=16, np=4, dt=600.0, days=2.0)
@@ -40,6 +81,9 @@ def splash(rotating: bool = False) -> Scene:
         depth = 2000.0 + 500.0 * (1.0 + np.cos(np.pi * within))
         return (WIND * np.cos(lat) if rotating else 0.0 * lat), 0.0 * lat, depth
 
+    def centrifugal(lon: Array, lat: Array) -> Array:
+        return (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
+
     return Scene(
         name="splash",
         title="splash, seen from a turning frame" if rotating else "splash",
@@ -47,18 +91,10 @@ def splash(rotating: bool = False) -> Scene:
         "doi:10.1016/j.jcp.2007.07.022",
         effects=(*DYNAMICS, *((Rotation(), Orography()) if rotating else ())),
         initial=initial,
-        bottom=_centrifugal if rotating else None,
+        bottom=centrifugal if rotating else None,
         planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
         report="time and height of the crest at the antipode; loss of symmetry about the centre",
     )
-
-
-def _centrifugal(lon: Array, lat: Array) -> Array:
-    return (WIND * np.sin(lat)) ** 2 / (2.0 * EARTH.gravity) + 0.0 * lon
-
-
-BUMPS = ((0.2, 1.0 / 3.0, 10.0), (1.2, 0.2, 80.0), (1.6, -0.25, 360.0))
-"""Longitude and latitude [π rad] and sharpness [rad-2] of each bump."""
 
 
 @recommended(ne=16, np=4, dt=300.0, days=1.0)
@@ -119,4 +155,40 @@ def dam_break(width: float = 0.05) -> Scene:
         planet=STILL,
         report="least and largest depth; depth along a meridian of the dam against a solution in"
         " the distance alone",
+    )
+
+
+@recommended(ne=30, np=4, dt=240.0, days=100.0)
+def modons() -> Scene:
+    """Two pairs of vortices that collide, exchange partners and come back.
+
+    On a planet at rest, under a flat surface at 5000 m, two bursts of zonal wind
+
+        u = 50 m/s (exp(-(r1/r0)²) - exp(-(r2/r0)²)),  r0 = 750 km
+
+    with r1, r2 the distances to (π/2, 0) and (3π/2, 0). Gravity waves leave first; the modons that
+    form collide near λ = π and λ = 0 and are back near the start after about 100 days. The flow
+    stays symmetric about the equator, and about the meridians λ = 0 and π.
+
+    Hyperviscosity that goes with the mesh takes out the enstrophy at the grid scale.
+    """
+
+    def burst(lon: Array, lat: Array, centre: float) -> Array:
+        bump: Array = np.exp(-((EARTH.radius * distance(lon, lat, centre, 0.0) / 750e3) ** 2))
+        return bump
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        speed = 50.0 * (burst(lon, lat, 0.5 * np.pi) - burst(lon, lat, 1.5 * np.pi))
+        return speed, 0.0 * lat, 5000.0 + 0.0 * lat
+
+    return Scene(
+        name="modons",
+        title="colliding modons",
+        reference="Lin, Chen & Yao (2017), J. Adv. Model. Earth Syst. 9, 2483-2492, "
+        "doi:10.1002/2017MS000965",
+        effects=(*DYNAMICS, Hyperviscosity()),
+        initial=initial,
+        planet=STILL,
+        report="vorticity and largest wind at day 100; drift of energy and potential enstrophy;"
+        " symmetry about the equator",
     )

@@ -1,0 +1,412 @@
+"""Waves on an ocean that covers the globe: tides, planetary waves, normal and equatorial modes.
+
+A layer of even depth on the turning sphere, linearised about rest:
+
+    ∂v/∂t + f k×v = -g ∇(η - η_eq),  ∂η/∂t + H ∇·v = 0
+
+For one zonal wavenumber m and one frequency, v = ∇χ + k×∇ψ and η are sums of spherical harmonics;
+σ times their coefficients is a matrix times them. Its eigenvectors are Hough's functions; with an
+equilibrium tide η_eq it is a linear system. Source: Longuet-Higgins (1968), Phil. Trans. R. Soc. A
+262, 511-607, doi:10.1098/rsta.1968.0003, in other variables.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from swe_sphere.equations.effects import DYNAMICS, Effect, Forcing, Linearised, Rotation
+from swe_sphere.equations.scene import Array, Scene
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY, EARTH, Planet
+from swe_sphere.testcases.flows import at_rest, recommended
+from swe_sphere.testcases.harmonics import Complex, GaussGrid, synthesis
+
+Constituent = Literal["m2", "s2", "k1", "o1"]
+
+
+TIDES = {
+    "m2": (2, 0.242334, 1.405189e-4),
+    "s2": (2, 0.112743, 1.454441e-4),
+    "k1": (1, 0.141565, 7.292117e-5),
+    "o1": (1, 0.100661, 6.759774e-5),
+}
+"""Highs around a circle of latitude, amplitude A [m] and frequency ω [s-1] of constituents.
+
+As in Arbic et al. (2004), for a rigid Earth.
+"""
+DEGREES = 32
+"""Degrees above m: coefficients fall below round-off long before for depths of kilometres."""
+
+
+def _effects(linear: bool, *more: Effect) -> tuple[Effect, ...]:
+    return (*DYNAMICS, Rotation(), *more, *((Linearised(),) if linear else ()))
+
+
+@recommended(ne=4, np=8, dt=600.0, days=5.0)
+def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = True) -> Scene:
+    """Tide in an ocean of even depth over the whole globe (exact).
+
+    The wind is driven by g ∇η_eq, the equilibrium tide of one constituent:
+
+        η_eq = A cos² θ cos(2 λ + ω t)  (m2, s2),  η_eq = A sin 2θ cos(λ + ω t)  (k1, o1)
+
+    The start is the response that keeps pace with it, a series of spherical harmonics that is
+    solved to round-off. The m2 tide in 4 km is inverted: low water under the Moon, 0.46 m at the
+    equator where the equilibrium tide has 0.24 m above. The k1 tide, whose period is a turn of the
+    Earth, has currents and no elevation, as Laplace found; here it has 3e-5 of the equilibrium's,
+    as ω is given to 7 digits and Ω of these scenes to 4.
+
+    Args:
+        constituent: m2, s2 (two highs a day), k1 or o1 (one).
+        depth: of the water at rest [m], 1000 to 1e6, so that the series is right to round-off.
+        linear: equations linearised about rest; else the full ones, which differ by about
+            elevation over depth.
+
+    Raises:
+        ConfigError: a depth out of range.
+    """
+    if not 1e3 <= depth <= 1e6:
+        raise ConfigError(f"tide: depth must be 1000 m to 1e6 m, not {depth}")
+    cycles, amplitude, frequency = TIDES[constituent]
+    # of the normalised harmonics of degrees m, m + 1, …: all in degree two
+    equilibrium = np.array([0.0, amplitude / np.sqrt(15.0 / 8.0)])[cycles - 1 :]
+    response = TidalEquations(cycles, depth, EARTH).forced(-frequency, equilibrium)
+
+    def forcing(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        phase = cycles * lon + frequency * t
+        sine, cos = np.sin(lat), np.cos(lat)
+        if cycles == 2:
+            along, across = 2.0 * cos, -2.0 * sine * cos
+        else:
+            along, across = 2.0 * sine, 2.0 * np.cos(2.0 * lat)
+        scale = EARTH.gravity / EARTH.radius
+        east, north = -amplitude * along * np.sin(phase), amplitude * across * np.cos(phase)
+        return scale * east, scale * north, 0.0 * lat
+
+    return Scene(
+        name="tide",
+        title=f"{constituent.upper()} tide in an ocean of {depth:g} m",
+        reference="Arbic, Garner, Hallberg & Simmons (2004), Deep-Sea Res. II 51, 3069-3101, "
+        "doi:10.1016/j.dsr2.2004.09.014; solution after Longuet-Higgins (1968), "
+        "doi:10.1098/rsta.1968.0003",
+        effects=_effects(linear, Forcing()),
+        initial=lambda lon, lat: response.state(lon, lat, 0.0),
+        exact=response.state,
+        forcing=forcing,
+        base=at_rest(depth) if linear else None,
+        report="elevation and currents after ten tides; phase against the Moon",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class HoughWave:
+    """The flow Re (ψ, i X, η) exp(i (m λ - σ t)) over a depth at rest H.
+
+    frequency: σ [s-1], negative for waves that go west.  coefficients (3, L+1, L+1): of ψ, χ
+    [m2 s-1] and η [m] at t = 0, as in `swe_sphere.testcases.harmonics`.
+    """
+
+    frequency: float
+    coefficients: Complex
+    depth: float
+    planet: Planet
+
+    def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        now = self.coefficients * np.exp(-1j * self.frequency * t)
+        value, east, north = synthesis(now, lon, lat)
+        u, v = east[1] - north[0], north[1] + east[0]
+        return u / self.planet.radius, v / self.planet.radius, self.depth + value[2]
+
+
+@dataclass(frozen=True)
+class TidalEquations:
+    """The equations for zonal wavenumber m ≥ 1 over a depth at rest [m]."""
+
+    m: int
+    depth: float
+    planet: Planet
+    degrees: int = DEGREES
+    """Number of harmonics of each field: degrees m, m + 1, ...."""
+
+    def forced(self, frequency: float, equilibrium: Array) -> HoughWave:
+        """The flow that follows an equilibrium tide of that frequency [s-1].
+
+        equilibrium: coefficients [m] of degrees m, m + 1, ….
+        """
+        force = np.zeros((3, self.degrees))
+        force[1, : len(equilibrium)] = self.planet.gravity * equilibrium
+        matrix = frequency * np.eye(3 * self.degrees) - self._matrix
+        solution = np.linalg.solve(matrix, force.ravel())
+        return self._wave(frequency, np.asarray(solution, dtype=np.float64))
+
+    def free(self, n: int) -> HoughWave:
+        """The planetary wave (Rossby's) whose wind is mostly rotation of degree n, unscaled.
+
+        Its frequency is near to -2 Ω m / (n (n + 1)).
+        """
+        values, vectors = np.linalg.eig(self._matrix)
+        parts = vectors.real.reshape(3, self.degrees, -1)
+        energy = np.sum(self._squares * parts[:2] ** 2, axis=(0, 1))
+        wave = int(np.argmax(n * (n + 1) * parts[0, n - self.m] ** 2 / energy))
+        return self._wave(float(values[wave].real), vectors.real[:, wave])
+
+    def mode(self, place: int) -> HoughWave:
+        """Return the free wave at a place of all, sorted by frequency, unscaled.
+
+        The first third of them are gravity waves that go west, the second third planetary waves,
+        and the last third the Kelvin wave and gravity waves that go east.
+        """
+        scale = np.repeat(np.sqrt(self._squares.T), 2, axis=0).ravel()
+        thin = self.planet.radius * np.sqrt(self.planet.gravity / self.depth)
+        scale = np.append(scale, np.full(self.degrees, thin))
+        # in the norm of energy the matrix is symmetric
+        values, vectors = np.linalg.eigh(scale[:, None] * self._matrix / scale)
+        return self._wave(float(values[place]), vectors[:, place] / scale)
+
+    @property
+    def _squares(self) -> Array:
+        """n (n + 1) as a column."""
+        n = self.m + np.arange(self.degrees, dtype=np.float64)
+        return (n * (n + 1.0))[:, None]
+
+    @property
+    def _matrix(self) -> Array:
+        """What σ times (ψ, X, η) is where nothing forces; each of degrees m, m + 1, …."""
+        n = self.m + np.arange(self.degrees)
+        total, spin = self._squares[:, 0], 2.0 * self.planet.rotation
+        east = np.diag(-spin * self.m / total)
+        # ∇·(f ∇Y_n) is made of the degrees above and below
+        share = np.sqrt((n**2 - self.m**2) / (4.0 * n**2 - 1.0))
+        up = np.diag((-n * (n + 2.0))[:-1] * share[1:], -1)
+        down = np.diag((-(n - 1.0) * (n + 1.0) * share)[1:], 1)
+        across = spin * (up + down) / total[:, None]
+        none, gravity = np.zeros_like(east), self.planet.gravity * np.eye(self.degrees)
+        swelling = np.diag(-self.depth * total / self.planet.radius**2)
+        return np.block([[east, -across, none], [-across, east, -gravity], [none, swelling, none]])
+
+    def _wave(self, frequency: float, solution: Array) -> HoughWave:
+        rows = solution.reshape(3, self.degrees) * np.array([1.0, 1.0j, 1.0])[:, None]
+        found = np.zeros((3, self.m + self.degrees, self.m + self.degrees), dtype=np.complex128)
+        found[:, self.m :, self.m] = rows
+        return HoughWave(frequency, found, self.depth, self.planet)
+
+
+@recommended(ne=8, np=6, dt=600.0, days=15.0)
+def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False) -> Scene:
+    """Planetary wave in a deep ocean, at a Froude number of 5e-4.
+
+    A Rossby wave of Laplace's tidal equations over 4 km of water: m waves around the globe, most of
+    the currents in the spherical harmonics of degree n. Gravity waves are two thousand times
+    faster than the currents and thirty times faster than the wave: explicit steps are bound by
+    what does not happen.
+
+    It is exact for the equations linearised about rest. In the full ones the wave also carries
+    itself: four days at 0.1 m/s change the currents by 3e-4 of them (l2).
+
+    Args:
+        m: waves around the globe, at least 1.
+        n: degree, from m to m + 12.
+        speed: of the strongest current [m s-1].
+        linear: equations linearised about rest, for which the wave is exact.
+
+    Raises:
+        ConfigError: a wave that there is not, or a speed that is not positive.
+    """
+    if not 1 <= m <= n <= m + 12:  # so that the series of the wave is right to round-off
+        raise ConfigError(f"slow-ocean: m must be at least 1 and n m to m + 12, not {m} and {n}")
+    if not 0.0 < speed <= 10.0:
+        raise ConfigError(f"slow-ocean: speed must be above 0 and at most 10 m/s, not {speed:g}")
+    wave = TidalEquations(m, 4000.0, EARTH).free(n)
+    u, v, _ = wave.state(*GaussGrid(64).points, 0.0)
+    factor = speed / float(np.hypot(u, v).max())
+    wave = replace(wave, coefficients=factor * wave.coefficients)
+
+    return Scene(
+        name="slow-ocean",
+        title=f"planetary wave in a deep ocean (m = {m}, n = {n})",
+        reference="Longuet-Higgins (1968), Phil. Trans. R. Soc. A 262, 511-607, "
+        "doi:10.1098/rsta.1968.0003",
+        effects=_effects(linear),
+        initial=lambda lon, lat: wave.state(lon, lat, 0.0),
+        exact=wave.state if linear else None,
+        base=at_rest(wave.depth) if linear else None,
+        report="speed of the wave; gravity waves that a step too long leaves out or lets loose",
+    )
+
+
+Wave = Literal["kelvin", "rossby", "eastward", "westward"]
+FUNCTIONS = 160
+"""Spherical harmonics of each field of a normal mode: those of a layer of 1 m are right to
+round-off."""
+
+
+@recommended(ne=6, np=6, dt=300.0)
+def hough(
+    wave: Wave = "rossby",
+    k: int = 1,
+    n: int = 1,
+    depth: float = 1000.0,
+    amplitude: float = 1.0,
+    linear: bool = True,
+) -> Scene:
+    """Normal mode of the sphere: a Kelvin, Rossby or gravity wave (exact).
+
+    Streamfunction, velocity potential and geopotential are sums of spherical harmonics of zonal
+    wavenumber k. The equations linearised about rest (`TidalEquations`) then become a symmetric
+    eigenvalue problem (Swarztrauber & Kasahara 1985, doi:10.1137/0906033), whose eigenvalues are
+    the frequencies. The pattern goes around the planet without changing its shape.
+
+    Args:
+        wave: "kelvin", "rossby", or gravity wave "eastward" or "westward".
+        k: Zonal wavenumber, at least 1.
+        n: Meridional mode, from 1; 1 is the fastest Rossby wave, or the slowest gravity wave.
+            There is one Kelvin wave.
+        depth: Mean depth [m].
+        amplitude: Root mean square of the wind [m s-1].
+        linear: Whether the equations are linearised about rest, so that the mode is exact.
+
+    Raises:
+        ConfigError: no such mode, or a depth that is not positive.
+    """
+    if k < 1 or not 1 <= n <= FUNCTIONS // 4 or (wave == "kelvin" and n != 1):
+        raise ConfigError(
+            f"hough: k must be at least 1 and n from 1 to {FUNCTIONS // 4} (1 for kelvin), not"
+            f" {k} and {n}"
+        )
+    if not depth > 0.0:
+        raise ConfigError(f"hough: depth must be positive, not {depth} m")
+    mode = hough_wave(wave, k, n, depth, amplitude)
+    return Scene(
+        name="hough",
+        title=f"normal mode of the sphere ({TITLES[wave]} wave, k = {k}, n = {n})",
+        reference="Swarztrauber & Kasahara (1985), SIAM J. Sci. Stat. Comput. 6, 464-491, "
+        "doi:10.1137/0906033",
+        effects=_effects(linear),
+        initial=lambda lon, lat: mode.state(lon, lat, 0.0),
+        exact=mode.state if linear else None,
+        base=at_rest(depth) if linear else None,
+        report="speed of the pattern and decay after a period",
+        days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 3),
+    )
+
+
+def hough_wave(wave: Wave, k: int, n: int, depth: float, amplitude: float) -> HoughWave:
+    """Return a normal mode; arguments as for `hough`."""
+    place = {
+        "westward": FUNCTIONS - n,
+        "rossby": FUNCTIONS + n - 1,
+        "kelvin": 2 * FUNCTIONS,
+        "eastward": 2 * FUNCTIONS + n,
+    }[wave]
+    found = TidalEquations(k, depth, EARTH, FUNCTIONS).mode(place)
+    degree = np.arange(k + FUNCTIONS)[:, None]
+    square = 0.5 * np.sum(degree * (degree + 1) * np.abs(found.coefficients[:2]) ** 2)
+    factor = amplitude * EARTH.radius / np.sqrt(square)
+    return replace(found, coefficients=factor * found.coefficients)
+
+
+TITLES = {
+    "kelvin": "Kelvin", "rossby": "Rossby", "eastward": "eastward gravity",
+    "westward": "westward gravity", "eig": "eastward inertia-gravity",
+    "wig": "westward inertia-gravity",
+}  # fmt: skip
+"""Waves in titles."""
+EquatorialWave = Literal["rossby", "eig", "wig"]
+PLANET = Planet(6371220.0, 9.80616, 7.29212e-5)
+DEPTH = 30.0
+"""Depth at rest [m]: so thin that the waves are trapped near the equator."""
+
+
+@recommended(ne=8, np=8, dt=1500.0)
+def matsuno(
+    wave: EquatorialWave = "rossby",
+    k: int = 5,
+    n: int = 1,
+    amplitude: float = 1e-5,
+    linear: bool = True,
+) -> Scene:
+    """Equatorial Rossby or inertia-gravity wave (analytic, nearly exact).
+
+    Matsuno's waves on the equatorial β-plane, put on the sphere with y = ε^(1/4) θ and
+    ε = (2 Ω a)² / (g H) = 2935: normalised Hermite functions of y times exp(i (k λ - ω t)), where
+
+        ω³ - (g H (k/a)² + 2 Ω (2n + 1) √(g H) / a) ω - 2 Ω g H k / a² = 0
+
+    They solve the equations on the sphere up to terms of relative size ε^(-1/2) = 0.02, so the
+    error against them does not vanish with the mesh. What must agree is speed and shape.
+
+    Args:
+        wave: "rossby", or eastward or westward inertia-gravity wave, "eig" or "wig".
+        k: zonal wavenumber, at least 1.
+        n: mode, at least 1: nodes of v between the poles.
+        amplitude: factor of the normalised northward wind [m s-1].
+        linear: equations linearised about rest; else the full ones, for which the amplitude must
+            be tiny. Depth and wave together need float64 then.
+
+    Raises:
+        ConfigError: a mode that there is not.
+    """
+    if k < 1 or n < 1:
+        raise ConfigError(f"matsuno: k and n must be at least 1, not {k} and {n}")
+    mode = EquatorialMode(wave, k, n, amplitude)
+
+    return Scene(
+        name="matsuno",
+        title=f"equatorial wave ({TITLES[wave]}, k = {k}, n = {n})",
+        reference="Shamir, Yacoby, Ziskin Ziv & Paldor (2019), Geosci. Model Dev. 12, 2181-2193, "
+        "doi:10.5194/gmd-12-2181-2019",
+        effects=_effects(linear),
+        initial=lambda lon, lat: mode.state(lon, lat, 0.0),
+        exact=mode.state,
+        base=at_rest(DEPTH) if linear else None,
+        planet=PLANET,
+        report="speed of the pattern against ω / k; shape after a period",
+        days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
+    )
+
+
+@dataclass(frozen=True)
+class EquatorialMode:
+    """One of Matsuno's waves (eqs. 2-8 of the paper)."""
+
+    wave: EquatorialWave
+    k: int
+    n: int
+    amplitude: float
+
+    @cached_property
+    def frequency(self) -> float:
+        """ω [s-1]: the largest root goes east, the smallest west, the one between is Rossby's."""
+        a, speed, spin = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), 2.0 * PLANET.rotation
+        p = (speed * self.k / a) ** 2 + spin * (2 * self.n + 1) * speed / a
+        q = spin * speed**2 * self.k / a**2
+        angle = np.arccos(1.5 * q / p * np.sqrt(3.0 / p)) / 3.0  # three real roots (Viète)
+        shift = {"eig": 0, "rossby": 1, "wig": 2}[self.wave]
+        return float(2.0 * np.sqrt(p / 3.0) * np.cos(angle - 2.0 * np.pi * shift / 3.0))
+
+    def state(self, lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        """Eastward wind, northward wind [m s-1] and depth [m]."""
+        a, speed, n = PLANET.radius, np.sqrt(PLANET.gravity * DEPTH), self.n
+        stretch = (2.0 * PLANET.rotation * a / speed) ** 0.5  # ε^(1/4)
+        below, v, above = (self.amplitude * f for f in _hermite(n, stretch * lat))
+        slope, wave = self.frequency / speed, self.k / a
+        factor = stretch / (a * (slope**2 - wave**2))
+        up, down = np.sqrt((n + 1) / 2.0) * above, np.sqrt(n / 2.0) * below
+        u = factor * (-(slope + wave) * up - (slope - wave) * down)
+        geopotential = speed * factor * (-(slope + wave) * up + (slope - wave) * down)
+        # u and g h are a quarter period behind v
+        phase = self.k * lon - self.frequency * t
+        depth = DEPTH + geopotential / PLANET.gravity * np.sin(phase)
+        return u * np.sin(phase), v * np.cos(phase), depth
+
+
+def _hermite(n: int, y: Array) -> tuple[Array, Array, Array]:
+    """Normalised Hermite functions of orders n - 1, n and n + 1, n ≥ 1."""
+    functions = [0.0 * y, np.pi**-0.25 * np.exp(-0.5 * y**2)]
+    for m in range(n + 1):
+        up = y * functions[-1] - np.sqrt(m / 2.0) * functions[-2]
+        functions.append(np.sqrt(2.0 / (m + 1)) * up)
+    return functions[n], functions[n + 1], functions[n + 2]
