@@ -173,7 +173,7 @@ def test_verification_is_the_same_beside_others(at_once):
         assert other.measure in known.values()
 
 
-def test_levels_that_share_a_finer_run_share_a_process():
+def test_cases_that_share_a_finer_run_share_a_process():
     """And all cases can be sent to it."""
     tasks = []
     chosen = cases.choose("verification")
@@ -185,8 +185,9 @@ def test_levels_that_share_a_finer_run_share_a_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swe_sphere.studies.cases.rows.in_processes", note)
         assert [*cases.measured_beside(2, chosen)] == []
-    shared = {case.name: levels for case, levels in tasks if isinstance(case.against, dict)}
-    assert shared == {c.name: [*c.levels] for c in chosen if isinstance(c.against, dict)}
+    assert [case for task in tasks for case in task] == chosen
+    assert all(len({case.name for case in task}) == 1 for task in tasks)
+    assert len({task[0].name for task in tasks}) == len(tasks)
 
 
 def test_stability_cases_are_the_same_beside_others(at_once):
@@ -194,7 +195,7 @@ def test_stability_cases_are_the_same_beside_others(at_once):
     by_name = {case.name: case for case in chosen}
     found = [*cases.measured_beside(2, chosen)]
     assert [measure.name for measure in found] == [*by_name]
-    rows = [cases.Row(case, case.levels[0], by) for case, by in zip(chosen, found, strict=True)]
+    rows = [cases.Row(case, by) for case, by in zip(chosen, found, strict=True)]
     assert {row.outcome for row in rows} == {"passed"}
     timed = [case for case in cases.choose("stability") if case.is_timed]
     assert timed and all("step_seconds" in case.bounds for case in timed)

@@ -50,7 +50,7 @@ def find(name: str) -> Case:
 
 
 def try_out(case: Case) -> Row:
-    """The row of a case with one level."""
+    """The row of a case."""
     (row,) = run_cases([case])
     return row
 
@@ -60,7 +60,7 @@ def judge(case: Case, status: str = "completed", reason: str = "", **numbers: fl
     found = Measure(
         name=case.name, fingerprint="abc", status=status, reason=reason, numbers=numbers
     )
-    return Row(case, case.levels[0], found)
+    return Row(case, found)
 
 
 # --- judging
@@ -206,9 +206,10 @@ def test_an_error_that_is_none_of_ours_fails(monkeypatch) -> None:
     assert result.outcome == "failed"
 
 
-def test_a_file_with_nan_is_noticed() -> None:
+def test_a_sampled_nan_is_noticed() -> None:
     case = find("beyond-limit-rk4")
-    assert judge(case, "unstable", "it blew up", not_finite=3.0).outcome == "failed"
+    assert judge(case, "unstable", "it blew up", max_wind=math.nan).outcome == "failed"
+    assert judge(case, "unstable", "it blew up", max_wind=200.0).outcome == "refused"
 
 
 # --- tables of cases
@@ -250,13 +251,13 @@ def test_a_table_is_a_trial_for_each_stepper(tmp_path) -> None:
     helped = cases["lake-rk4+viscosity"]
     assert helped.expect == "pass"
     assert make_scene(helped.configured()).effect("viscosity").nu == 1e5
-    assert [check.limits for check in helped.checks(helped.levels[0])] == [
+    assert [check.limits for check in helped.checks] == [
         "mass_drift ≤ 1e-12",
         "min_depth ≥ 0",
     ]
-    quick = cases["lake-ark2"].quick_form()
+    quick = cases["lake-ark2"].changed(**cases["lake-ark2"].quickly)
     assert (quick.run["days"], quick.run["ne"], quick.stepper) == (1.0, 4, "ark2")
-    assert helped.quick_form().levels == cases["lake-rk4"].quick_form().levels == ()
+    assert [name for name, case in cases.items() if case.is_quick] == ["lake-ark2"]
     dealt = [case.seeds for name, case in cases.items() if name.startswith("random")]
     assert list(cases)[len(first)] == "random-rk4"
     assert len(dealt) == len(explicit)
@@ -281,7 +282,7 @@ def test_a_file_that_is_not_as_the_schema_says(tmp_path, old, new, complaint) ->
 def test_every_case_can_be_run() -> None:
     """Its configuration is known, its scene can be made, and it requires something."""
     for case in CASES:
-        assert case.checks(case.levels[0]) or case.expect == "refuse"
+        assert case.checks or case.expect == "refuse"
         if case.method != "seeds":
             make_scene(case.configured())
         for symmetry in case.symmetries:
@@ -318,10 +319,10 @@ def test_a_file_of_something_else_is_not_overwritten(tmp_path, capsys, name) -> 
 
 def test_results_of_other_code_are_not_those_of_this_one(monkeypatch) -> None:
     case = find("beyond-limit-rk4")
-    before = case.fingerprint(case.levels[0])
-    assert case.fingerprint(case.levels[0]) == before
+    before = case.fingerprint
+    assert case.fingerprint == before
     monkeypatch.setattr("swe_sphere.studies.cases.case.code_fingerprint", lambda *_: "other")
-    assert case.fingerprint(case.levels[0]) != before
+    assert case.fingerprint != before
 
 
 # --- all of the quick form
@@ -346,11 +347,11 @@ def test_trials_that_were_interrupted_go_on(monkeypatch, tmp_path, capsys) -> No
     line = ["stress", "--quick", "--groups", "steady", "--out", str(tmp_path / "page.md")]
     begun: list[str] = []
 
-    def interrupted(case, level, _):
+    def interrupted(case, _):
         begun.append(case.name)
         if len(begun) == 2:
             raise Interrupted("interrupted by Ctrl-C at day 1")
-        return judge(case).measure.model_copy(update={"fingerprint": case.fingerprint(level)})
+        return judge(case).measure.model_copy(update={"fingerprint": case.fingerprint})
 
     monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", interrupted)
     with pytest.raises(SystemExit) as end:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from swe_sphere.testcases import SCENES
 
 DOCS = Path(__file__).parents[1] / "docs"
 CASES = choose("verification")
-BY_NAME = {case.name: case for case in CASES}
+BY_NAME = {name: [*cases] for name, cases in groupby(CASES, lambda case: case.name)}
 QUICK = choose("verification", quick=True)
 
 
@@ -53,10 +54,10 @@ def known() -> dict[str, Measure]:
 def measured_once(known, monkeypatch) -> None:
     """What several tests make rows of is measured for the first of them."""
 
-    def measured(case, level, tick):
-        key = case.fingerprint(level)
+    def measured(case, tick):
+        key = case.fingerprint
         if key not in known:
-            known[key] = measure(case, level, tick)
+            known[key] = measure(case, tick)
         return known[key]
 
     monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", measured)
@@ -80,42 +81,41 @@ def test_every_stepper_is_held_in_a_narrow_band() -> None:
     """Of its errors at two steps at least, which differ as its order says."""
     ours = {n: kind for n, kind in STEPPERS.items() if kind.__module__.startswith("swe_sphere.")}
     for name, kind in ours.items():
-        case = BY_NAME[f"stepper-{name}"]
-        assert case.at(case.levels[0]).stepper == name
+        cases = BY_NAME[f"stepper-{name}"]
+        assert {case.stepper for case in cases} == {name}
         (long, first), (short, second) = (
-            (case.at(level).dt, level.values["l2_v"]) for level in case.levels
+            (case.configured().dt, case.values["l2_v"]) for case in cases
         )
         assert np.log(first / second) / np.log(long / short) > kind.order - 0.65, name
-        for bound in (b for level in case.levels for b in case.checks(level)):
+        for bound in (check for case in cases for check in case.checks):
             width = bound.high - bound.low
             assert bound.quantity == "mass_drift" or width <= 4.1e-3 * bound.high, name
 
 
-def test_every_case_has_a_name_and_every_level_a_bound() -> None:
-    assert len(BY_NAME) == len(CASES)
+def test_every_case_has_a_bound() -> None:
+    assert sum(map(len, BY_NAME.values())) == len(CASES)
     for case in CASES:
-        for level in case.levels:
-            assert any(b.quantity != "mass_drift" for b in case.checks(level)), case.name
+        assert any(check.quantity != "mass_drift" for check in case.checks), case.name
         if case.method != "start" and case.scene != "lake-at-rest" and case.along != "dt":
-            assert all(level.h for level in case.levels), case.name
+            assert case.h, case.name
 
 
 def test_exact_scenes_have_orders_in_ne_and_np() -> None:
     for name in ("williamson1", "williamson2", "williamson3", "williamson4", "lauter"):
         for along in ("ne", "np"):
             cases = [case for case in CASES if case.scene == name and case.along == along]
-            assert any(level.order for case in cases for level in case.levels), name
+            assert any(case.order for case in cases), name
 
 
 def test_errors_fall_with_refinement_wherever_an_order_is_asked_for() -> None:
     for case in CASES:
-        for bound in (bound for level in case.levels for bound in case.checks(level)):
+        for bound in case.checks:
             if bound.quantity.startswith("order"):
                 assert bound.low > 0.0, (case.name, bound)
 
 
 def start(name: str) -> dict[str, float]:
-    return dict(BY_NAME[f"start-{name}"].levels[0].values)
+    return dict(BY_NAME[f"start-{name}"][0].values)
 
 
 def test_constants_are_those_of_closed_formulas() -> None:
@@ -174,41 +174,40 @@ levels = [
 name = "none"
 run = {stepper = "leapfrog"}
 bounds.mass_drift = inf
-levels = []
 """
 
 
 @pytest.fixture
-def easy(tmp_path) -> Case:
+def easy(tmp_path) -> list[Case]:
     (tmp_path / "cases.toml").write_text(CASE)
-    return read_family(tmp_path / "cases.toml", DEFAULTS["verification"]).cases[0]
+    return [*read_family(tmp_path / "cases.toml", DEFAULTS["verification"]).cases[:3]]
 
 
 def test_cases_in_a_file(easy, tmp_path) -> None:
     family = read_family(tmp_path / "cases.toml", DEFAULTS["verification"])
-    (_, none) = family.cases
+    (*_, none) = family.cases
     assert (family.title, none.name) == ("Two", "none")
-    assert none.bounds == {"mass_drift": math.inf} and none.levels == ()
+    assert none.bounds == {"mass_drift": math.inf} and none.checks == []
     assert none.configured().stepper == "leapfrog"
     assert none.configured().scene == "williamson2"
-    first, second, third = ([b.limits for b in easy.checks(level)] for level in easy.levels)
+    first, second, third = ([check.limits for check in case.checks] for case in easy)
     high = ["l1_h ≤ 1", "l2_h ≤ 1", "linf_h ≤ 1", "l1_v ≤ 2", "l2_v ≤ 2", "linf_v ≤ 3"]
     assert first == [*high, "mass_drift ≤ 1e-13"]
     orders = ["order ≥ 2", "order_v ≥ 1.5"]
-    assert second == [*orders, "max_v ≤ 50", "1 ≤ max_speed ≤ 90", "mass_drift ≤ 1e-13"]
-    assert third == ["0.999 ≤ nothing ≤ 1.001", "mass_drift ≤ 1e-13"]
-    last = easy.levels[2]
-    assert (last.quick, last.published) == (True, {"X": {"l2_h": 0.5}})
+    assert second == [*orders, "mass_drift ≤ 1e-13", "max_v ≤ 50", "1 ≤ max_speed ≤ 90"]
+    assert third == ["mass_drift ≤ 1e-13", "0.999 ≤ nothing ≤ 1.001"]
+    last = easy[2]
+    assert (last.is_quick, last.published) == (True, {"X": {"l2_h": 0.5}})
     expected = {"ne": 3, "np": 4, "days": 0.1, "scene": "williamson2"}
-    assert easy.at(last).given() == expected
+    assert last.configured().given() == expected
 
 
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
         ("note =", "nota =", "nota: Extra inputs"),
-        ("h = [1.0, 1.0, 1.0]", "h = [1.0, 1.0]", "levels.0.h"),
-        ("order = [2.0, 1.5]", 'order = "two"', "levels.1.order"),
+        ("h = [1.0, 1.0, 1.0]", "h = [1.0, 1.0]", "h.2"),
+        ("order = [2.0, 1.5]", 'order = "two"', "order."),
         ("[[case]]", "[[cases]]", "must be tables"),
     ],
 )
@@ -223,13 +222,13 @@ def changed(case: Case, **changes: Any) -> Case:
 
 
 def test_rows_judge_what_was_measured(easy) -> None:
-    first, second, third = run_cases([easy])
+    first, second, third = run_cases(easy)
     assert first.passed
     assert second.passed
     assert not third.passed  # what was not measured fails
     expected = math.log2(first.quantities["l2_h"] / second.quantities["l2_h"])
     assert second.quantities["order"] == pytest.approx(expected)
-    tight = changed(easy, levels=[{"ne": 2, "h": (1e-12, 1.0, 1.0)}])
+    tight = changed(easy[0], h=(1e-12, 1.0, 1.0))
     (row,) = run_cases([tight])
     assert [check.quantity for check in row.checks if not check.holds] == ["l1_h"]
     assert row.used > 1e3
@@ -237,13 +236,14 @@ def test_rows_judge_what_was_measured(easy) -> None:
 
 
 def test_a_run_that_stops_fails_and_says_why(easy) -> None:
-    (row,) = run_cases([changed(easy, levels=[{"ne": 2, "dt": 8640.0, "h": (1.0, 1.0, 1.0)}])])
+    case = changed(easy[0], h=(1.0, 1.0, 1.0))
+    (row,) = run_cases([case.changed(run={"dt": 8640.0})])
     assert row.passed
-    run = easy.run | {"days": 60.0, "dt": 43200.0}
-    (row,) = run_cases([changed(easy, run=run, levels=[{"ne": 4, "h": (1.0, 1.0, 1.0)}])])
+    (row,) = run_cases([case.changed(run={"ne": 4, "days": 60.0, "dt": 43200.0})])
     assert not row.passed
     assert (row.as_dict()["status"], row.as_dict()["quantities"]) == ("unstable", {})
-    assert "The run was unstable: " in page("verification", [replace(row, case=QUICK[0])], "again")
+    text = page("verification", [replace(row, case=QUICK[0])], "again")
+    assert "`start-williamson1` failed: the solution is NaN" in text
 
 
 @pytest.mark.usefixtures("measured_once")
@@ -252,13 +252,13 @@ def test_page_has_every_row_and_tells_failures() -> None:
     text = page("verification", rows, "swe-sphere verify --test")
     assert "swe-sphere verify --test" in text
     assert "All bounds hold" in text
-    assert text.count("✓") == len(rows)
-    assert "**lake-at-rest**" in text
+    assert text.count("| passed |") == len(rows)
+    assert "| lake-at-rest |" in text
     assert "largest wind [m/s]" in text
     failing = replace(rows[-1], case=changed(rows[-1].case, tolerance=1e-9))
     text = page("verification", [*rows[:-1], failing], "again")
     assert "1 of" in text
-    assert "**fails**" in text
+    assert "| **failed** |" in text
 
 
 def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
@@ -268,7 +268,7 @@ def test_command_writes_page_and_numbers(tmp_path, capsys) -> None:
     assert "3 passed, 0 refused, 0 broke, 0 failed" in capsys.readouterr().out
     numbers = json.loads((tmp_path / "verification.json").read_text())
     assert [row["case"] for row in numbers["rows"]] == ["start-lauter", *2 * ["stepper-rk4"]]
-    assert "**stepper-rk4**" in (tmp_path / "verification.md").read_text()
+    assert "| stepper-rk4 |" in (tmp_path / "verification.md").read_text()
 
 
 @pytest.mark.usefixtures("measured_once")
@@ -287,11 +287,11 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
     line = ["verify", "--quick", "--scenes", "stepper-rk4,start-lauter", "--out", str(tmp_path)]
     begun: list[float | str] = []
 
-    def interrupted(case, level, tick):
-        begun.append(case.at(level).dt)
+    def interrupted(case, tick):
+        begun.append(case.configured().dt)
         if len(begun) == 3:
             raise Interrupted("interrupted by Ctrl-C at day 0")
-        return measure(case, level, tick)
+        return measure(case, tick)
 
     monkeypatch.setattr("swe_sphere.studies.cases.rows.measure", interrupted)
     with pytest.raises(SystemExit) as end:
@@ -313,15 +313,15 @@ def test_an_interrupted_command_goes_on_after_the_last_run(tmp_path, capsys, mon
 
 def test_what_other_code_has_measured_does_not_count(easy, tmp_path, monkeypatch) -> None:
     runs = Store(tmp_path, Measure)
-    (first, *_) = run_cases([changed(easy, levels=easy.levels[:1])], store=runs)
-    keys = [easy.fingerprint(level) for level in easy.levels]
+    (first, *_) = run_cases(easy[:1], store=runs)
+    keys = [case.fingerprint for case in easy]
     assert len({*keys}) == len(keys) and first.measure.fingerprint == keys[0]
-    again = changed(easy, tolerance=1e-9, levels=easy.levels[:1])
+    again = changed(easy[0], tolerance=1e-9)
     assert (
         [row.measure for row in run_cases([again], runs.records)] == [first.measure] == runs.records
     )
     monkeypatch.setattr("swe_sphere.studies.cases.case.code_fingerprint", lambda *_: "other")
-    assert easy.fingerprint(easy.levels[0]) != keys[0]
+    assert easy[0].fingerprint != keys[0]
 
 
 def test_command_fails_where_a_bound_does(monkeypatch, capsys) -> None:
@@ -383,6 +383,6 @@ def test_an_unknown_name_is_refused() -> None:
 def test_the_page_in_docs_is_of_these_cases() -> None:
     """Every case stands there, and nothing that has gone."""
     text = (DOCS / "verification.md").read_text(encoding="utf-8")
-    told = re.findall(r"^\*\*([\w=.-]+)\*\* \(", text, re.MULTILINE)
+    told = re.findall(r"^\| ([\w=.-]+) \| \d", text, re.MULTILINE)
     assert told == [case.name for case in CASES]
     assert "All bounds hold" in text

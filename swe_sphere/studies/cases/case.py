@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.fingerprints import code_fingerprint, fingerprint
@@ -26,8 +26,6 @@ Norms = tuple[float, float, float]
 Limits = Mapping[str, float | Mapping[Literal["low", "high"], float]]
 """Limits by quantity: `quantity = high`, or `quantity = {low = low, high = high}`."""
 
-CONVERGED = "converged"
-"""Value of `Case.against` for a run on the same mesh with a step too short for a time error."""
 NORMS = tuple(f"{norm}_{name}" for name in "hv" for norm in ("l1", "l2", "linf"))
 """Names of the six normalised errors."""
 ORDERS = {
@@ -114,25 +112,11 @@ def read_limits(table: Limits, always: bool = False) -> Iterator[Check]:
             yield check
 
 
-class Level(BaseModel):
-    """One run of a case and its own bounds; all other keys are changes of the run of the case."""
-
-    model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Any] = Field(init=False)
-
-    h: Norms | None = None
-    v: Norms | None = None
-    order: tuple[float] | tuple[float, float] | None = None
-    bounds: Limits = {}
-    values: dict[str, float] = {}
-    published: Mapping[str, Mapping[str, float]] = {}
-    quick: bool = False
-
-
 class Case(BaseModel):
-    """A scene that is run once or at several levels, and what its numbers must keep.
+    """A run of a scene, how it is measured, and what its numbers must keep.
 
-    The fields are the keys of files of cases, which verification/start.toml documents.
+    The fields are the keys of files of cases, which verification/start.toml documents.  Cases of
+    one name differ in resolution or step.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -142,13 +126,17 @@ class Case(BaseModel):
     """Name of the file."""
     title: str = ""
     run: dict[str, Any]
-    method: Literal["errors", "start", "series", "file", "precisions", "seeds"] = "errors"
-    levels: tuple[Level, ...] = (Level(quick=True),)
+    method: Literal["errors", "start", "series", "precisions", "seeds"] = "errors"
     along: Literal["ne", "np", "dt"] = "ne"
     against: str | dict[str, Any] | None = None
+    h: Norms | None = None
+    v: Norms | None = None
+    order: tuple[float] | tuple[float, float] | None = None
+    values: dict[str, float] = {}
     tolerance: float = 1e-3
     bounds: Limits = {}
     always: Limits = {}
+    published: Mapping[str, Mapping[str, float]] = {}
     expect: Literal["pass", "either", "refuse", "break"] = "pass"
     part: float | None = None
     courant: float | None = None
@@ -161,6 +149,8 @@ class Case(BaseModel):
     seconds: float | None = None
     report: tuple[str, ...] = ()
     note: str = ""
+    is_quick: bool = True
+    """Whether the quick form has the case, with the changes in `quickly`."""
     quickly: dict[str, Any] = {}
 
     def configured(self, changes: Mapping[str, Any] | None = None) -> RunConfig:
@@ -168,46 +158,36 @@ class Case(BaseModel):
         limit = {} if self.seconds is None else {"time-limit": self.seconds}
         return make_config(by_field(merged(limit | self.run, changes or {})))
 
-    def at(self, level: Level) -> RunConfig:
-        """Return the run of a level."""
-        return self.configured(level.__pydantic_extra__)
-
     def changed(self, **changes: Any) -> Case:
         """Return the case with other values; those in `run` are merged with its own."""
         run = merged(self.run, changes.pop("run", {}))
         return Case.model_validate(self.model_dump() | {"run": run} | changes)
 
-    def quick_form(self) -> Case:
-        """Return the case of the quick form, which may have no levels."""
-        levels = tuple(level for level in self.levels if level.quick)
-        short = self.changed(**self.quickly) if self.quickly and levels else self
-        return short.model_copy(update={"levels": levels})
-
-    def checks(self, level: Level) -> list[Check]:
-        """Return all checks of a level; those that always apply come first."""
-        norms = zip(NORMS, (level.h or 3 * (math.inf,)) + (level.v or ()), strict=False)
-        orders = zip(("order", "order_v"), level.order or (), strict=False)
-        room = {name: self.tolerance * abs(value) for name, value in level.values.items()}
+    @property
+    def checks(self) -> list[Check]:
+        """All checks; those that always apply come first."""
+        norms = zip(NORMS, (self.h or 3 * (math.inf,)) + (self.v or ()), strict=False)
+        orders = zip(("order", "order_v"), self.order or (), strict=False)
+        room = {name: self.tolerance * abs(value) for name, value in self.values.items()}
         return [
             *read_limits(self.always, always=True),
             *read_limits(dict(norms)),
             *(Check(name, low=low) for name, low in orders),
-            *read_limits(level.bounds),
-            *(Check(n, x + room[n], x - room[n]) for n, x in level.values.items()),
             *read_limits(self.bounds),
+            *(Check(n, x + room[n], x - room[n]) for n, x in self.values.items()),
         ]
 
     @property
     def is_timed(self) -> bool:
         """Whether there are bounds on its times, so that it has to run alone."""
-        checks = (check for level in self.levels for check in self.checks(level))
-        return any("seconds" in check.quantity for check in checks)
+        return any("seconds" in check.quantity for check in self.checks)
 
-    def fingerprint(self, level: Level) -> str:
-        """Return the same text for two levels with the same run, measurement and code."""
-        judged = {"levels", "bounds", "always", "expect", "tolerance", "title", "note", "report"}
-        run = self.model_dump(exclude=judged | {"family", "along", "quickly"})
-        return fingerprint([level.__pydantic_extra__, run, code_fingerprint("studies.cases")])
+    @property
+    def fingerprint(self) -> str:
+        """Text that is the same for two cases with the same run, measurement and code."""
+        measured = {"name", "run", "method", "against", "part", "courant", "advective", "steps",
+                    "symmetries", "seeds", "seconds"}  # fmt: skip
+        return fingerprint([self.model_dump(include=measured), code_fingerprint("studies.cases")])
 
     @property
     def stepper(self) -> str:
@@ -231,8 +211,9 @@ def merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 class Table(Case):
-    """A table [[case]] of a file; with steppers it is a case for each, called NAME-STEPPER."""
+    """A table [[case]] of a file: a case for each level, or for each stepper (NAME-STEPPER)."""
 
+    levels: tuple[dict[str, Any], ...] = ({"quick": True},)
     steppers: tuple[str, ...] = ()
     random: int = 0
     remedy: Mapping[str, dict[str, Any]] = {}
@@ -242,8 +223,13 @@ class Table(Case):
     def cases(self) -> Iterator[Case]:
         """Yield all cases; one with the remedy, which must pass, after the one that may break."""
         own = self.model_dump(include=set(Case.model_fields) & self.model_fields_set)
-        if not self.steppers:
-            yield Case.model_validate(own)
+        for level in () if self.steppers else self.levels:
+            keys = {key: level[key] for key in level if key in Case.model_fields}
+            run = {key: level[key] for key in level if key not in {*keys, "quick"}}
+            yield Case.model_validate(own | keys | {
+                "run": merged(self.run, run), "bounds": merged(self.bounds, keys.get("bounds", {})),
+                "is_quick": level.get("quick", False),
+            })  # fmt: skip
         names: dict[str, None] = {}
         for word in self.steppers:
             family = [name for name, kind in STEPPERS.items() if word in ("all", kind.family)]
@@ -256,18 +242,16 @@ class Table(Case):
                 "name": f"{self.name}-{stepper}",
                 "run": self.run | {"stepper": stepper},
                 "seeds": tuple(seeds),
-                "levels": (Level(quick=stepper in self.quick),),
+                "is_quick": stepper in self.quick,
                 "quickly": self.quickly | ({"seeds": few} if seeds else {}),
             })  # fmt: skip
-            if not self.remedy:
-                yield case
-                continue
             is_needed = self.remedied is None or stepper in self.remedied
-            usual = "break" if is_needed else "either"
-            yield case.changed(expect=self.expect if "expect" in own else usual)
-            if is_needed:
-                name = f"{case.name}+{next(iter(self.remedy))}"
-                yield case.changed(name=name, run={"set": self.remedy}, levels=(Level(),))
+            if self.remedy and "expect" not in own:
+                case = case.changed(expect="break" if is_needed else "either")
+            yield case
+            if self.remedy and is_needed:
+                name, run = f"{case.name}+{next(iter(self.remedy))}", {"set": self.remedy}
+                yield case.changed(name=name, run=run, expect=self.expect, is_quick=False)
 
 
 @dataclass(frozen=True)
@@ -303,9 +287,9 @@ def read_family(path: Path, defaults: Mapping[str, Any] | None = None) -> Family
     shared["family"] = path.stem
     try:
         read = [Table.model_validate(merged(shared, table)) for table in tables]
+        cases = tuple(case for table in read for case in table.cases())
     except ValidationError as error:
         raise ConfigError(f"{path}: {place_and_complaint(error)}") from None
-    cases = tuple(case for table in read for case in table.cases())
     return Family(path.stem, whole.get("title", path.stem), whole.get("text", ""), cases)
 
 
@@ -339,7 +323,7 @@ def choose(
     wanted = {get_stepper(name).name for name in steppers}
     cases = [case for case in cases if not wanted or case.stepper in wanted]
     if quick:
-        cases = [case for each in cases if (case := each.quick_form()).levels]
+        cases = [case.changed(**case.quickly) for case in cases if case.is_quick]
     if not cases:
         raise ConfigError("no case is left: choose other names or steppers, or leave out --quick")
     if launch is not None:

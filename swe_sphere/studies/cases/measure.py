@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +28,11 @@ from swe_sphere.simulation.diagnostics import (
     flow_errors,
     state_integrals,
 )
-from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import Observer, Ticker
 from swe_sphere.simulation.planning import RunPlan, free_steps
 from swe_sphere.simulation.simulation import Simulation
 from swe_sphere.steppers import get_stepper
-from swe_sphere.studies.cases.case import CONVERGED, Case, Level
+from swe_sphere.studies.cases.case import Case
 from swe_sphere.studies.cases.scenes import make_scene, random_setting
 from swe_sphere.studies.ended import Ended, attempt, stepped
 from swe_sphere.studies.record_store import Record
@@ -61,21 +58,18 @@ class Measure(Record):
     """How the run ended, as `Summary.status`."""
 
 
-def measure(case: Case, level: Level, tick: Tick | None = None) -> Measure:
-    """Run a level of a case and measure it as its method says; tick: called with the progress.
+def measure(case: Case, tick: Tick | None = None) -> Measure:
+    """Run a case and measure it as its method says; tick: called with the progress.
 
     Raises:
         Interrupted: the user asked to stop.
     """
     began = time.perf_counter()
-    ended = attempt(lambda: METHODS[case.method](case, case.at(level), tick))
+    ended = attempt(lambda: METHODS[case.method](case, case.configured(), tick))
     return Measure(
-        name=case.name,
-        fingerprint=case.fingerprint(level),
-        status=ended.status,
-        reason=ended.reason,
+        name=case.name, fingerprint=case.fingerprint, status=ended.status, reason=ended.reason,
         numbers=ended.numbers | {"seconds": time.perf_counter() - began},
-    )
+    )  # fmt: skip
 
 
 def _stepped(case: Case, sim: Simulation, tick: Tick | None, *observers: Observer) -> Ended:
@@ -108,7 +102,7 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     sim = _begun(run)
     ended = Ended(sim=sim) if case.method == "start" else _stepped(case, sim, tick)
     if ended.completed:
-        ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case, run)
+        ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case)
     ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.clock.wall_seconds}
     return ended
 
@@ -128,7 +122,7 @@ def _begun(run: RunConfig) -> Simulation:
 
 @lru_cache(maxsize=1)
 def _completed(run: RunConfig) -> Simulation:
-    """Return a run that all levels of a case are compared with; RunFailed where it fails."""
+    """Return a run that all cases of a name are compared with; RunFailed where it fails."""
     sim = _begun(run)
     ended = stepped(sim)
     if not ended.completed:
@@ -159,13 +153,11 @@ def _extremes(sim: Simulation) -> dict[str, float]:
     return found
 
 
-def _errors_against(sim: Simulation, case: Case, run: RunConfig) -> dict[str, float]:
+def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
     fields, against = sim.snapshot.fields, case.against
-    if against == CONVERGED:
-        short = run.model_copy(update={"dt": 60.0, "stepper": "rk4", "tolerance": None})
-        other = _completed(short).snapshot.fields
-    elif isinstance(against, dict):
-        fine = _completed(case.configured(against))
+    if isinstance(against, dict):
+        run = case.configured(against).model_copy(update={"tolerance": None})
+        fine = _completed(run)
         other = at_nodes(fine.mesh, fine.snapshot.fields, sim.mesh)
     elif against is not None:
         grid, ours = OnGrid(Reference(SHIPPED / f"{against}.nc"), sim.mesh), sim.snapshot
@@ -370,36 +362,10 @@ def _seeds(case: Case, _: RunConfig, tick: Tick | None) -> Ended:
     return batch
 
 
-# --- files
-
-
-def _file(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
-    """Run as the command does, with a file, and count its values that are no numbers: not_finite.
-
-    Missing values count too.
-    """
-    import xarray as xr
-
-    if case.part is not None:
-        run = run.model_copy(update={"dt": case.part * _simulation(run).stable_dt()})
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "case.nc"
-        summary = _simulation(run).run(out=path, progress=False, warn=lambda text: None)
-        if summary.status == "interrupted":
-            raise Interrupted(summary.reason)
-        with xr.open_dataset(path, decode_times=False) as data:
-            fields = data[["u", "v", "h", "vorticity", "divergence"]].to_dataarray()
-            bad = int((~np.isfinite(fields)).sum())
-    numbers = {name: float(summary[name] or 0.0) for name in ("dt", "steps")}
-    numbers |= {"not_finite": float(bad), "last_day": float(summary["days"] or 0.0)}
-    return Ended(summary.status, summary.reason or "", numbers)
-
-
 METHODS: dict[str, Callable[[Case, RunConfig, Tick | None], Ended]] = {
     "errors": _errors,
     "start": _errors,
     "series": _series,
-    "file": _file,
     "precisions": _precisions,
     "seeds": _seeds,
 }

@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.summary import finite
-from swe_sphere.studies.cases.case import ORDERS, Case, Check, Level
+from swe_sphere.studies.cases.case import ORDERS, Case, Check
 from swe_sphere.studies.cases.measure import TIMES, Measure, Tick, measure
 from swe_sphere.studies.ended import STOPPED
 from swe_sphere.studies.jobs import Tell, in_processes
@@ -21,17 +22,16 @@ OUTCOMES = ("passed", "refused", "broke", "failed")
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One level of a case, what was measured, and what it is compared with."""
+    """A case, what was measured, and what it is compared with."""
 
     case: Case
-    level: Level
     measure: Measure
     before: Row | None = None
-    """The level before it, None for the first."""
+    """The case of the same name before it, None for the first."""
 
     @cached_property
     def quantities(self) -> dict[str, float]:
-        """All numbers, and the observed orders since the level before by the names in `ORDERS`."""
+        """All numbers, and the observed orders since the row before by the names in `ORDERS`."""
         numbers = {n: math.nan if x is None else x for n, x in self.measure.numbers.items()}
         if self.before is None:
             return numbers
@@ -46,14 +46,14 @@ class Row:
 
     @property
     def _fineness(self) -> float:
-        """ne, np - 1 or one over the time step: the quantity in which the levels differ."""
+        """ne, np - 1 or one over the time step: the quantity in which rows of a name differ."""
         ne, np = self.config.ne or 0, self.config.np or 0
         return {"ne": ne, "np": np - 1, "dt": 1.0 / self.dt}[self.case.along]
 
     @property
     def config(self) -> RunConfig:
         """Settings of the run."""
-        return self.case.at(self.level)
+        return self.case.configured()
 
     @property
     def dt(self) -> float:
@@ -67,8 +67,8 @@ class Row:
 
     @cached_property
     def checks(self) -> list[Check]:
-        """Every bound of the level; a quantity that was not measured fails it."""
-        checks = self.case.checks(self.level)
+        """Every bound of the case; a quantity that was not measured fails it."""
+        checks = self.case.checks
         if self.before is None:
             checks = [check for check in checks if check.quantity not in ORDERS.values()]
         found = [(check, self.quantities.get(check.quantity, math.nan)) for check in checks]
@@ -129,7 +129,7 @@ class Row:
             ],
             "published": [
                 {"quantity": quantity, "value": value, "source": source}
-                for source, values in self.level.published.items()
+                for source, values in self.case.published.items()
                 for quantity, value in values.items()
             ],
             "passed": self.passed,
@@ -158,13 +158,13 @@ def run_cases(
     jobs: int = 1,
     tick: Tick | None = None,
 ) -> Iterator[Row]:
-    """Run the levels of the cases and yield their rows in order.
+    """Run the cases and yield their rows in order.
 
     Args:
         cases: What to run.
         known: Measures that are not made again.
         store: Where new measures are kept.
-        jobs: Number of processes; with several, levels that are not timed are measured first.
+        jobs: Number of processes; with several, cases that are not timed are measured first.
         tick: Called with the progress in words.
     """
     found = {each.fingerprint: each for each in known}
@@ -174,33 +174,29 @@ def run_cases(
         found[measured.fingerprint] = keep(measured)
         if tick is not None:
             tick(f"{count} measured")
+    before = None
     for case in cases:
-        before = None
-        for level in case.levels:
-            measured = found.get(case.fingerprint(level)) or keep(measure(case, level, tick))
-            before = Row(case, level, measured, before)
-            yield before
+        measured = found.get(case.fingerprint) or keep(measure(case, tick))
+        follows = before is not None and before.case.name == case.name
+        before = Row(case, measured, before if follows else None)
+        yield before
 
 
 def measured_beside(
     jobs: int, cases: Sequence[Case], known: Collection[str] = ()
 ) -> Iterator[Measure]:
-    """Measure levels in processes beside each other, but none of a case that is timed.
+    """Measure cases in processes beside each other, those of a name in one, but none that is timed.
 
-    known: Fingerprints of levels that are not measured.  Raises as `in_processes`.
+    known: Fingerprints of cases that are not measured.  Raises as `in_processes`.
     """
-    tasks = [
-        (case, levels)
-        for case in cases
-        if not case.is_timed
-        if (levels := [each for each in case.levels if case.fingerprint(each) not in known])
-    ]
+    left = [case for case in cases if not case.is_timed and case.fingerprint not in known]
+    tasks = [[*group] for _, group in groupby(left, lambda case: case.name)]
     yield from in_processes(jobs, _measuring, (), tasks)
 
 
-def _measuring(tell: Tell) -> Callable[[tuple[Case, list[Level]]], None]:
-    def work(task: tuple[Case, list[Level]]) -> None:
-        for level in task[1]:
-            tell(measure(task[0], level))
+def _measuring(tell: Tell) -> Callable[[list[Case]], None]:
+    def work(task: list[Case]) -> None:
+        for case in task:
+            tell(measure(case))
 
     return work
