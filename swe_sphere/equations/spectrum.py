@@ -1,5 +1,6 @@
 """Extent of the spectrum of the discrete operator, from which stable steps follow."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,12 +8,20 @@ import warp as wp
 from numpy.typing import NDArray
 
 from swe_sphere.arrays import Array
-from swe_sphere.equations.arnoldi import Product, largest_modulus
 from swe_sphere.equations.discrete_scene import DiscreteScene
 from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.errors import ConfigError
+from swe_sphere.ranks.limits import one_thread
+
+Product = Callable[[NDArray[np.floating]], Array]
 
 TOLERANCE = 1e-2
+BASIS = 16
+"""Vectors of a Krylov basis."""
+CYCLES = 20
+"""Number of bases after which no eigenvalue is found."""
+INVARIANT = 1e-6
+"""Part of a product outside the basis that is no more than rounding."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +75,7 @@ def spectral_radius(
     product = _scaled_product(model, state, operator, reach)
     start = np.random.default_rng(0).standard_normal(len(model.fluid) * model.mesh.size)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = largest_modulus(product, start, TOLERANCE, model.device_mesh.comm)
+        found = largest_modulus(product, start, TOLERANCE)
     if found is None:
         return _power_iteration(product, start)
     if not np.isfinite(found):
@@ -75,6 +84,59 @@ def spectral_radius(
             " coefficients of its effects are too large, or too small to divide by"
         )
     return found
+
+
+def largest_modulus(product: Product, start: Array, tolerance: float) -> float | None:
+    """Modulus of the largest eigenvalue, to a relative tolerance; None where it is not found.
+
+    Arnoldi iteration from `start` (n,), begun anew from the largest Ritz vector, in float32, which
+    rounds a thousand times less than any tolerance worth asking for.  A product that is not finite
+    gives NaN.  Ranks call this together, each with the whole of `start` and of the products.
+    """
+    basis = np.zeros((BASIS + 1, start.size), np.float32)
+    with one_thread():  # more threads would cut sums in other places
+        # nearer to the vector sought than the start itself
+        begin: NDArray[np.floating] = product(start)
+        for _ in range(CYCLES):
+            size = float(np.linalg.norm(begin))
+            if size == 0.0 or not np.isfinite(size):
+                return size
+            np.divide(begin, size, out=basis[0], casting="same_kind")
+            small = _hessenberg(product, basis)
+            if not np.isfinite(small).all():
+                return float("nan")
+            values, vectors = np.linalg.eig(small[:-1])
+            first = np.abs(values).argmax()
+            largest = float(np.abs(values[first]))
+            if small[-1, -1] * np.abs(vectors[-1, first]) <= tolerance * largest:
+                return largest
+            begin = vectors[:, first].real.astype(np.float32) @ basis[:-1]
+    return None
+
+
+def _hessenberg(product: Product, basis: NDArray[np.float32]) -> Array:
+    """Fill an orthonormal basis from its first vector; return the operator in it (k + 1, k).
+
+    k is less than the length of the basis where the operator maps k vectors to their span.
+    """
+    small = np.zeros((len(basis), len(basis) - 1))
+    for j in range(len(basis) - 1):
+        image, done = product(basis[j]), slice(j + 1)
+        size = float(np.linalg.norm(image))
+        if not 0.0 < size < np.inf:
+            small[: j + 2, j] = size
+            return small[: j + 2, : j + 1]
+        np.divide(image, size, out=basis[j + 1], casting="same_kind")
+        for _ in range(2):
+            components = basis[done] @ basis[j + 1]
+            basis[j + 1] -= components @ basis[done]
+            small[done, j] += size * components.astype(np.float64)
+        rest = float(np.linalg.norm(basis[j + 1]))
+        if rest <= INVARIANT:
+            return small[: j + 2, : j + 1]
+        small[j + 1, j] = size * rest
+        basis[j + 1] /= np.float32(rest)
+    return small
 
 
 def _scaled_product(

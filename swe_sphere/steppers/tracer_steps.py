@@ -8,8 +8,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from swe_sphere.equations.arnoldi import largest_modulus
 from swe_sphere.equations.model import Model
+from swe_sphere.equations.spectrum import largest_modulus
 from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.tracer_step import flux_kernel
@@ -98,7 +98,7 @@ class TransportRate:
 
         start, found = np.random.default_rng(0).standard_normal(model.mesh.size), None
         if bound > 0.0:
-            found = largest_modulus(product, start, 1e-2, mesh.comm)
+            found = largest_modulus(product, start, 1e-2)
         self.start = bound if found is None else min(found, bound)
         """At the start of the scene [s-1], from above."""
         self._share = min(1.0, MARGIN * self.start / bound) if bound > 0.0 else 1.0
