@@ -59,14 +59,14 @@ MESH = (
     ),
     Edit(
         "hyperviscosity scaling of 3 in place of 3.32",
-        "swe_sphere/equations/effects/dissipation.py",
+        "swe_sphere/equations/effects.py",
         ("hyperviscosity-default",),
         "spacing ** (1.0 / math.log10(2.0))",
         "spacing ** 3.0",
     ),
     Edit(
         "hyperviscosity coefficient + 1 %",
-        "swe_sphere/equations/effects/dissipation.py",
+        "swe_sphere/equations/effects.py",
         ("hyperviscosity-default",),
         "float(1.0e15 *",
         "float(1.01e15 *",

@@ -171,7 +171,7 @@ METADATA = _edits(
     ),
     (
         "default hyperviscosity the same for all np",
-        "swe_sphere/equations/effects/dissipation.py",
+        "swe_sphere/equations/effects.py",
         _HALVED,
         "(ne * (np - 1) * refinement)",
         "(ne * 3 * refinement)",

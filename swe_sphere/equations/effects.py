@@ -1,0 +1,511 @@
+"""The effects a scene may call for: small frozen dataclasses.
+
+An effect says *what* acts on the fluid and with which coefficients.  Those with derivatives name
+the terms of the kernels that they switch on; those without (`PointwiseEffect`) bring their formulas
+along, and a scene may define such of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, no_type_check
+
+import numpy as np
+
+from swe_sphere.arrays import Array
+from swe_sphere.errors import ConfigError
+from swe_sphere.mesh import Mesh
+from swe_sphere.planet import EARTH
+
+Formula = Callable[..., Any]
+Formulas = tuple[Formula | None, Formula | None]
+"""What an effect does to the wind and to the depth, None for nothing."""
+
+MASSES = frozenset({"mass", "tracers"})
+"""The total mass of the fluid, and those of its tracers."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One thing that acts on the fluid; the fields of a subclass are its parameters."""
+
+    name: ClassVar[str]
+    """The name used on the command line and in files."""
+
+    needs: ClassVar[str | None] = None
+    """The function of the `Scene` that this effect, and only this effect, calls for."""
+
+    terms: ClassVar[frozenset[str]] = frozenset()
+    """Flags of `swe_sphere.kernels.Terms` (with derivatives) and `Pointwise` that it switches on:
+    in the dissipation if it damps, else in the rest."""
+
+    everywhere: ClassVar[frozenset[str]] = frozenset()
+    """Flags that hold in all components of the right-hand side, as they say what the fields are."""
+
+    constant: ClassVar[bool] = False
+    """Whether what it brings is the same for all states, so that it has no derivative."""
+
+    excludes: ClassVar[Mapping[str, str]] = {}
+    """Names of effects that cannot act beside this one, and what to say then."""
+
+    conserves: ClassVar[frozenset[str]] = frozenset()
+    """What the effect leaves as it is all over the globe, of `MASSES`: implicit steppers restore
+    the masses that all effects of a scene conserve, and leave the others to their solver.  (What
+    forcing brings is known: see `Model.mean_source`.)"""
+
+    dissipation: ClassVar[bool] = False
+    """Whether the effect damps: the user may switch it on for any scene, and leapfrog schemes take
+    it at the past level."""
+
+    @property
+    def diffuses(self) -> bool:
+        """True for a linear damping with derivatives, which explicit steppers apply separately."""
+        return bool(self.terms & {"diffusion", "biharmonic", "edge-penalty"})
+
+    @property
+    def degree(self) -> int | None:
+        """Of the polynomial of the state that it is, but for derivatives in space; None if it is
+        none."""
+        return 1
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether the kernels have its derivative along any change of the state."""
+        return True
+
+    @property
+    def absent(self) -> bool:
+        """Whether the parameters make the effect vanish, so that it need not be computed."""
+        return False
+
+    def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
+        """The numbers, and for point-wise effects fields (N,), that its terms read, by name."""
+        return {}
+
+    def damping(self, mesh: Mesh, squares: Array) -> Array | float:
+        """Rate [s-1] at which it damps waves of the squared wavenumbers k^2 [m-2], if it does.
+
+        What preconditioners of implicit steps know of it.
+        """
+        return 0.0
+
+    @classmethod
+    def parameters(cls) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(field.name for field in fields(cls))
+
+
+def check_coefficient(label: str, value: float) -> None:
+    """ConfigError for a coefficient that is negative or not finite."""
+    if not (math.isfinite(value) and value >= 0.0):
+        raise ConfigError(f"{label} must be finite and not negative, not {value}")
+
+
+@dataclass(frozen=True)
+class MomentumAdvection(Effect):
+    """-ζ k×v - ∇|v|²/2: the wind carries itself (vector-invariant form)."""
+
+    name = "momentum-advection"
+    conserves = MASSES
+    terms = frozenset({"advection"})
+    degree = 2
+
+
+@dataclass(frozen=True)
+class PressureGradient(Effect):
+    """-g ∇(h + b), with b = 0 unless the scene has orography; the flow carries the depth."""
+
+    name = "pressure-gradient"
+    conserves = MASSES
+    terms = frozenset({"pressure"})
+    degree = 2
+
+
+@dataclass(frozen=True)
+class Rotation(Effect):
+    """-f k×v with the Coriolis parameter f [s-1] given by `Scene.coriolis`."""
+
+    name = "rotation"
+    conserves = MASSES
+    terms = frozenset({"rotation"})
+    needs = "coriolis"
+
+
+@dataclass(frozen=True)
+class Orography(Effect):
+    """A bottom b [m], given by `Scene.bottom`, below the fluid of depth h."""
+
+    name = "orography"
+    conserves = MASSES
+    everywhere = frozenset({"bottom"})
+    needs = "bottom"
+
+
+@dataclass(frozen=True)
+class PrescribedWind(Effect):
+    """The wind is given by `Scene.wind`; only the depth h is stepped."""
+
+    name = "prescribed-wind"
+    conserves = MASSES
+    everywhere = frozenset({"wind"})
+    needs = "wind"
+    excludes: ClassVar[Mapping[str, str]] = {
+        "momentum-advection": "a prescribed wind cannot also be stepped",
+        "drag": "a prescribed wind cannot be slowed down; leave out drag",
+        "linearised": "a prescribed wind acts linearly; leave out linearised",
+    }
+
+
+@dataclass(frozen=True)
+class Forcing(Effect):
+    """Prescribed rates of change of wind [m s-2] and depth [m s-1], whatever the state is."""
+
+    name = "forcing"
+    conserves = MASSES
+    terms = frozenset({"forcing"})
+    constant = True
+    needs = "forcing"
+
+
+@dataclass(frozen=True)
+class Tracers(Effect):
+    """Passive tracers with the mixing ratios of `Scene.tracers`, carried by wind and depth.
+
+    With `limiter` every step ends with mixing ratios within the bounds of the initial ones.
+    """
+
+    name = "tracers"
+    conserves = MASSES
+    needs = "tracers"
+    limiter: bool = False
+
+
+@dataclass(frozen=True)
+class Linearised(Effect):
+    """Everything that acts but forcing is replaced by its derivative at the flow `Scene.base`.
+
+    d state/dt = F'(base) (state - base) + forcing.  The state is still the whole flow, and the base
+    is taken to be steady, whether F(base) is zero or not.
+    """
+
+    name = "linearised"
+    conserves = MASSES
+    everywhere = frozenset({"tangent"})
+    needs = "base"
+    excludes: ClassVar[Mapping[str, str]] = {
+        "tracers": "tracers need the whole dynamics; leave out linearised"
+    }
+
+
+@dataclass(frozen=True)
+class Viscosity(Effect):
+    """ν ∇² with the coefficient `nu` [m2 s-1] on the prognostic fields.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "viscosity"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"diffusion"})
+    nu: float
+
+    def __post_init__(self) -> None:
+        check_coefficient(f"{self.name}.nu", self.nu)
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """ν [m2 s-1]."""
+        return {"nu": self.nu}
+
+    def damping(self, mesh: Mesh, squares: Array) -> Array:
+        """ν k²."""
+        return self.nu * squares
+
+
+@dataclass(frozen=True)
+class Hyperviscosity(Effect):
+    """-ν ∇⁴ with the coefficient `nu` [m4 s-1]; None: `hyperviscosity_default` of the mesh;
+    users say "default" for it.
+
+    Raises:
+        ConfigError: `nu` is negative or not finite.
+    """
+
+    name = "hyperviscosity"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"biharmonic"})
+    nu: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.nu is not None:
+            check_coefficient(f"{self.name}.nu", self.nu)
+
+    @property
+    def absent(self) -> bool:
+        """True where ν = 0."""
+        return self.nu == 0.0
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """ν [m4 s-1], by default that of the mesh."""
+        if self.nu is not None:
+            return {"nu4": self.nu}
+        return {"nu4": hyperviscosity_default(mesh.ne, mesh.np, mesh.radius, _refinement(mesh))}
+
+    def damping(self, mesh: Mesh, squares: Array) -> Array:
+        """ν k⁴."""
+        return self.coefficients(mesh)["nu4"] * squares**2
+
+
+@dataclass(frozen=True)
+class EdgePenalty(Effect):
+    """Penalty on the jumps of vorticity and divergence at the edges of elements.
+
+    It damps winds whose vorticity or divergence is discontinuous there, at the rate
+    gamma = `c` `speed` dx [m2 s-1] times squared jumps, with dx [m] the root of the area of an
+    element. Smooth winds keep their order of accuracy; mass and depth are not changed.
+
+    Args:
+        c: Strength; 0.01 removes the computational modes that grow in flows across the edges of
+            the cube's faces.
+        speed: Wind speed [m s-1]; by default the largest of the initial wind, or of the base.
+
+    Raises:
+        ConfigError: `c` or `speed` is negative or not finite.
+    """
+
+    name = "edge-penalty"
+    conserves = MASSES
+    dissipation = True
+    terms = frozenset({"edge-penalty"})
+    excludes: ClassVar[Mapping[str, str]] = {
+        "prescribed-wind": "a prescribed wind has no jumps to damp; leave out edge-penalty"
+    }
+    c: float = 0.01
+    speed: float | None = None
+
+    def __post_init__(self) -> None:
+        check_coefficient(f"{self.name}.c", self.c)
+        if self.speed is not None:
+            check_coefficient(f"{self.name}.speed", self.speed)
+
+    @property
+    def absent(self) -> bool:
+        """True where the strength is zero."""
+        return self.c == 0.0 or self.speed == 0.0
+
+    def strength(self, mesh: Mesh, speed: float) -> Array:
+        """Return gamma (E,) [m2 s-1] of each element for a wind speed [m s-1]."""
+        areas = np.einsum("ij,eij->e", mesh.quadrature, mesh.jacobian)
+        gamma: Array = self.c * speed * np.sqrt(areas)
+        return gamma
+
+
+def hyperviscosity_default(
+    ne: int, np: int, radius: float = EARTH.radius, refinement: float = 1.0
+) -> float:
+    """Hyperviscosity [m4 s-1] that goes with a mesh: ten times less for half the node spacing.
+
+    The rule of CAM-SE (ESCOMP/CAM, global_norms_mod, after Boville 1991 and Takahashi et al.
+    2006): 1e15 (a / 6.37122e6 m) (30 / ne)^(1 / log10 2) at np = 4.
+    Other np are compared at equal mean node spacing, which goes as 1 / (ne (np - 1)), and a
+    stretched mesh has the one coefficient that goes with its finest part.
+
+    Args:
+        ne: elements along the edge of a cube face.
+        np: nodes along the edge of an element.
+        radius: of the planet [m].
+        refinement: how many times finer than without stretching the finest part of the mesh is.
+    """
+    spacing = (30.0 * 3.0) / (ne * (np - 1) * refinement)
+    return float(1.0e15 * (radius / EARTH.radius) * spacing ** (1.0 / math.log10(2.0)))
+
+
+def _refinement(mesh: Mesh) -> float:
+    """Smallest node spacing of the mesh without stretching, over that of the mesh; at least 1."""
+    if mesh.stretch == 1.0:
+        return 1.0
+    plain = Mesh.build(mesh.ne, mesh.np, mesh.radius)
+    return plain.spacing()[0] / mesh.spacing()[0]
+
+
+@dataclass(frozen=True)
+class PointwiseEffect(Effect):
+    """An effect whose tendency at a node depends on the wind and depth there; derive from it.
+
+    The formulas are static methods of `(c, i, u, v, h)`, with the coefficients c, the number i of
+    the node, the winds u, v [m s-1] and the depth h [m].  Those of the wind return two rates
+    [m s-2], those of the depth one [m s-1].  A coefficient that is a number reads c.name, one that
+    is a field (N,) c.name[i]; a bare constant is a float32 to Warp, so make it a coefficient.
+
+    The derivatives are static methods of `(c, i, u, v, h, du, dv, dh)`, linear in the last three.
+    Where one is not given, all products with the Jacobian are differences of right-hand sides.
+
+    `conserves` says whether the total mass stays: `MASSES` if it does, and with the default it is
+    left to the effect.  `dissipation` says whether leapfrog schemes have to take it at the past
+    level.
+    """
+
+    conserves = frozenset({"tracers"})
+    wind_tendency: ClassVar[Formula | None] = None
+    depth_tendency: ClassVar[Formula | None] = None
+    wind_derivative: ClassVar[Formula | None] = None
+    depth_derivative: ClassVar[Formula | None] = None
+
+    @property
+    def degree(self) -> int | None:
+        """None: it may be any function of the state."""
+        return None
+
+    @property
+    def tendencies(self) -> Formulas:
+        """The rates of change."""
+        cls = type(self)
+        return cls.wind_tendency, cls.depth_tendency
+
+    @property
+    def derivatives(self) -> Formulas:
+        """The derivatives of both."""
+        cls = type(self)
+        return cls.wind_derivative, cls.depth_derivative
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether each formula has its derivative."""
+        pairs = zip(self.tendencies, self.derivatives, strict=True)
+        return all(formula is None or derivative is not None for formula, derivative in pairs)
+
+    def coefficients(self, mesh: Mesh) -> Mapping[str, float | Array]:
+        """Numbers and fields (N,) that the formulas read: by default the parameters."""
+        return {name: float(getattr(self, name)) for name in self.parameters()}
+
+
+@dataclass(frozen=True)
+class Drag(PointwiseEffect):
+    """-(linear + quadratic |v|) v on the wind, with `linear` [s-1] and `quadratic` [m-1].
+
+    Raises:
+        ConfigError: a coefficient is negative or not finite.
+    """
+
+    name = "drag"
+    conserves = MASSES
+    dissipation = True
+    linear: float = 0.0
+    quadratic: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_coefficient(f"{self.name}.linear", self.linear)
+        check_coefficient(f"{self.name}.quadratic", self.quadratic)
+
+    @property
+    def absent(self) -> bool:
+        """True where both coefficients are 0."""
+        return self.linear == 0.0 and self.quadratic == 0.0
+
+    @property
+    def degree(self) -> int | None:
+        """One, but for the modulus of the wind."""
+        return 1 if self.quadratic == 0.0 else None
+
+    @property
+    def tendencies(self) -> Formulas:
+        """Linear drag alone, where it is, knows no modulus."""
+        return self._linear if self.quadratic == 0.0 else self._both, None
+
+    @property
+    def derivatives(self) -> Formulas:
+        """Of either."""
+        linear, both = self._linear_derivative, self._derivative_of_both
+        return linear if self.quadratic == 0.0 else both, None
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """Both, and a wind that is none."""
+        return {"linear": self.linear, "quadratic": self.quadratic, "still": 1e-30}
+
+    @staticmethod
+    @no_type_check
+    def _linear(c, i, u, v, h):
+        return -c.linear * u, -c.linear * v
+
+    @staticmethod
+    @no_type_check
+    def _linear_derivative(c, i, u, v, h, du, dv, dh):
+        return -c.linear * du, -c.linear * dv
+
+    @staticmethod
+    @no_type_check
+    def _both(c, i, u, v, h):
+        rate = c.linear + c.quadratic * math.sqrt(u * u + v * v)
+        return -rate * u, -rate * v
+
+    @staticmethod
+    @no_type_check
+    def _derivative_of_both(c, i, u, v, h, du, dv, dh):
+        speed = math.sqrt(u * u + v * v)
+        rate = c.linear + c.quadratic * speed
+        # still air has no direction, and no derivative either
+        along = c.quadratic * (u * du + v * dv) / max(speed, c.still)
+        return -rate * du - along * u, -rate * dv - along * v
+
+
+@dataclass(frozen=True)
+class Relaxation(PointwiseEffect):
+    """-(h - h_eq) / time on the depth, `time` in [s], with h_eq [m] from `Scene.equilibrium`.
+
+    Newtonian cooling in a shallow layer.  Switched on for a scene that has no equilibrium, it pulls
+    depth back to what it was at the start.
+
+    Raises:
+        ConfigError: `time` is not positive.
+    """
+
+    name = "relaxation"
+    needs = "equilibrium"
+    dissipation = True
+    degree = 1
+    time: float
+
+    def __post_init__(self) -> None:
+        if not self.time > 0.0:
+            raise ConfigError(f"{self.name}.time must be positive, not {self.time}")
+
+    @property
+    def absent(self) -> bool:
+        """True where the time is infinite."""
+        return math.isinf(self.time)
+
+    def coefficients(self, mesh: Mesh) -> dict[str, float]:
+        """One over the time [s-1]; the equilibrium is a function of the scene."""
+        return {"rate": 1.0 / self.time}
+
+    @staticmethod
+    @no_type_check
+    def depth_tendency(c, i, u, v, h):
+        """To the equilibrium."""
+        return c.rate * (c.equilibrium[i] - h)
+
+    @staticmethod
+    @no_type_check
+    def depth_derivative(c, i, u, v, h, du, dv, dh):
+        """Without it."""
+        return -c.rate * dh
+
+
+DYNAMICS: tuple[Effect, ...] = (MomentumAdvection(), PressureGradient())
+"""The effects of every scene that steps the wind."""
+
+EFFECTS: dict[str, type[Effect]] = {
+    each.name: each
+    for each in [*vars().values()]
+    if isinstance(each, type) and issubclass(each, Effect) and hasattr(each, "name")
+}
+"""All effects of the package by name."""
