@@ -105,7 +105,7 @@ def all_kernels() -> dict[str, wp.Kernel]:
                     found |= kernels_of(scene, stepper, precision)
                 except ConfigError as error:  # what the pair cannot do
                     print(f"{scene} with {stepper}: {error}")  # noqa: T201
-    return found | kernels_of("deformational", "rk4", "float64", tracer_steps=2)
+    return found
 
 
 def representatives() -> list[str]:

@@ -114,3 +114,18 @@ def pointwise_kernels(real: Any) -> TracerKernels:
         out[at] = x[first + at] * (real(1.0) + slope) - lost
 
     return TracerKernels(mixing_ratio, follow, correct, raised, raised_tangent)
+
+
+@functools.cache
+def flux_kernel(real: Any) -> wp.Kernel:
+    """Return the kernel (wind, x, depth, N, out) over N: out (2N,) = h (u, v), h in x[depth:]."""
+    vector = wp.array(dtype=real)
+
+    @kernel
+    def flux(wind: vector, x: vector, depth: int, size: int, out: vector):
+        node = wp.tid()
+        h = x[depth + node]
+        out[node] = h * wind[node]
+        out[size + node] = h * wind[size + node]
+
+    return flux

@@ -29,7 +29,6 @@ from swe_sphere.kernels.helmholtz import elimination_kernels, passage_kernels
 from swe_sphere.kernels.limiter import element_limiter, limit_kernel, sphere_limiter
 from swe_sphere.kernels.local import field_kernels
 from swe_sphere.kernels.pointwise import NO_POINTWISE, PointTerm, Pointwise
-from swe_sphere.kernels.tracer_step import divergence_kernel
 from swe_sphere.kernels.tracers import blocks_kernel, pointwise_kernels
 from swe_sphere.kernels.vectors import leapfrog_kernel
 from swe_sphere.mesh import Mesh
@@ -95,7 +94,6 @@ def kernels(real: type) -> list[wp.Kernel]:
         element_limiter(4, real, "node").kernel,
         *sphere_limiter(real, 1),
         limit_kernel(real, 1),
-        divergence_kernel(4, real, 1),
     ]
 
 

@@ -27,12 +27,12 @@ class FastWaves:
         self._divergence = mesh.scratch(1, self._fields.value)
         self._gradient = mesh.scratch(2, self._fields.value)
         self._drift_kernel, self._kick_kernel = kernels = fast_wave_kernels(
-            mesh.real, model.carried is not None
+            mesh.real, model.tracers is not None
         )
         self._add = combine_kernel(mesh.real, 2)
         model.launch.load(self._fields.transport, self._fields.gradient, *kernels)
         self._path, self._crossed, self._behind = self.state, self.state, slice(0, 0)
-        if model.carried is not None:
+        if model.tracers is not None:
             model.launch.load(self._add)
             self._path = wp.zeros(2 * n, dtype=mesh.real, device=model.device)
             self._crossed, self._behind = model.zeros(), slice(3 * n, model.size)
@@ -50,9 +50,9 @@ class FastWaves:
         for step in range(steps):
             self._drift(rest, rate, tau, float(step > 0))
             self._kick(rate, tau if step + 1 < steps else 0.5 * tau)
-        if self._model.carried is not None:
+        if self._model.tracers is not None:
             behind, crossed = self._behind, self._crossed
-            self._model.carried.carry(self._path, carrier, crossed)
+            self._model.tracers.carry(self._path, carrier, crossed)
             moved = self.state[behind]
             self._model.launch(
                 self._add, moved.size, moved, rate[behind], duration, crossed[behind], 1.0, moved

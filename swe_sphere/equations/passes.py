@@ -8,7 +8,6 @@ import warp as wp
 
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import element_terms, pointwise_terms
-from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.kernels.forward_backward import (
     carrying_kernel,
     combine_levels_kernel,
@@ -17,7 +16,6 @@ from swe_sphere.kernels.forward_backward import (
 )
 from swe_sphere.kernels.local import field_kernels, tendency_kernel
 from swe_sphere.kernels.simd.stages import levels_struct
-from swe_sphere.kernels.vectors import combine_kernel
 from swe_sphere.operators.launch import REMEMBERED, in_runs
 from swe_sphere.operators.tendency import fill
 
@@ -31,8 +29,7 @@ class Passes:
     What the equations are evaluated at are combinations of time levels, which each pass leaves for
     those to come: the masses of `carried`, and in `pushed` the wind that moves them and turns, with
     the depth whose slope pushes it.  Both have the size of a state; for linearised dynamics they
-    are differences to the base.  Under a prescribed wind there is no wind to step.  A mass flux
-    that the model sums up is that of the depth's own step.
+    are differences to the base.  Under a prescribed wind there is no wind to step.
     """
 
     def __init__(self, model: Model) -> None:
@@ -42,12 +39,9 @@ class Passes:
         terms = element_terms(model.scene, "conservative")
         point = pointwise_terms(model.scene, "conservative", model.parameters)
         self._moves, self._first = not terms.wind, terms.unknowns - 1
-        flux = model.carried if isinstance(model.carried, MassFlux) else None
-        self._masses = 1 if flux is not None else len(model.names) - self._first
+        self._masses = len(model.names) - self._first
         self.carried, self.pushed, self._loss = (model.zeros() for _ in range(3))
         self._base: wp.array | None = model.parameters.get("base")
-        self._flux, self._add = flux, combine_kernel(self._real, 1)
-        self._crossing = model.zeros() if flux is not None else self._loss
         self._combine = combine_levels_kernel(self._real, point.tangent)
         self._steps: dict[Any, Any] = {}
         damped, parameters = model.dissipative, {"base": None, **model.parameters}
@@ -87,7 +81,7 @@ class Passes:
                 made = tendency_kernel(alone, np_, self._real, mesh.shape)
             self._force = made.kernel
             self._force_geometry = mesh.geometry(made.geometry, parameters)
-        wanted = [self._transport, self._force, self._combine, self._add if flux else None]
+        wanted = [self._transport, self._force, self._combine]
         model.launch.load(*(kernel for kernel in wanted if kernel is not None))
 
     def weights(self, *numbers: float) -> Any:
@@ -111,11 +105,6 @@ class Passes:
         model.counters["rhs_evaluations"] += 1
         model.set_time(t)
         step = self._step_of(tau, levels, out, flows, mixes)
-        if self._flux is not None:  # before the elements change what they carry
-            self._flux.carry(self.pushed, self.carried, self._crossing)
-            behind = slice(self._flux.first, model.size)
-            of_now, rate, of_out = (x[behind] for x in (levels[0], self._crossing, out))
-            model.launch(self._add, of_now.size, of_now, rate, tau, of_out)
         if self._transport is not None:
             wind = model.parameters.get("wind", self.pushed) if self._base is None else self._base
             local = self._local_depth

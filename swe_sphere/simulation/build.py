@@ -121,21 +121,13 @@ class Setup:
                 f" take days={time / DAY:g} or another reference"
             )
 
-    def new_stepper(self, dt: float, cycle: int = 1) -> Trajectory:
-        """Return the stepper of the configuration with steps of dt [s].
-
-        cycle: steps of the flow for one step of the tracers.
-        """
+    def new_stepper(self, dt: float) -> Trajectory:
+        """Return the stepper of the configuration with steps of dt [s]."""
         from swe_sphere.steppers.adaptive import AdaptiveSteps
-        from swe_sphere.steppers.tracer_steps import CarriedTracers, CarriedWithDepth
 
         options = dict(self.options)
         if self._preconditioner is not None:
             options["preconditioner"] = self._preconditioner
-        if cycle > 1 and self.scene.wind is not None:
-            return CarriedWithDepth(self.model, self.kind, dt, cycle)
-        if cycle > 1:
-            return CarriedTracers(self.model, self.kind(self.model.carrier, dt, **options), cycle)
         stepper = self.kind(self.model, dt, **options)
         if self.config.adaptive is None:
             return stepper

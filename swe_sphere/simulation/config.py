@@ -80,10 +80,6 @@ Spoken = Annotated[float, BeforeValidator(_no_switch), Field(gt=0.0)]
 """A positive number, also as text."""
 SpokenWhole = Annotated[int, BeforeValidator(_no_switch)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
-Count = Annotated[
-    int | Literal["auto"],
-    or_auto(Annotated[SpokenWhole, Field(gt=0)], "a whole number from 1 on"),
-]
 
 
 class SharedConfig(BaseModel):
@@ -107,8 +103,6 @@ class SharedConfig(BaseModel):
     """Where to run."""
     launch: Literal["element", "node"] | None = None
     """Shape of kernel launches: a thread for each element or for each node."""
-    tracer_steps: Count = 1
-    """Steps of the flow for one of the tracers it carries. auto: as many as their limit allows."""
 
 
 class RunConfig(SharedConfig):

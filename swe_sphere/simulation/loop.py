@@ -112,8 +112,8 @@ class Loop:
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due."""
-        cycle, everyone = self.plan.cycle, (self.guard, *self.observers)
-        following = range(self.stepper.steps + cycle, self.plan.steps, cycle)
+        everyone = self.guard, *self.observers
+        following = range(self.stepper.steps + 1, self.plan.steps)
         due = (step for step in following if any(each.due(step) for each in everyone))
         return next(due, self.plan.steps)
 

@@ -286,16 +286,8 @@ class Callback(Observer):
     sim: object = None
 
     def on(self, sim: object, plan: RunPlan) -> Callback:
-        """Return the callback of a simulation, scheduled by the steps of its plan.
-
-        Raises ConfigError where a call is due in the middle of steps that are taken together.
-        """
+        """Return the callback of a simulation, scheduled by the steps of its plan."""
         steps = self.steps or round((self.seconds or plan.dt) / plan.dt)
-        if steps > 1 and steps % plan.cycle:
-            raise ConfigError(
-                f"every: {steps} steps are no multiple of the {plan.cycle} that are taken at once"
-                " (tracer-steps)"
-            )
         return replace(self, steps=steps, sim=sim)
 
     def due(self, step: int) -> bool:

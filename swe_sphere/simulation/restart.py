@@ -179,7 +179,7 @@ def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:
         "centre": [*mesh.centre],
         "spin": mesh.spin,
         "precision": config.precision,
-        "tracer_steps": config.tracer_steps,
+        "tracer_steps": 1,  # others are of files by earlier versions
         "scene_parameters": dict(scene.parameters),
         "effects": {effect.name: asdict(effect) for effect in scene.effects},
         "planet": asdict(scene.planet),

@@ -142,8 +142,7 @@ class Simulation:
             self.run_id = str(setup.checkpoint.attributes.get("run_id", ""))
             if setup.checkpoint.steps:
                 dt, done = restart.check_step(self.config, setup.checkpoint), setup.checkpoint.steps
-                cycle = int(setup.checkpoint.attributes.get("steps_at_once", 1))
-                self.begin(RunPlan(dt, done, done, dt, cycle, "that of the restart file"))
+                self.begin(RunPlan(dt, done, done, dt, "that of the restart file"))
 
     @classmethod
     def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:
@@ -192,8 +191,7 @@ class Simulation:
         setup, every = self.setup, self.config.every
         check_options(setup.kind.name, setup.options)
         if plan is not None:
-            resumed = setup.checkpoint is not None
-            self._plan = plan if resumed else planning.with_cycle(setup, plan)
+            self._plan = plan
         elif self.steps:
             self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
         else:
@@ -201,7 +199,7 @@ class Simulation:
         if self.steps:
             return
         with users_code():
-            stepper = setup.new_stepper(self._plan.dt, self._plan.cycle)
+            stepper = setup.new_stepper(self._plan.dt)
             state = self.model.initial_state()
             self._stepper, self._snapshot = stepper, None
             self._counted = dict(self.model.counters)
@@ -449,7 +447,6 @@ class Simulation:
             "stepper": self.config.stepper,
             "scheme": self.setup.kind.name if self._stepper is None else self._stepper.name,
             "dt": plan and plan.dt,
-            "steps_at_once": plan and plan.cycle,
             "dt_rule": plan and plan.rule,
             "stable_dt": self.setup.limit,
             "device": self.model.device,

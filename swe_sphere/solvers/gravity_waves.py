@@ -16,7 +16,6 @@ from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
-from swe_sphere.equations.tracer_equations import MassFlux
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
 from swe_sphere.kernels.pointwise import Pointwise
@@ -26,7 +25,7 @@ from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
 from swe_sphere.solvers.gmres import FlexibleGMRES
 from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
-from swe_sphere.solvers.tracer_waves import FluxWaves, TracerWaves
+from swe_sphere.solvers.tracer_waves import TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
 CORIOLIS = ("explicit", "implicit")
@@ -83,11 +82,9 @@ class GravityWaves:
         )  # fmt: skip
         self.apply_to_fluid = recorded(model.launch, operator)
         """out = L d for wind and depth: apply_to_fluid(d, out)."""
-        self.tracers: TracerWaves | FluxWaves | None = None
-        if isinstance(model.carried, MassFlux):
-            self.tracers = FluxWaves(model, model.carried, parameters["base"])
-        elif model.carried is not None:
-            self.tracers = TracerWaves(model, model.carried, parameters["base"])
+        self.tracers: TracerWaves | None = None
+        if model.tracers is not None:
+            self.tracers = TracerWaves(model, model.tracers, parameters["base"])
 
     @property
     def symmetric(self) -> bool:

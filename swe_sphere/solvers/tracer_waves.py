@@ -4,9 +4,8 @@ import numpy as np
 import warp as wp
 
 from swe_sphere.equations.model import Model
-from swe_sphere.equations.tracer_equations import MassFlux, TracerEquations
-from swe_sphere.kernels import combine_kernel
-from swe_sphere.kernels.tracer_step import flux_kernel
+from swe_sphere.equations.tracer_equations import TracerEquations
+from swe_sphere.kernels.tracers import flux_kernel
 from swe_sphere.operators.tracers import TracerTransport
 from swe_sphere.solvers.vector_space import VectorSpace
 
@@ -24,7 +23,6 @@ class TracerWaves:
         mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
         self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
         self._launch, self._carry = model.launch, flux_kernel(mesh.real)
-        self._plain = mesh.stage
         self._launch.load(self._carry)
         self._flow = mesh.upload(np.zeros(2 * n))
         self._ratio = tracers.mixing_ratio()
@@ -59,28 +57,4 @@ class TracerWaves:
     def _carry_rest(self, d: wp.array) -> None:
         """flow = H V."""
         n = self._ones.size
-        self._launch(self._carry, n, d, self._rest, self._depth, n, 0, self._plain, self._flow)
-
-
-class FluxWaves:
-    """L_G(V) = H V: what the waves carry across a point, in the place of tracers."""
-
-    def __init__(self, model: Model, flux: MassFlux, rest: wp.array) -> None:
-        """rest: wind and depth without motion, the reference depth H [m]."""
-        self._launch, self._flux, self._rest = model.launch, flux, rest
-        self._crossed = slice(flux.first, flux.first + 2 * model.device_mesh.size)
-        self._add = combine_kernel(model.device_mesh.real, 1)
-        self._launch.load(self._add)
-
-    def linearise(self, state: wp.array) -> None:
-        """Nothing hangs on the state."""
-
-    def apply(self, d: wp.array, out: wp.array) -> None:
-        """out_G = L_G d."""
-        self._flux.carry(d, self._rest, out)
-
-    def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
-        """x_G = r_G + tau L_G x."""
-        self._flux.carry(x, self._rest, x)
-        old, crossed = r[self._crossed], x[self._crossed]
-        self._launch(self._add, crossed.size, old, crossed, tau, crossed)
+        self._launch(self._carry, n, d, self._rest, self._depth, n, self._flow)

@@ -55,8 +55,7 @@ class ForwardBackward(SplitExplicit):
     """
 
     name, order = "forward-backward", 2
-    levels = "state", "previous", "older"
-    memory = *levels, "carried", "pushed"
+    memory = "state", "previous", "older", "carried", "pushed"
     diffusion_steps = 1
     diffusion_order = 1
     repeats_from: ClassVar[int] = 2

@@ -25,8 +25,7 @@ class Leapfrog(Stepper):
     """
 
     name, order = "leapfrog", 2
-    levels = "state", "previous"
-    memory: ClassVar[tuple[str, ...]] = levels
+    memory: ClassVar[tuple[str, ...]] = "state", "previous"
     diffusion_steps = 2
     holds_damping = True
     repeats_from = 1
