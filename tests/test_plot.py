@@ -16,8 +16,8 @@ from PIL import Image
 from swe_sphere import open_run
 from swe_sphere.analysis.regrid_file import regrid_file
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.classic import RECORDS_AT
 from swe_sphere.io.compare import compare
+from swe_sphere.io.growing import RECORDS_AT
 from swe_sphere.io.netcdf import FrameWriter
 from swe_sphere.io.reference_solution import Reference
 from swe_sphere.io.runfile import Frame, RunFile

@@ -5,21 +5,28 @@ bytes in its header.  New numbers are first written beyond these lengths and the
 write of four bytes: a process killed before that has added nothing, one killed after it all.
 Records (frames) follow each other at the end of the file.  A second dimension, that of the series,
 grows in the same way into the room that its variables had when the file was made.
+
+Format: "NetCDF Classic and 64-bit Offset File Formats", NASA ESDS-RFC-011v2.0, with offsets of
+64 bits.
 """
 
-import io
+import math
+import mmap
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import RunFailed
 from swe_sphere.files.durable import allocate, claim, part_of, put_in_place, remove
-from swe_sphere.io.classic import RECORDS_AT, Header, as_bytes
-from swe_sphere.io.layout import SERIES, Layout
+from swe_sphere.io.layout import SERIES, SUMMARY_BYTES
+
+RECORDS_AT = 4
+"""Offset of the number of records [bytes]."""
 
 
 class Growing:
@@ -69,24 +76,35 @@ class GrowingFile(Growing):
 
     def __init__(self, place: Path, size: int) -> None:
         super().__init__(place)
-        self._file = io.FileIO(self._descriptor, "r+", closefd=False)
         try:
             allocate(self._descriptor, place, size)
         except OSError:
             self.close()
             raise
 
-    def define(self, layout: Layout) -> None:
+    def define(self, data: xr.Dataset) -> None:
         """Write everything that does not grow.
 
-        The length of the dimension of the series is the number of samples for which there is room.
+        data: without frames; the series are its last variables, full of missing samples.
         """
-        self._header, self._room = Header(layout), layout.sizes.get(SERIES, 0)
-        self._file.truncate(0)
-        self._write(0, self._header.data)
-        for name, variable in layout.variables.items():
-            if variable.values is not None:
-                self._write(self._header.begins[name], as_bytes(variable.values))
+        variables = data.variables.items()
+        data.to_netcdf(
+            part_of(self._place), format="NETCDF3_64BIT", engine="netcdf4", unlimited_dims=["time"],
+            encoding={n: {"_FillValue": None} for n, v in variables if "_FillValue" not in v.attrs},
+        )  # fmt: skip
+        self._lengths = {name: math.prod(v.shape[1:]) for name, v in variables if "time" in v.dims}
+        self._series = [name for name, v in variables if v.dims == (SERIES,)]
+        self._room = data.sizes.get(SERIES, 0)
+        self._first = os.fstat(self._descriptor).st_size  # offset of the first record
+        with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as header:
+            # dimensions come first: a name, padded to whole words of four bytes, and a length
+            self._samples_at = header.find(SERIES.encode()) + 4 * math.ceil(len(SERIES) / 4)
+            self._summary_at = header.find(b" " * SUMMARY_BYTES)
+
+    @property
+    def _end(self) -> int:
+        """Offset of the next record."""
+        return self._first + 8 * self.records * sum(self._lengths.values())
 
     def add_record(self, values: Mapping[str, ArrayLike], sync: bool = True) -> None:
         """Add a record, given every variable that has records, and put it on the disk.
@@ -94,54 +112,50 @@ class GrowingFile(Growing):
         sync: wait until the disk has it, which a file that is not in its place yet does not need.
         Raises ValueError for values of other lengths than those of the records.
         """
-        if {name: 8 * np.size(value) for name, value in values.items()} != self._header.recorded:
+        if {name: np.size(value) for name, value in values.items()} != self._lengths:
             raise ValueError(f"the values do not fit the records of {self._place}")
-        done = self.records * self._header.record_bytes
         try:
-            for name, value in values.items():
-                self._write(self._header.begins[name] + done, as_bytes(np.asarray(value, float)))
+            self._write(self._end, [np.ravel(values[str(name)]) for name in self._lengths])
             if sync:
                 os.fsync(self._descriptor)
         except OSError:
             with suppress(OSError):  # makes room for the summary of the failure
-                self._file.truncate(self._header.end + done)
+                os.truncate(self._descriptor, self._end)
             raise
-        self._write(RECORDS_AT, _count(self.records + 1))
+        self._count(RECORDS_AT, self.records + 1)
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
         """Add a number to each series; ValueError if their room is used up."""
         if self.samples == self._room:
             raise ValueError(f"there is room for {self._room} samples only")
-        for name, value in values.items():
-            number = as_bytes(np.asarray(value, float))
-            self._write(self._header.begins[name] + 8 * self.samples, number)
-        self._write(self._header.samples_at, _count(self.samples + 1))
+        begin = self._first - 8 * self._room * len(self._series) + 8 * self.samples
+        for k, name in enumerate(self._series):
+            self._write(begin + 8 * k * self._room, [values[str(name)]])
+        self._count(self._samples_at, self.samples + 1)
         self.samples += 1
 
-    def set_text(self, name: str, text: str) -> None:
-        """Replace a global attribute, which is at least as long, by an ASCII text, and sync."""
-        place, size = self._header.texts[name]
-        self._write(place, text.encode("ascii").ljust(size, b"\0"))
+    def set_summary(self, text: str) -> None:
+        """Replace the attribute with the summary by an ASCII text, and sync."""
+        self._put(self._summary_at, text.encode("ascii").ljust(SUMMARY_BYTES, b"\0"))
         os.fsync(self._descriptor)
 
     def check(self, path: Path) -> None:
         """As `Growing`, also for a file that is cut short or changed."""
         super().check(path)
-        size = os.fstat(self._descriptor).st_size
-        self._file.seek(RECORDS_AT)
-        counted = self._file.read(4) == _count(self.records)
-        if self._in_place:
-            end = self._header.end + self.records * self._header.record_bytes
-            if size < end or not counted:
-                raise RunFailed(f"{path} was cut short or changed while the run was writing it")
+        if self._in_place and (
+            os.fstat(self._descriptor).st_size < self._end
+            or os.pread(self._descriptor, 4, RECORDS_AT) != self.records.to_bytes(4, "big")
+        ):
+            raise RunFailed(f"{path} was cut short or changed while the run was writing it")
 
-    def _write(self, place: int, data: bytes | bytearray | memoryview) -> None:
-        self._file.seek(place)
-        rest = memoryview(data)
-        while rest:
-            rest = rest[self._file.write(rest) :]
+    def _count(self, place: int, number: int) -> None:
+        self._put(place, number.to_bytes(4, "big"))
 
+    def _write(self, place: int, numbers: list[ArrayLike]) -> None:
+        self._put(place, np.hstack(numbers).astype(">f8").tobytes())
 
-def _count(number: int) -> bytes:
-    return number.to_bytes(4, "big")
+    def _put(self, place: int, data: bytes) -> None:
+        while data:
+            written = os.pwrite(self._descriptor, data, place)
+            data, place = data[written:], place + written

@@ -1,4 +1,4 @@
-"""Contents of an output file before the first frame: dimensions, mesh, variables, attributes.
+"""Contents of an output file: dimensions, mesh, variables, attributes.
 
 CF-1.11 (cfconventions.org) and UGRID-1.0 (ugrid-conventions.github.io): the GLL points are the
 nodes of the mesh, the (np-1)^2 sub-quads of each element its faces, data live on the nodes.  For
@@ -12,10 +12,10 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from swe_sphere import __version__
 from swe_sphere.arrays import Array
@@ -35,9 +35,11 @@ BOUNDS = "_bnds"
 TOPOLOGY = (*VARIABLES["topology"], *(name + BOUNDS for name in VARIABLES["coordinates"]))
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
+MISSING = {"_FillValue": np.nan}
 START = "2000-01-01"
 """The date that files give the start of a run."""
 TIME = {
+    "long_name": "time",
     "standard_name": "time",
     "units": f"seconds since {START} 00:00:00",
     "calendar": "proleptic_gregorian",
@@ -59,23 +61,6 @@ LAYOUT_BYTES = 128
 """Bytes per node of a layout: lat, lon, four corners of each, area, b, f, one face."""
 
 
-class Variable(NamedTuple):
-    """A variable of a file; without values it grows along its first dimension, in float64."""
-
-    axes: tuple[str, ...]
-    attributes: dict[str, Any]
-    values: NDArray[Any] | None = None
-
-
-class Layout(NamedTuple):
-    """Contents of a file before the first frame."""
-
-    sizes: dict[str, int]
-    """Lengths of the dimensions; of those that grow, zero frames and the most samples."""
-    attributes: dict[str, Any]
-    variables: dict[str, Variable]
-
-
 def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
     """Return the fields of every frame of a run with those tracers, and their attributes."""
     ratios = {
@@ -83,79 +68,6 @@ def frame_fields(tracers: Iterable[str] = ()) -> dict[str, dict[str, str]]:
         for name in tracers
     }
     return {**VARIABLES["frames"], **ratios}
-
-
-def make_layout(
-    mesh: Mesh,
-    attributes: Mapping[str, Any],
-    constants: Mapping[str, ArrayLike],
-    fields: Mapping[str, Mapping[str, str]],
-    diagnostics: Mapping[str, Mapping[str, str]],
-    samples: int,
-) -> Layout:
-    """Describe a file.
-
-    attributes: of the run.  constants: height of the bottom "b" [m] and Coriolis parameter "f"
-    [s-1], a number or (N,).  fields: those of every frame with their attributes.
-    diagnostics: the series, with attributes where they are user-defined; without any there is no
-    dimension for them either.  samples: the most of each series.
-
-    Raises ValueError if a series is called like something else in the file.
-    """
-    quads = mesh.quads()
-    sizes = {"time": 0, "node": mesh.size, "face": len(quads), "corner": 4}
-    variables = {"time": Variable(("time",), {"long_name": "time", **TIME, "axis": "T"})}
-    missing: dict[str, Any] = {"_FillValue": np.nan}
-    for name, own in fields.items():
-        about = {**missing, **own, **ON_NODES, **MEASURES}
-        variables[name] = Variable(("time", "node"), about)
-    fixed = _topology(mesh, quads) | _on_nodes(mesh, constants)
-    if diagnostics:
-        sizes[SERIES] = samples
-        about = {"long_name": "time of the diagnostics", **TIME}
-        variables[SERIES] = Variable((SERIES,), about)
-    for name, own in diagnostics.items():
-        if name in variables or name in fixed:
-            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
-        plain = {"long_name": name.replace("_", " "), "units": "1"}
-        about = {**missing, **VARIABLES["series"].get(name, plain), **own}
-        variables[name] = Variable((SERIES,), about)
-    about = {
-        **attributes,
-        "Conventions": "CF-1.11 UGRID-1.0",
-        "source": f"swe_sphere {__version__}: spectral elements on the cubed sphere",
-        SUMMARY: " " * SUMMARY_BYTES,
-        **{name: getattr(mesh, name) for name in MESH_ATTRIBUTES},
-    }
-    return Layout(sizes, {k: attribute(value) for k, value in about.items()}, variables | fixed)
-
-
-def _topology(mesh: Mesh, quads: NDArray[np.integer[Any]]) -> dict[str, Variable]:
-    """Return the variables of UGRID, and the sphere that CF calls a grid mapping."""
-    about = {
-        name: {key: attribute(value) for key, value in table.items()}
-        for name, table in VARIABLES["topology"].items()
-    }
-    zero = np.zeros((), np.int32)  # the attributes are what counts
-    return {
-        "mesh": Variable((), about["mesh"], zero),
-        "face_nodes": Variable(("face", "corner"), about["face_nodes"], quads),
-        "sphere": Variable((), about["sphere"] | {"earth_radius": mesh.radius}, zero),
-    }
-
-
-def _on_nodes(mesh: Mesh, constants: Mapping[str, ArrayLike]) -> dict[str, Variable]:
-    """Return the coordinates of the nodes with the bounds of their cells, and constant fields."""
-    values = {name: np.full(mesh.size, constants[name], float) for name in ("b", "f")}
-    values["area"], found = mesh.area, {}
-    places = zip(("lon", "lat"), (mesh.lon, mesh.lat), mesh.cell_corners(), strict=True)
-    for name, centre, corners in places:
-        about = VARIABLES["coordinates"][name] | {"bounds": name + BOUNDS}
-        found[name] = Variable(("node",), about, np.degrees(centre))
-        found[name + BOUNDS] = Variable(("node", "corner"), {}, np.degrees(corners))
-    for name, about in VARIABLES["constants"].items():
-        found[name] = Variable(("node",), about | ON_NODES, values[name])
-    return found
 
 
 def frame_dataset(
@@ -174,33 +86,95 @@ def frame_dataset(
         name: (("time", "node"), fields[name][None], {**about, **MEASURES})
         for name, about in known.items()
     }
-    constants = {"b": fields["b"], "f": fields["f"], "area": mesh.area}
-    for name, about in VARIABLES["constants"].items():
-        data[name] = ("node", constants[name], about)
-    degrees = {"lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon)}
-    for name, about in VARIABLES["coordinates"].items():
-        data[name] = ("node", degrees[name], about)
-    data["time"] = ("time", [time], {"long_name": "time", "axis": "T", **TIME})
-    parameters = {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
-    about = plain({"Conventions": "CF-1.11", **attributes, **parameters})
-    return xr.Dataset(data, attrs=about).set_coords([*degrees])
+    data |= _on_nodes(mesh, fields["b"], fields["f"])
+    data["time"] = ("time", [time], {**TIME, "axis": "T"})
+    about = plain({"Conventions": "CF-1.11", **attributes, **mesh_attributes(mesh)})
+    return xr.Dataset(data, attrs=about).set_coords(["lat", "lon"])
 
 
-def attribute(value: object) -> Any:
-    """Return a value as files can hold it: a number, text or row of numbers; others as JSON."""
-    if isinstance(value, (str, float, np.floating)):
-        return value
-    if isinstance(value, (int, np.integer, np.bool_)):
-        number = int(value)
-        return np.int32(number) if abs(number) < 2**31 else float(number)
-    if isinstance(value, Sequence) and value and all(type(x) in (int, float) for x in value):
-        return np.asarray(value, dtype=np.float64)
-    return json.dumps(dict(value) if isinstance(value, Mapping) else value, default=str)
+def file_dataset(
+    mesh: Mesh,
+    attributes: Mapping[str, Any],
+    bottom: ArrayLike,
+    coriolis: ArrayLike,
+    fields: Mapping[str, Mapping[str, str]],
+    diagnostics: Mapping[str, Mapping[str, str]],
+    samples: int,
+) -> xr.Dataset:
+    """Return a file without frames; the series, which come last, have room for those samples.
+
+    attributes: of the run.  bottom [m], coriolis [s-1]: a number or (N,).  fields: those of every
+    frame with their attributes.  diagnostics: the series, with attributes where they are
+    user-defined; without any there is no dimension for them either.
+
+    Raises ValueError if a series is called like something else in the file.
+    """
+    import xarray as xr
+
+    data: dict[str, Any] = {"time": ("time", np.zeros(0), {**TIME, "axis": "T"})}
+    for name, about in fields.items():
+        about = {**MISSING, **about, **ON_NODES, **MEASURES}
+        data[name] = (("time", "node"), np.zeros((0, mesh.size)), about)
+    data |= _on_nodes(mesh, bottom, coriolis)
+    for name in VARIABLES["constants"]:
+        data[name][2].update(ON_NODES)
+    for name, corners in zip(("lon", "lat"), mesh.cell_corners(), strict=True):
+        data[name][2]["bounds"] = name + BOUNDS
+        data[name + BOUNDS] = (("node", "corner"), np.degrees(corners))
+    topology = VARIABLES["topology"]
+    data["face_nodes"] = (("face", "corner"), mesh.quads(), topology["face_nodes"])
+    zero = np.zeros((), np.int32)  # the attributes are what counts
+    data["mesh"] = ((), zero, topology["mesh"])
+    data["sphere"] = ((), zero, topology["sphere"] | {"earth_radius": mesh.radius})
+    unknown = np.full(samples, np.nan)
+    if diagnostics:
+        data[SERIES] = (SERIES, unknown, {**TIME, "long_name": "time of the diagnostics"})
+    for name, own in diagnostics.items():
+        if name in data:
+            raise ValueError(f"a diagnostic cannot be called {name!r}: the file has that variable")
+        usual = {"long_name": name.replace("_", " "), "units": "1"}
+        data[name] = (SERIES, unknown, {**MISSING, **VARIABLES["series"].get(name, usual), **own})
+    about = {
+        **attributes,
+        "Conventions": "CF-1.11 UGRID-1.0",
+        "source": f"swe_sphere {__version__}: spectral elements on the cubed sphere",
+        SUMMARY: " " * SUMMARY_BYTES,
+        **mesh_attributes(mesh),
+    }
+    return xr.Dataset(data, attrs=plain(about))
+
+
+def mesh_attributes(mesh: Mesh) -> dict[str, Any]:
+    """Return the attributes from which the mesh can be built again."""
+    return {name: getattr(mesh, name) for name in MESH_ATTRIBUTES}
+
+
+def _on_nodes(mesh: Mesh, bottom: ArrayLike, coriolis: ArrayLike) -> dict[str, Any]:
+    """Return the coordinates of the nodes, and what is constant on them."""
+    values = {
+        "lat": np.degrees(mesh.lat), "lon": np.degrees(mesh.lon), "b": bottom, "f": coriolis,
+        "area": mesh.area,
+    }  # fmt: skip
+    tables = VARIABLES["coordinates"] | VARIABLES["constants"]
+    return {
+        name: ("node", np.full(mesh.size, values[name], float), {**about})
+        for name, about in tables.items()
+    }
 
 
 def plain(values: Mapping[str, object]) -> dict[str, Any]:
-    """Return values as files can hold them, in types of Python: what xarray can write again."""
-    return in_python({name: attribute(value) for name, value in values.items()})
+    """Return values as files can hold them: numbers, texts and rows of numbers; others as JSON."""
+    return {name: _plain(value) for name, value in in_python(values).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (str, float)):
+        return value
+    if isinstance(value, int):
+        return int(value) if abs(value) < 2**31 else float(value)
+    if isinstance(value, Sequence) and value and all(type(x) in (int, float) for x in value):
+        return [float(x) for x in value]
+    return json.dumps(dict(value) if isinstance(value, Mapping) else value, default=str)
 
 
 def in_python(values: Mapping[Any, Any]) -> dict[str, Any]:

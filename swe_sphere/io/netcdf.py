@@ -20,12 +20,11 @@ from swe_sphere.io.growing import GrowingFile
 from swe_sphere.io.layout import (
     LAYOUT_BYTES,
     SERIES,
-    SUMMARY,
     SUMMARY_BYTES,
-    attribute,
+    file_dataset,
     frame_fields,
     history,
-    make_layout,
+    plain,
 )
 from swe_sphere.io.runfile import RunFile, reading
 from swe_sphere.io.zarr_store import SUFFIX, GrowingStore
@@ -74,8 +73,7 @@ class FrameWriter:
     ) -> None:
         self.path = Path(path)
         self._mesh, self._samples = mesh, samples
-        constants = {"b": bottom, "f": coriolis}
-        self._constants = {k: 0.0 if x is None else x for k, x in constants.items()}
+        self._bottom, self._coriolis = (0.0 if x is None else x for x in (bottom, coriolis))
         self._earlier = None if append_from is None else RunFile(self.path)
         self._from = append_from or 0.0
         if self._earlier is not None and (nodes := self._earlier.bottom.size) != mesh.size:
@@ -91,7 +89,7 @@ class FrameWriter:
         values["history"] = history(
             f"run {attributes.get('scene', '')}", str(kept.get("history", ""))
         )
-        self._attributes = {name: attribute(value) for name, value in values.items()}
+        self._attributes = plain(values)
         self.run_id = str(values["run_id"])
         """That of the earlier run where that is resumed."""
         self._series: tuple[str, ...] = ()
@@ -164,7 +162,7 @@ class FrameWriter:
             kept.popitem()
         with self._writing():
             self._check_begun()
-            self._growing.set_text(SUMMARY, text)
+            self._growing.set_summary(text)
             self._growing.put_in_place()
 
     def close(self) -> None:
@@ -188,12 +186,12 @@ class FrameWriter:
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         times = times[times < self._from]
         self._growing.define(
-            make_layout(
-                self._mesh, self._attributes, self._constants, self._fields, series,
+            file_dataset(
+                self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
                 self._samples + times.size,
             )
         )  # fmt: skip
-        self._growing.set_text(SUMMARY, json.dumps({"completed": False}))
+        self._growing.set_summary(json.dumps({"completed": False}))
         for values in self._earlier_frames():
             self._growing.add_record(values, sync=False)
         kept = {name: earlier[name] for name in self._series if name in earlier}

@@ -18,7 +18,6 @@ import numpy as np
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import check_moved
-from swe_sphere.io.classic import MAGIC
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.io.zarr_store import check_zarr, is_store
@@ -69,7 +68,7 @@ def engine(path: Path) -> Literal["zarr", "netcdf4"]:
 def check_length(path: Path) -> None:
     """Raise ValueError if a classic file ends before its data do, which netCDF does not report."""
     with path.open("rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
+        if file.read(3) != b"CDF":
             return
     from scipy.io import netcdf_file
 

@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import ArrayLike
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import part_of, sync, write_whole
 from swe_sphere.io.growing import Growing
-from swe_sphere.io.layout import SERIES, Layout
+from swe_sphere.io.layout import SERIES, SUMMARY
 
 SUFFIX = ".zarr"
 """Ending of the names of stores."""
@@ -50,21 +51,14 @@ class GrowingStore(Growing):
         self._samples: list[Mapping[str, float]] = []
         self._unsynced: set[str] = set()
 
-    def define(self, layout: Layout) -> None:
+    def define(self, data: xr.Dataset) -> None:
         """As `GrowingFile`."""
-        import xarray as xr
-
-        sizes = layout.sizes | {"time": 1}
-        empty = {**layout.sizes, SERIES: 0}
-        self._axes = {name: variable.axes for name, variable in layout.variables.items()}
-        variables: dict[str, Any] = {
-            name: (axes, np.zeros([empty[x] for x in axes]) if values is None else values, about)
-            for name, (axes, about, values) in layout.variables.items()
-        }
-        encoding = {n: {"chunks": [sizes[x] for x in axes]} for n, axes in self._axes.items()}
-        xr.Dataset(variables, attrs=layout.attributes).to_zarr(
-            self._root, zarr_format=2, consolidated=True, encoding=encoding
-        )
+        sizes = {**data.sizes, "time": 1}
+        self._axes = {str(name): variable.dims for name, variable in data.variables.items()}
+        data.isel({SERIES: slice(0)}, missing_dims="ignore").to_zarr(
+            self._root, zarr_format=2, consolidated=True,
+            encoding={n: {"chunks": [sizes[x] for x in axes]} for n, axes in self._axes.items()},
+        )  # fmt: skip
         self._consolidated = json.loads((self._root / CONSOLIDATED).read_text())
         self._unsynced = {str(path.relative_to(self._root)) for path in self._root.rglob("*")}
 
@@ -81,11 +75,11 @@ class GrowingStore(Growing):
         """As `GrowingFile`."""
         self._samples.append(dict(values))
 
-    def set_text(self, name: str, text: str) -> None:
+    def set_summary(self, text: str) -> None:
         """As `GrowingFile`."""
         self._append_samples()
         attributes = self._consolidated["metadata"][ATTRIBUTES]
-        attributes[name] = text
+        attributes[SUMMARY] = text
         write_whole(self._root / ATTRIBUTES, json.dumps(attributes))
         self._commit(self.records)
 

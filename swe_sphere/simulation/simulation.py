@@ -518,14 +518,13 @@ class Simulation:
         Raises RunFailed where the disk refuses, ConfigError for an existing file of another kind.
         """
         from swe_sphere.io.checkpoint import Checkpoint, is_checkpoint, write_checkpoint
-        from swe_sphere.io.layout import attribute
+        from swe_sphere.io.layout import plain
 
         self._begin_once()
         path = Path(path)
-        attributes = {name: attribute(value) for name, value in self.attributes().items()}
         arrays = dict(self.restart_arrays())
         time, name = self.stepper.dt * self.steps, self.config.stepper
-        checkpoint = Checkpoint(arrays, time, self.steps, name, attributes)
+        checkpoint = Checkpoint(arrays, time, self.steps, name, plain(self.attributes()))
 
         def write() -> None:
             if path.exists() and not is_checkpoint(path):
