@@ -14,6 +14,7 @@ from matplotlib.quiver import Quiver
 from swe_sphere import open_run
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.netcdf import FrameWriter
+from swe_sphere.io.runfile import Frame
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import position
 from swe_sphere.pictures.look import Look
@@ -137,7 +138,7 @@ def test_fields_are_drawn_on_axes_of_cartopy(seen):
     if seen == "NorthPolarStereo":
         axes.set_extent([-180, 180, 30, 90], crs.PlateCarree())
     fields = {"h": 7.0 + x + 2.0 * y * z, "b": 0.0 * x}
-    draw_state(mesh, fields, 0.0, {"scene": "hills"}, "h", axes)
+    draw_state(Frame(mesh, fields, 0.0, {"scene": "hills"}), "h", axes)
     (image,) = axes.images
     rows, columns = image.get_array().shape
     left, right, bottom, top = image.get_extent()
@@ -160,9 +161,8 @@ def test_mesh_and_winds_are_drawn_where_axes_of_cartopy_show_them():
     axes = Figure().add_subplot(projection=crs.PlateCarree())
     axes.set_extent([230, 310, 0, 60], crs.PlateCarree())
     fields = {"h": 1.0 + 0.0 * mesh.lon, "u": 0.0 * mesh.lon, "v": np.cos(mesh.lat)}
-    draw_state(
-        mesh, fields | {"b": fields["u"]}, 0.0, {}, "h", axes, Look(mesh=True, winds="arrows")
-    )
+    state = Frame(mesh, fields | {"b": fields["u"]}, 0.0, {})
+    draw_state(state, "h", axes, Look(mesh=True, winds="arrows"))
     arrows = next(c for c in axes.collections if isinstance(c, Quiver))
     assert arrows.N > 800 and np.abs(arrows.U).max() < 1e-2 * arrows.V.min()
     assert -130.0 <= arrows.X.min() < -125.0 and -55.0 < arrows.X.max() <= -50.0
@@ -175,5 +175,5 @@ def test_mesh_and_winds_are_drawn_where_axes_of_cartopy_show_them():
 def test_plain_axes_are_refused_in_one_line(mesh):
     fields = {"h": 1.0 + 0.0 * mesh.lon, "b": 0.0 * mesh.lon}
     with pytest.raises(ConfigError, match="ax must be axes of cartopy") as error:
-        draw_state(mesh, fields, 0.0, {}, "h", Figure().subplots())
+        draw_state(Frame(mesh, fields, 0.0, {}), "h", Figure().subplots())
     assert "\n" not in str(error.value)

@@ -19,14 +19,13 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.compare import compare
 from swe_sphere.io.growing import RECORDS_AT
 from swe_sphere.io.netcdf import FrameWriter
-from swe_sphere.io.reference_solution import Reference
+from swe_sphere.io.reference_solution import Exact, Reference
 from swe_sphere.io.runfile import Frame, RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.sphere import frame, position
-from swe_sphere.pictures import animate
+from swe_sphere.pictures import plot
 from swe_sphere.pictures.drawing import Drawing, contours, limits
-from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import PROJECTIONS, Look
 from swe_sphere.pictures.maps import grid_of, new_map, place
 from swe_sphere.pictures.panels import draw_panel, panels
@@ -354,7 +353,7 @@ def test_numbers_of_the_scale_have_no_offset(run):
     fields = RunFile(run).frame()
     mesh = RunFile(run).mesh
     fields = fields | {"h": 30.0 + 1e-5 * fields["v"]}
-    figure = draw_state(mesh, fields, 0.0, {}, "h").figure
+    figure = draw_state(Frame(mesh, fields, 0.0, {}), "h").figure
     figure.canvas.draw()
     scale = figure.axes[1].xaxis
     assert scale.get_offset_text().get_text() == ""
@@ -408,11 +407,11 @@ def test_lines_of_the_panels_are_not_cut(run):
 @pytest.mark.parametrize("ending", ["gif", "mp4"])
 @pytest.mark.thorough
 def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
-    monkeypatch.setattr(animate, "ROWS", 31)
-    monkeypatch.setattr(animate, "DOTS_PER_INCH", 40)
+    monkeypatch.setattr(plot, "FILM_ROWS", 31)
+    monkeypatch.setattr(plot, "FILM_DOTS_PER_INCH", 40)
     if ending == "mp4":
         imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    film = animate.animate_file(run, "h", tmp_path / f"film.{ending}")
+    film = plot.animate_file(run, "h", tmp_path / f"film.{ending}")
     assert [path.name for path in tmp_path.iterdir()] == [film.name]
     if ending == "mp4":
         assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == 3
@@ -424,7 +423,7 @@ def test_a_film_has_all_frames(run, tmp_path, monkeypatch, ending):
 @pytest.mark.parametrize("ending", ["nc", "zarr"])
 @pytest.mark.thorough
 def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, monkeypatch, ending):
-    monkeypatch.setattr(animate, "ROWS", 31)
+    monkeypatch.setattr(plot, "FILM_ROWS", 31)
     mesh = Mesh.build(2, 4)
     fields = dict.fromkeys(("h", "u", "v", "vorticity", "divergence"), np.ones(mesh.size))
     about = {"pv": {"long_name": "potential vorticity", "units": "m-1 s-1"}}
@@ -433,7 +432,7 @@ def test_fields_of_ones_own_are_drawn_and_compared_with_their_units(tmp_path, mo
         for k in range(2):
             writer.write(60.0 * k, fields | {"pv": k + np.sin(mesh.lat)})
     assert plot_file(path, "pv", out=tmp_path / "pv.png").stat().st_size > 10_000
-    assert animate.animate_file(path, "pv", tmp_path / "pv.gif").stat().st_size > 10_000
+    assert plot.animate_file(path, "pv", tmp_path / "pv.gif").stat().st_size > 10_000
     grid = regrid_file(path, "latlon:31x60", tmp_path / "grid.nc")
     assert plot_file(grid, "pv", out=tmp_path / "grid.png").stat().st_size > 10_000
     assert compare(grid, path, "pv")["linf"] < 1e-2 and compare(path, path, "pv")["linf"] == 0.0
@@ -456,7 +455,7 @@ def test_films_that_cannot_be_made(run, tmp_path):
         ({"field": "heat", "out": tmp_path / "film.gif"}, "there is no field"),
     ):
         with pytest.raises(ConfigError, match=reason):
-            animate.animate_file(run, **arguments)
+            plot.animate_file(run, **arguments)
 
 
 def test_the_python_of_the_page_runs(tmp_path, monkeypatch):

@@ -24,7 +24,7 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
 from swe_sphere.io.layout import MESH_ATTRIBUTES, START, VARIABLES, in_python, plain
 from swe_sphere.io.norms import norms
-from swe_sphere.io.runfile import TOLERANCE, RunFile, engine
+from swe_sphere.io.runfile import TOLERANCE, Frame, RunFile, engine
 from swe_sphere.io.scalar_fields import derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import Planet
@@ -253,7 +253,8 @@ class Analysis:
         run = {str(name): value for name, value in self._data.attrs.items()}
         about = {str(name): field.attrs for name, field in self._data.data_vars.items()}
         frame = {"b": np.zeros(self.mesh.size), **self._frame(k)}
-        return draw_state(self.mesh, frame, now, run, field, ax, validated(Look, look), about)
+        state = Frame(self.mesh, frame, now, run, about)
+        return draw_state(state, field, ax, validated(Look, look))
 
     @cached_property
     def _times(self) -> Array:

@@ -16,8 +16,8 @@ from swe_sphere.planet import DAY
 from swe_sphere.settings.values import names_in, validated
 
 if TYPE_CHECKING:
-    from swe_sphere.io.compare import Source
-    from swe_sphere.pictures.exact import Exact
+    from swe_sphere.io.reference_solution import Exact
+    from swe_sphere.io.runfile import Source
 
 File = Annotated[Path, typer.Argument(help="File of a run; plot: also one that was regridded.")]
 
@@ -60,7 +60,7 @@ def animate(
     **look: Any,
 ) -> None:
     """Make a film of all frames of a run."""
-    from swe_sphere.pictures.animate import animate_file
+    from swe_sphere.pictures.plot import animate_file
 
     typer.echo(animate_file(file, field, out, validated(Look, given(look, Look)), rate))
 
@@ -71,8 +71,8 @@ def _against(file: Path, other: str) -> Source | Exact:
 
     if other != "exact":
         return open_source(other)
+    from swe_sphere.io.reference_solution import Exact
     from swe_sphere.io.runfile import RunFile
-    from swe_sphere.pictures.exact import Exact
     from swe_sphere.simulation.build import make_scene
     from swe_sphere.simulation.config import make_config
 

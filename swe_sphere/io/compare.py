@@ -9,13 +9,11 @@ from swe_sphere.files.fingerprints import SCENE_FILE
 from swe_sphere.io.layout import MESH_ATTRIBUTES
 from swe_sphere.io.norms import norms
 from swe_sphere.io.reference_solution import Reference, reference_field
-from swe_sphere.io.runfile import TOLERANCE, RunFile, reading, table_in
+from swe_sphere.io.runfile import TOLERANCE, RunFile, Source, reading, table_in
 from swe_sphere.io.scalar_fields import check_field
 
-Source = RunFile | Reference
 
-
-def open_source(path: str | os.PathLike[str]) -> Source:
+def open_source(path: str | os.PathLike[str]) -> RunFile | Reference:
     """A file of a run, or a reference on a latitude-longitude grid, whichever it is.
 
     Raises ConfigError if it is neither, missing or damaged.
@@ -67,18 +65,15 @@ def _check_scenes(ours: Source, theirs: Source) -> None:
     raise ConfigError(f"{what}: compare runs of one scene, or say --across-scenes")
 
 
-def _common_time(ours: Source, theirs: Source) -> float | None:
-    """The time [s] of a reference, else the last one of which both have a frame."""
-    for source in (theirs, ours):
-        if isinstance(source, Reference) and source.times.size:
-            return source.nearest(None)
-    runs = [source for source in (theirs, ours) if isinstance(source, RunFile)]
-    if len(runs) < 2:
-        return runs[0].nearest(None) if runs else None
-    one, other = (run.times for run in runs)
-    common = one[[bool(np.any(np.abs(other - time) <= TOLERANCE)) for time in one]]
-    if common.size == 0:
-        raise ConfigError(f"{ours.path} and {theirs.path} have no frame at one time: give --time")
+def _common_time(*sources: Source) -> float | None:
+    """The last time [s] of which both have a frame; None for references without a time."""
+    timed = [s.times for s in sources if s.times.size or isinstance(s, RunFile)]
+    if not timed:
+        return None
+    common = timed[0][np.isclose(timed[0][:, None], timed[-1], 0.0, TOLERANCE).any(axis=1)]
+    if not common.size:
+        names = " and ".join(str(source.path) for source in sources)
+        raise ConfigError(f"{names} have no frame at one time: give --time")
     return float(common[-1])
 
 

@@ -35,7 +35,7 @@ BOUNDS = "_bnds"
 TOPOLOGY = (*VARIABLES["topology"], *(name + BOUNDS for name in VARIABLES["coordinates"]))
 ON_NODES = {"mesh": "mesh", "location": "node", "coordinates": "lat lon", "grid_mapping": "sphere"}
 MEASURES = {"cell_measures": "area: area"}
-MISSING = {"_FillValue": np.nan}
+MISSING: dict[str, Any] = {"_FillValue": np.nan}
 START = "2000-01-01"
 """The date that files give the start of a run."""
 TIME = {

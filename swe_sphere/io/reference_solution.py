@@ -1,31 +1,30 @@
-"""States on latitude-longitude grids: references, regridded runs; errors of a run against them."""
+"""What runs are compared with: states on latitude-longitude grids, and exact solutions."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from swe_sphere.arrays import Array
+from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.layout import in_python
+from swe_sphere.io.layout import TRACER, in_python
 from swe_sphere.io.norms import Norms, norms
-from swe_sphere.io.runfile import nearest_time, reading
-from swe_sphere.io.scalar_fields import check_field, derive, evaluate
+from swe_sphere.io.runfile import Source, reading
+from swe_sphere.io.scalar_fields import Sampler, check_field, derive, evaluate
 from swe_sphere.mesh import Interpolator, Mesh
-from swe_sphere.mesh.sphere import frame, global_spline
+from swe_sphere.mesh.sphere import global_spline
+from swe_sphere.operators.diagnose import divergence, vorticity
 from swe_sphere.planet import DAY
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-NAMES = {"h": "h", "b": "b", "surface": "surface_height", "u": "u", "v": "v",
-         "vorticity": "vorticity", "divergence": "divergence"}  # fmt: skip
-"""Our name of each field and that of the variable (lat, lon)."""
+RENAMED = {"surface_height": "surface"}
+"""Our names of variables that are called otherwise in references."""
 ON_GRID = ("lat", "lon"), ("time", "lat", "lon")
 
 SHIPPED = Path(__file__).parents[1] / "data"
@@ -57,71 +56,80 @@ def latitude_weights(lat: Array, bounds: Array | None = None) -> Array:
     return weights[np.argsort(order)] / 2.0
 
 
-class Reference:
-    """States on a global grid: lat (M,), lon (K,) evenly spaced [rad], fields (M, K).
+class Reference(Source):
+    """States on a global grid: lat (M,), lon (K,) evenly spaced [rad], fields (M K,).
 
     A reference is one state; a regridded run has one for each of its times.
 
-    `points` and `area` run over the M K grid points; areas are shares of the sphere.  Raises
-    ConfigError if the file is missing or damaged, or its grid does not go round the sphere.
+    Areas are shares of the sphere.  Raises ConfigError if the file is missing or damaged, or its
+    grid does not go round the sphere.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         with reading(path) as data:
             self.attributes = in_python(data.attrs)
-            self.title = str(self.attributes.get("title", self.path.stem))
             self.lat, self.lon = (np.radians(data[x].values.astype(float)) for x in ("lat", "lon"))
             self._has_frames = "time" in data.variables
-            self.times: Array = data["time"].values if self._has_frames else _titled(self.title)
+            self.times = data["time"].values if self._has_frames else _titled(self.title)
             """Times [s since the start]; none where neither file nor title states one."""
-            self.fields = _fields(self.path, data, -1)
+            self.fields = _fields(data, -1)
             """Fields of the reference, or of the last time."""
             there = self.fields.keys() & data.variables.keys()
             self.about = {name: in_python(data[name].attrs) for name in there}
-            """Attributes of their variables, by our names where those are the same."""
             bounds = np.radians(data["lat_bnds"].values) if "lat_bnds" in data else None
+        if not self.fields:
+            raise ConfigError(
+                f"cannot read {path}: it is no file of a run, and as a reference it lacks fields"
+                " on (lat, lon)"
+            )
         count = self.lon.size
         around = np.diff(np.unwrap(np.append(self.lon, self.lon[0])))
         if count % 2 or not np.allclose(around, 2.0 * np.pi / count, atol=1e-6):
             raise ConfigError(
                 f"{self.path}: longitudes must go round the globe evenly eastward, an even number"
             )
-        self.area: Array = np.repeat(latitude_weights(self.lat, bounds) / count, count)
-
-    def nearest(self, time: float | None) -> float | None:
-        """As `RunFile`; None for a reference without a time."""
-        return nearest_time(self.path, self.times, time) if self.times.size else None
+        self._area: Array = np.repeat(latitude_weights(self.lat, bounds) / count, count)
 
     @property
     def points(self) -> tuple[Array, Array]:
-        """Longitude and latitude [rad] of the M K grid points."""
         lat, lon = np.meshgrid(self.lat, self.lon, indexing="ij")
         return lon.ravel(), lat.ravel()
 
-    def values(self, field: str, time: float | None = None) -> Array:
-        """A field at the grid points: (M K,), or (2, M K) for "wind"."""
-        grids = self.fields
-        if self._has_frames and time is not None:
-            at = nearest_time(self.path, self.times, time)
-            with reading(self.path) as data:
-                grids = _fields(self.path, data, int(np.argmin(np.abs(self.times - at))))
-        return derive({name: grid.ravel() for name, grid in grids.items()}, field)
+    @property
+    def area(self) -> Array:
+        return self._area
 
-    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """A field at any points lon, lat (P,) [rad], by a quintic spline through the grid."""
+    def nearest(self, time: float | None) -> float | None:  # type: ignore[override]
+        """As `Source`; None for a reference without a time."""
+        return super().nearest(time) if self.times.size else None
 
-        def spline(values: Array) -> Array:
-            grid = values.reshape(self.lat.size, self.lon.size)
-            return global_spline(self.lat, self.lon, grid, 5)(lon, lat)
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        if time is None or not self._has_frames:
+            return self.fields
+        with reading(self.path) as data:
+            return _fields(data, self.index(time))
 
-        if field not in ("u", "v", "speed", "wind"):
-            return spline(self.values(field, time))
-        u, v = self.values("wind", time)[..., None]
-        east, north = frame(*self.points)
-        cartesian = np.stack([spline(w) for w in (u * east + v * north).T], axis=-1)
-        u, v = (np.sum(cartesian * unit, axis=-1) for unit in frame(lon, lat))
-        return derive({"u": u, "v": v}, field)
+    def sampler(self, lon: Array, lat: Array) -> Sampler:
+        return Spline(self, lon, lat)
+
+
+@dataclass
+class Spline:
+    """Quintic splines through the grid of a reference, at points lon, lat (P,) [rad]."""
+
+    of: Reference
+    lon: Array
+    lat: Array
+
+    def __call__(self, field: Array, sign: float = 1.0) -> Array:
+        """Return a field (M K,), or with sign -1 a component of a vector, at the points."""
+        grid = field.reshape(self.of.lat.size, self.of.lon.size)
+        return global_spline(self.of.lat, self.of.lon, grid, 5, sign)(self.lon, self.lat)
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Return both components at the points."""
+        return self(u, -1.0), self(v, -1.0)
 
 
 def _titled(title: str) -> Array:
@@ -129,26 +137,14 @@ def _titled(title: str) -> Array:
     return np.array([float(day) * DAY for day in re.findall(r"day (\d+(?:\.\d+)?)", title)[:1]])
 
 
-def _fields(path: Path, data: xr.Dataset, index: int) -> dict[str, Array]:
-    """Return the fields, at the time of that index where there are times."""
-    found = {k: data.variables[name] for k, name in NAMES.items() if name in data.variables}
-    found |= {
-        str(name): variable for name, variable in data.variables.items()
-        if variable.dims in ON_GRID and np.issubdtype(variable.dtype, np.number)
-        and name not in NAMES.values()
-    }  # fmt: skip
-    if not found:
-        raise ConfigError(
-            f"cannot read {path}: it is no file of a run, and as a reference on a grid"
-            f" it lacks all of {', '.join(NAMES.values())}"
-        )
-    for name, variable in found.items():
-        if variable.dims not in ON_GRID:
-            raise ValueError(f"{NAMES[name]} is not on (lat, lon)")
+def _fields(data: xr.Dataset, index: int) -> dict[str, Array]:
+    """Return the fields (M K,) by our names, at the time of that index where there are times."""
     return {
-        name: variable[index if variable.ndim == 3 else ...].values.astype(float)
-        for name, variable in found.items()
-    }
+        RENAMED.get(str(name), str(name)):
+            variable[index if variable.ndim == 3 else ...].values.astype(float).ravel()
+        for name, variable in data.variables.items()
+        if variable.dims in ON_GRID and np.issubdtype(variable.dtype, np.number)
+    }  # fmt: skip
 
 
 class OnGrid:
@@ -199,3 +195,42 @@ def reference_field(reference: Reference, field: str, bottom: Array | None) -> s
             f"{reference.path} holds the free surface, not the depth: compare field 'surface'"
         )
     return "surface"
+
+
+DERIVATIVES = {"vorticity": vorticity, "divergence": divergence}
+
+
+class Exact:
+    """Fields of the exact solution of a scene anywhere; ConfigError if it has none.
+
+    mesh: on which derivatives of the exact wind are taken, as those of the run are.
+    """
+
+    def __init__(self, scene: Scene, mesh: Mesh) -> None:
+        if scene.exact is None and scene.exact_tracers is None:
+            raise ConfigError(f"no exact solution of {scene.name} is known: compare with a file")
+        self._scene, self._mesh = scene, mesh
+
+    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at points lon, lat (M,) [rad]: (M,); ConfigError where it is not known."""
+        scene, mesh, now = self._scene, self._mesh, time or 0.0
+        if field.startswith(TRACER):
+            name = field.removeprefix(TRACER)
+            known = {} if scene.exact_tracers is None else scene.exact_tracers(lon, lat, now)
+            if name not in known:
+                raise ConfigError(
+                    f"no exact mixing ratio of {name!r} is known: compare with a file"
+                )
+            found: Array = known[name]
+        elif scene.exact is None:
+            raise ConfigError(f"of {scene.name} only tracers are known: name one")
+        elif field in DERIVATIVES:
+            u, v, _ = scene.exact(mesh.lon, mesh.lat, now)
+            found = Interpolator(mesh, lon, lat)(DERIVATIVES[field](mesh, u, v))
+        else:
+            u, v, h = scene.exact(lon, lat, now)
+            bottom = 0.0 * lon if scene.bottom is None else scene.bottom(lon, lat)
+            found = derive({"u": u, "v": v, "h": h, "b": bottom}, field)
+        if np.isnan(found).all():
+            raise ConfigError(f"{field} of {scene.name} is not known at day {now / DAY:g}")
+        return found

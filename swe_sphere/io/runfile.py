@@ -1,4 +1,4 @@
-"""Frames at the nodes of a mesh: of a file of this program, read back, or of a state in memory."""
+"""Sources of fields: files of this program, read back, and states in memory."""
 
 from __future__ import annotations
 
@@ -9,24 +9,26 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import xarray as xr
+from scipy.io import netcdf_file
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import check_moved
 from swe_sphere.io.layout import MESH_ATTRIBUTES, SERIES, SUMMARY, in_python
-from swe_sphere.io.scalar_fields import derive, evaluate
+from swe_sphere.io.scalar_fields import Sampler, derive, evaluate
 from swe_sphere.io.zarr_store import check_zarr, is_store
 from swe_sphere.mesh import Interpolator, Mesh
 from swe_sphere.planet import DAY
 
-if TYPE_CHECKING:
-    import xarray as xr
-
+FRAME = ("time", "node")
+"""Dimensions of the fields of frames."""
 TOLERANCE = 1e-6 * DAY
 """Largest difference [s] between a frame's time and the requested one."""
 
@@ -43,8 +45,6 @@ def reading(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
         check_zarr(Path(path))
     elif not Path(path).is_file():
         raise ConfigError(f"there is no file {path}")
-    import xarray as xr
-
     try:
         with warnings.catch_warnings():
             # a store of another program need not have consolidated metadata
@@ -67,13 +67,9 @@ def engine(path: Path) -> Literal["zarr", "netcdf4"]:
 
 def check_length(path: Path) -> None:
     """Raise ValueError if a classic file ends before its data do, which netCDF does not report."""
-    with path.open("rb") as file:
-        if file.read(3) != b"CDF":
-            return
-    from scipy.io import netcdf_file
-
     with warnings.catch_warnings(action="ignore"), suppress(ValueError):
-        netcdf_file(path, mmap=True).close()
+        with suppress(TypeError):  # netCDF-4
+            netcdf_file(path, mmap=True).close()
         return
     raise ValueError("it ends within its data")
 
@@ -86,72 +82,90 @@ def table_in(text: str) -> dict[str, Any]:
         return {}
 
 
-def _frame_fields(data: xr.Dataset) -> list[str]:
-    """Return the names of the variables that every frame has."""
-    return [str(name) for name, v in data.variables.items() if v.dims == ("time", "node")]
+class Source(ABC):
+    """Fields at points of the sphere, at one or several times."""
 
-
-class Nodal(ABC):
-    """Frames at the nodes of a mesh: points, area weights, and values anywhere on the sphere."""
-
+    path = Path()
+    """File of the fields, if there is one."""
     attributes: dict[str, Any]
     """Attributes of the run."""
     about: Mapping[str, Mapping[str, Any]]
     """Attributes of the variables that a frame holds, as far as they are known."""
-    bottom: Array
-    """Height of the bottom (N,) [m]."""
-    mesh: Mesh
+    times: Array
+    """Times (T,) [s] of the frames."""
 
     @property
     def title(self) -> str:
-        """Title of the run."""
-        return str(self.attributes.get("title", self.attributes.get("scene", "")))
+        """Title of the run, or the name of the file."""
+        scene = self.attributes.get("scene", self.path.stem)
+        return str(self.attributes.get("title", scene))
+
+    @property
+    @abstractmethod
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude (N,) [rad] of the points."""
+
+    @property
+    @abstractmethod
+    def area(self) -> Array:
+        """Area weights (N,) of the points, in any unit."""
+
+    @abstractmethod
+    def frame(self, time: float | None = None) -> dict[str, Array]:
+        """Fields (N,) at time [s] (None: the last), by name; of a run u, v, h, b at least."""
+
+    @abstractmethod
+    def sampler(self, lon: Array, lat: Array) -> Sampler:
+        """What takes a field (N,), or a wind, to any points lon, lat (M,) [rad]."""
+
+    def index(self, time: float | None) -> int:
+        """Number of the frame at time [s], of the last one for None; ConfigError if none."""
+        if self.times.size == 0:
+            raise ConfigError(f"{self.path} holds no frame yet")
+        if time is None:
+            return self.times.size - 1
+        found = int(np.argmin(np.abs(self.times - time)))
+        if not abs(self.times[found] - time) <= TOLERANCE:
+            days = ", ".join(f"{t / DAY:g}" for t in self.times[-8:])
+            raise ConfigError(
+                f"{self.path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
+            )
+        return found
+
+    def nearest(self, time: float | None) -> float:
+        """Time [s] of the frame at time, of the last one for None; ConfigError if none."""
+        return float(self.times[self.index(time)])
+
+    def values(self, name: str, time: float | None = None) -> Array:
+        """A field at the points: (N,), or (2, N) for "wind"."""
+        return derive(self.frame(time), name)
+
+    def at(self, name: str, lon: Array, lat: Array, time: float | None = None) -> Array:
+        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
+        return evaluate(self.sampler(lon, lat), self.frame(time), name)
+
+
+class Nodal(Source):
+    """Fields at the nodes of a mesh."""
+
+    mesh: Mesh
+    bottom: Array
+    """Height of the bottom (N,) [m]."""
 
     @property
     def points(self) -> tuple[Array, Array]:
-        """Longitude and latitude (N,) [rad] of the nodes."""
         return self.mesh.lon, self.mesh.lat
 
     @property
     def area(self) -> Array:
-        """Area weights (N,) [m2] of the nodes."""
         return self.mesh.area
 
-    @abstractmethod
-    def nearest(self, time: float | None) -> float:
-        """The time [s] of the frame at time, of the last one for None; ConfigError if none."""
-
-    @abstractmethod
-    def frame(self, time: float | None = None) -> dict[str, Array]:
-        """Fields (N,) at time [s] (None: the last): b, h, u, v, vorticity, divergence, q_NAME, and
-        user-defined ones."""
-
-    def values(self, field: str, time: float | None = None) -> Array:
-        """A field at the nodes: (N,), or (2, N) for "wind"."""
-        return derive(self.frame(time), field)
-
-    def at(self, field: str, lon: Array, lat: Array, time: float | None = None) -> Array:
-        """A field at any points lon, lat (M,) [rad]: (M,), or (2, M) for "wind"."""
-        return evaluate(Interpolator(self.mesh, lon, lat), self.frame(time), field)
-
-
-def nearest_time(path: Path, times: Array, time: float | None) -> float:
-    """Return the time [s] of the frame at time, of the last one for None; ConfigError if none."""
-    if times.size == 0:
-        raise ConfigError(f"{path} holds no frame yet")
-    if time is None:
-        return float(times[-1])
-    found = float(times[np.argmin(np.abs(times - time))])
-    if not abs(found - time) <= TOLERANCE:
-        days = ", ".join(f"{t / DAY:g}" for t in times[-8:])
-        raise ConfigError(
-            f"{path} holds no frame at day {time / DAY:g}: the last ones are at day {days}"
-        )
-    return found
+    def sampler(self, lon: Array, lat: Array) -> Sampler:
+        return Interpolator(self.mesh, lon, lat)
 
 
 class RunFile(Nodal):
-    """A file written by `FrameWriter`: points, area weights and values at the nodes of its mesh.
+    """A file written by `FrameWriter`.
 
     Raises ConfigError if the file is missing, damaged, or of another kind.
     """
@@ -171,9 +185,10 @@ class RunFile(Nodal):
             self.attributes = found | new
             """The global attributes, and by its names what the summary says more: how many days."""
             self._mesh_arguments = {name: found[name] for name in MESH_ATTRIBUTES}
-            self.about = {name: in_python(data[name].attrs) for name in _frame_fields(data)}
-            self.times: Array = data["time"].values
-            self.bottom: Array = data["b"].values
+            fields = [str(name) for name, v in data.variables.items() if v.dims == FRAME]
+            self.about = {name: in_python(data[name].attrs) for name in fields}
+            self.times = data["time"].values
+            self.bottom = data["b"].values
 
     @cached_property
     def mesh(self) -> Mesh:  # type: ignore[override]
@@ -185,21 +200,10 @@ class RunFile(Nodal):
             raise ConfigError(f"cannot read {self.path}: its mesh does not fit its attributes")
         return mesh
 
-    @property
-    def title(self) -> str:
-        """Title of the run, or the name of the file."""
-        return super().title or self.path.stem
-
-    def nearest(self, time: float | None) -> float:
-        """As `Nodal`."""
-        return nearest_time(self.path, self.times, time)
-
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """As `Nodal`."""
-        index = int(np.argmin(np.abs(self.times - self.nearest(time))))
+        index = self.index(time)
         with reading(self.path) as data:
-            fields = {name: data[name][index].values for name in _frame_fields(data)}
-        return {"b": self.bottom} | fields
+            return {"b": self.bottom} | {name: data[name][index].values for name in self.about}
 
     def series(self) -> tuple[Array, dict[str, Array]]:
         """Times (D,) [s] of the diagnostics and each of them (D,), NaN where missing."""
@@ -209,28 +213,18 @@ class RunFile(Nodal):
         return found.pop(SERIES, np.zeros(0)), found
 
 
+@dataclass
 class Frame(Nodal):
-    """One state at the nodes of a mesh; fields: (N,) each, b among them, at time [s].
+    """One state at the nodes of a mesh: fields (N,), b among them, at a time [s]."""
 
-    attributes: of the run; about: of fields.
-    """
+    mesh: Mesh
+    fields: dict[str, Array]
+    time: float
+    attributes: dict[str, Any]
+    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        fields: Mapping[str, Array],
-        time: float,
-        attributes: Mapping[str, Any],
-        about: Mapping[str, Mapping[str, Any]] | None = None,
-    ) -> None:
-        self.mesh, self.bottom, self.attributes = mesh, fields["b"], dict(attributes)
-        self.about = about or {}
-        self._fields, self._time = dict(fields), time
-
-    def nearest(self, time: float | None) -> float:
-        """The one time there is [s]."""
-        return self._time
+    def __post_init__(self) -> None:
+        self.bottom, self.times = self.fields["b"], np.array([self.time])
 
     def frame(self, time: float | None = None) -> dict[str, Array]:
-        """All fields (N,)."""
-        return self._fields
+        return self.fields

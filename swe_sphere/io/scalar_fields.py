@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -84,15 +84,25 @@ def derive(fields: Mapping[str, Array], name: str) -> Array:
     return fields[name]
 
 
-def evaluate(interpolator: Interpolator, fields: Mapping[str, Array], name: str) -> Array:
-    """The named field at the points of an interpolator from nodal fields (N,).
+class Sampler(Protocol):
+    """Evaluates fields given at the points of a source at other points."""
+
+    def __call__(self, field: Array, /) -> Array:
+        """Return a scalar."""
+
+    def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Return the eastward and northward components of a vector."""
+
+
+def evaluate(sampler: Sampler, fields: Mapping[str, Array], name: str) -> Array:
+    """The named field at the points of a sampler from fields (N,) of a source.
 
     Everything made of the wind goes by way of the vector, whose components jump at the poles.
     """
     if name in ("u", "v", "speed", "wind"):
-        u, v = interpolator.wind(*derive(fields, "wind"))
+        u, v = sampler.wind(*derive(fields, "wind"))
         return derive({"u": u, "v": v}, name)
-    return interpolator(derive(fields, name))
+    return sampler(derive(fields, name))
 
 
 def at_nodes(fine: Mesh, fields: Mapping[str, Array], mesh: Mesh) -> dict[str, Array]:

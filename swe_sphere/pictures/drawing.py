@@ -13,11 +13,9 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.io.compare import Source
-from swe_sphere.io.runfile import Nodal
+from swe_sphere.io.reference_solution import Exact
+from swe_sphere.io.runfile import Nodal, Source
 from swe_sphere.io.scalar_fields import Field, describe, evaluate
-from swe_sphere.mesh import Interpolator
-from swe_sphere.pictures.exact import Exact
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import MapGrid, draw_graticule, draw_mesh, draw_winds
 from swe_sphere.planet import DAY
@@ -81,7 +79,7 @@ class Drawing:
 
     def __init__(
         self,
-        source: Source | Nodal,
+        source: Source,
         field: str,
         look: Look,
         grid: MapGrid,
@@ -96,9 +94,7 @@ class Drawing:
         self.kind = replace(kind, contours=drawn)
         self.colours = look.colour_map(self.kind)
         self._points = grid.lon.ravel(), grid.lat.ravel()
-        self._sampler: Interpolator | None = None
-        if isinstance(source, Nodal):
-            self._sampler = Interpolator(source.mesh, *self._points)
+        self._sampler = source.sampler(*self._points)
         if (look.mesh or look.winds) and not isinstance(source, Nodal):
             raise ConfigError("mesh and winds are drawn of files of runs, not of a reference")
 
@@ -110,8 +106,6 @@ class Drawing:
         return found.reshape(self.grid.x.shape)
 
     def _evaluated(self, field: str, time: float | None) -> Array:
-        if self._sampler is None or not isinstance(self.source, Nodal):
-            return self.source.at(field, *self._points, time)
         return evaluate(self._sampler, self.source.frame(time), field)
 
     def draw(
@@ -199,7 +193,7 @@ def _draw_scale(axes: GeoAxes, image: AxesImage, kind: Field) -> None:
     bar.set_label(f"{kind.title} [{kind.units}]".removesuffix(" []"), fontsize=10)
 
 
-def _write_titles(axes: GeoAxes, source: Source | Nodal, kind: Field, time: float | None) -> None:
+def _write_titles(axes: GeoAxes, source: Source, kind: Field, time: float | None) -> None:
     low = SUBTITLE + LABELS * isinstance(axes.projection, Stereographic)
     name = str(source.attributes.get("scene", ""))
     title = f"{name}: {source.title}" if name and name not in source.title else source.title

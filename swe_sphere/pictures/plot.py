@@ -1,25 +1,25 @@
-"""Pictures of a run: a field on the globe, its errors and the drift of what it should conserve."""
+"""Pictures and films of a run: a field on the globe; errors and drifts underneath."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from pathlib import Path
+from subprocess import CalledProcessError
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors
-from swe_sphere.io.compare import Source, open_source
-from swe_sphere.io.runfile import Frame, Nodal, RunFile
+from swe_sphere.io.compare import open_source
+from swe_sphere.io.reference_solution import Exact
+from swe_sphere.io.runfile import Frame, Nodal, RunFile, Source
 from swe_sphere.io.scalar_fields import check_field
-from swe_sphere.mesh import Mesh
-from swe_sphere.pictures.drawing import Drawing
-from swe_sphere.pictures.exact import Exact
+from swe_sphere.pictures.drawing import Drawing, limits
 from swe_sphere.pictures.look import Look
 from swe_sphere.pictures.maps import aspect, grid_of, new_map
 from swe_sphere.pictures.panels import draw_panel, panels
@@ -28,10 +28,9 @@ from swe_sphere.planet import DAY
 if TYPE_CHECKING:
     from cartopy.mpl.geoaxes import GeoAxes
 
-ROWS = 361
-"""Latitudes of the grid a field is evaluated on: every half degree."""
-
-DOTS_PER_INCH = 160
+ROWS, FILM_ROWS = 361, 181
+"""Latitudes of the grid a field is evaluated on: every half degree, of films every degree."""
+DOTS_PER_INCH, FILM_DOTS_PER_INCH = 160, 100
 
 
 def plot_file(
@@ -62,15 +61,16 @@ def plot_file(
     if out.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise ConfigError(f"cannot draw {out}: give a name ending in .png, .pdf or .svg")
     curves = panels(source) if look.panel and isinstance(source, RunFile) else []
-    figure = new_figure()
-    parts = figure.subfigures(2 if curves else 1, 1, height_ratios=[2.3, 1.0][: 1 + bool(curves)])
-    globe, *rest = np.ravel(np.array(parts, dtype=object))
+    figure, rows = new_figure(), 1 + bool(curves)
+    ratios = [2.3, 1.0][:rows]
+    globe, *rest = figure.subfigures(rows, 1, squeeze=False, height_ratios=ratios).flat
     axes, time = new_map(globe, look), source.nearest(time)
     figure.set_size_inches(*size(axes, bool(curves)))
     Drawing(source, field, look, grid_of(axes, ROWS), against).draw(axes, time)
     for part in rest:
-        for below, panel in zip(np.ravel(part.subplots(1, len(curves))), curves, strict=True):
-            draw_panel(below, panel, time)
+        below = part.subplots(1, len(curves), squeeze=False).flat
+        for pair in zip(below, curves, strict=True):
+            draw_panel(*pair, time)
     with clear_errors(f"cannot write {out}"):
         png = out.suffix.lower() == ".png"
         smaller: dict[str, Any] = {"pil_kwargs": {"optimize": True}} if png else {}
@@ -83,7 +83,7 @@ def new_figure() -> Figure:
     return Figure(layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.1))
 
 
-def default_field(source: Source | Nodal) -> str:
+def default_field(source: Source) -> str:
     """What a source shows unless it is told."""
     flat = isinstance(source, Nodal) and not source.bottom.any()
     return str(source.attributes.get("plot_field", "h" if flat else "surface"))
@@ -95,27 +95,17 @@ def size(axes: GeoAxes, panel: bool = False) -> tuple[float, float]:
 
 
 def draw_state(
-    mesh: Mesh,
-    fields: Mapping[str, Array],
-    time: float,
-    attributes: Mapping[str, Any],
-    field: str | None = None,
-    ax: GeoAxes | None = None,
-    look: Look | None = None,
-    about: Mapping[str, Mapping[str, Any]] | None = None,
+    state: Frame, field: str | None = None, ax: GeoAxes | None = None, look: Look | None = None
 ) -> GeoAxes:
     """Draw a state in memory on a map; return the map.
 
-    fields: (N,) at the nodes, at time [s].  ax: axes of cartopy, whose projection and extent
-    replace those of the look; None: a new figure.  about: long_name and units of user-defined
-    fields.
+    ax: axes of cartopy, whose projection and extent replace those of the look; None: a new figure.
 
     Raises ConfigError for a field that is missing, and for axes that are not of cartopy.
     """
     from cartopy.mpl.geoaxes import GeoAxes
 
-    look, source = look or Look(), Frame(mesh, fields, time, attributes, about)
-    field = check_field(field or default_field(source), fields)
+    look, field = look or Look(), check_field(field or default_field(state), state.fields)
     if ax is None:
         from matplotlib import pyplot
 
@@ -128,5 +118,63 @@ def draw_state(
         )
     elif ax.get_autoscale_on():
         ax.set_global()
-    Drawing(source, field, look, grid_of(ax, ROWS)).draw(ax, time)
+    Drawing(state, field, look, grid_of(ax, ROWS)).draw(ax, state.time)
     return ax
+
+
+def animate_file(
+    path: str | os.PathLike[str],
+    field: str | None = None,
+    out: str | os.PathLike[str] | None = None,
+    look: Look | None = None,
+    rate: float = 8.0,
+) -> Path:
+    """Draw all frames of a run as a film, with one scale of colours.
+
+    field, look: as for `plot_file`.  out: ends in .mp4, which needs the package imageio-ffmpeg, or
+    in .gif; None: beside the file.  rate: frames a second.
+    Returns out, which gets its name when it is whole.  Raises ConfigError if the file cannot be
+    read or has less than two frames, or if the film cannot be written.
+    """
+    source, look = RunFile(path), look or Look()
+    field = check_field(field or default_field(source), source.about)
+    out = source.path.with_name(f"{source.path.stem}_{field}.mp4") if out is None else Path(out)
+    if source.times.size < 2:
+        raise ConfigError(f"{path} holds less than two frames: run with a smaller --every")
+    part = out.with_name(f"{out.stem}.part{out.suffix}")
+    with clear_errors(f"cannot write {out}"), mpl.rc_context():
+        writer, figure = _film_writer(out, rate), new_figure()
+        axes = new_map(figure, look)
+        figure.set_size_inches(*size(axes))
+        drawing = Drawing(source, field, look, grid_of(axes, FILM_ROWS))
+        ends = np.array([limits(drawing.values(time), drawing.kind) for time in source.times])
+        try:
+            with writer.saving(figure, str(part), FILM_DOTS_PER_INCH):
+                for time in source.times:
+                    figure.clear()
+                    drawing.draw(new_map(figure, look), time, (ends.min(), ends.max()))
+                    writer.grab_frame()
+            part.replace(out)
+        except CalledProcessError as error:
+            raise ConfigError(f"cannot write {out}: the encoder failed: {error.stderr}") from None
+        finally:
+            part.unlink(missing_ok=True)
+    return out
+
+
+def _film_writer(out: Path, rate: Any) -> PillowWriter | FFMpegWriter:
+    """Return what writes a film; settings of matplotlib say where the encoder is."""
+    if out.suffix not in (".mp4", ".gif"):
+        raise ConfigError(f"cannot draw {out}: give a name ending in .mp4 or .gif")
+    if not 0.1 <= rate <= 120.0:
+        raise ConfigError(f"rate={rate:g}: 0.1 to 120 frames a second can be shown")
+    if out.suffix == ".gif":
+        return PillowWriter(fps=rate)
+    try:
+        import imageio_ffmpeg
+    except ImportError:
+        raise ConfigError(
+            f"{out} needs the package imageio-ffmpeg: pip install imageio-ffmpeg, or make a .gif"
+        ) from None
+    mpl.rcParams["animation.ffmpeg_path"] = imageio_ffmpeg.get_ffmpeg_exe()
+    return FFMpegWriter(fps=rate, codec="h264", extra_args=["-crf", "18"])

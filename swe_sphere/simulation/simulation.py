@@ -502,14 +502,14 @@ class Simulation:
         `swe_sphere.pictures.look.Look`.
         Raises ConfigError for an unknown field.
         """
+        from swe_sphere.io.runfile import Frame
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
         now = self.snapshot
-        return draw_state(
-            self.mesh, now.with_constants | now.own_fields, now.time, self.attributes(), field, ax,
-            validated(Look, look), about=now.own_attributes,
-        )  # fmt: skip
+        fields, about = now.with_constants | now.own_fields, now.own_attributes
+        frame = Frame(self.mesh, fields, now.time, self.attributes(), about)
+        return draw_state(frame, field, ax, validated(Look, look))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
