@@ -17,8 +17,8 @@ import numpy as np
 import xarray as xr
 
 from swe_sphere.analysis.grids import Grid, gaussian, lat_lon
-from swe_sphere.analysis.regrid import Points, holding, on_grid, on_nodes, regridder
-from swe_sphere.analysis.winds import Poisson, grid_for, spectra, truncation
+from swe_sphere.analysis.regrid import CellMeans, Points, holding, on_grid, on_nodes
+from swe_sphere.analysis.winds import grid_for, poisson, spectra, truncation
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
 from swe_sphere.io.integrals import integrals
@@ -132,7 +132,8 @@ class Analysis:
 
     def to_grid(self, grid: Grid, conservative: bool = False) -> xr.Dataset:
         """All fields on a grid of `swe_sphere.analysis.grids`; see `to_latlon`."""
-        return on_grid(self._data, regridder(self.mesh, grid, conservative))
+        kind = CellMeans if conservative else Points
+        return on_grid(self._data, kind(self.mesh, grid))
 
     def zonal_mean(self, rows: int = 181) -> xr.Dataset:
         """Means of all fields along circles of latitude: (..., lat)."""
@@ -175,7 +176,7 @@ class Analysis:
     def streamfunction(self) -> xr.DataArray:
         """Streamfunction ψ of the wind's rotational part k × ∇ψ [m2 s-1] at the nodes."""
         u, v = holding(self._data, "u", "v")
-        found: xr.DataArray = on_nodes(Poisson(self.mesh), {"node": self.mesh.size}, u, v)
+        found: xr.DataArray = on_nodes(poisson(self.mesh), {"node": self.mesh.size}, u, v)
         about = {"standard_name": "atmosphere_horizontal_streamfunction", "units": "m2 s-1",
                  "long_name": "streamfunction"}  # fmt: skip
         return found.rename("streamfunction").assign_attrs(about)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -31,19 +31,26 @@ class Points:
         self._sampler = Interpolator(mesh, lon.ravel(), lat.ravel())
 
     def scalar(self, field: Array) -> Array:
-        """A field (..., N) at the points: (..., M, K)."""
-        values = self._sampler(field.reshape(-1, self.mesh.size).T)
-        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+        """A field (..., N) on the grid: (..., M, K)."""
+        return self._on_grid(self._sampler(self._columns(field)), field)
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Eastward and northward wind at the points, (..., M, K) each, of that at the nodes."""
-        pairs = zip(*(x.reshape(-1, self.mesh.size) for x in (u, v)), strict=True)
-        found = np.stack([self._sampler.wind(*pair) for pair in pairs], axis=1)
-        east, north = found.reshape(2, *u.shape[:-1], *self.grid.shape)
+        """Eastward and northward wind on the grid, (..., M, K) each, of that at the nodes."""
+        columns = zip(self._columns(u).T, self._columns(v).T, strict=True)
+        found = zip(*(self._sampler.wind(*pair) for pair in columns), strict=True)
+        east, north = (self._on_grid(np.stack(x, axis=1), u) for x in found)
         return east, north
 
+    def _columns(self, field: Array) -> Array:
+        """Return a field (..., N) as the columns of a matrix (N, ...)."""
+        return field.reshape(-1, self.mesh.size).T
 
-class CellMeans:
+    def _on_grid(self, values: Array, field: Array) -> Array:
+        """Return values (M K, ...) in the shape (..., M, K) that the field has on the grid."""
+        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+
+
+class CellMeans(Points):
     """Means over the cells of a grid, by Gauss quadrature of the polynomials in the elements.
 
     Of scalars the area mean over the sphere is that over the mesh, to round-off, and constants
@@ -53,77 +60,46 @@ class CellMeans:
 
     def __init__(self, mesh: Mesh, grid: Grid) -> None:
         self.mesh, self.grid = mesh, grid
-        self._shares = np.repeat(grid.zones / grid.lon.size, grid.lon.size)
 
     def scalar(self, field: Array) -> Array:
-        """Means of a field (..., N): (..., M, K)."""
-        rows = field.reshape(-1, self.mesh.size).T
-        values: Array = self._scalar @ rows
-        values += self.mesh.area @ rows / self.mesh.area.sum() - self._shares @ values
-        return values.T.reshape(*field.shape[:-1], *self.grid.shape)
+        columns, shares = self._columns(field), np.repeat(self.grid.zones, self.grid.lon.size)
+        values: Array = self._matrices[0] @ columns
+        values += np.average(columns, 0, self.mesh.area) - np.average(values, 0, shares)
+        return self._on_grid(values, field)
 
     def wind(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Means of eastward and northward wind, (..., M, K) each, of that at the nodes."""
-        both = np.concatenate([x.reshape(-1, self.mesh.size) for x in (u, v)], axis=1).T
-        shape = (*u.shape[:-1], *self.grid.shape)
-        east, north = ((matrix @ both).T.reshape(shape) for matrix in self._vector)
-        return east, north
+        axes = zip(self.mesh.east.T, self.mesh.north.T, strict=True)
+        columns = self._columns(u).T, self._columns(v).T
+        xyz = np.hstack([columns[0] * east + columns[1] * north for east, north in axes]).T
+        along, up = (self._on_grid(matrix @ xyz, u) for matrix in self._matrices[1:])
+        return along, up
 
     @cached_property
-    def _scalar(self) -> sparse.csr_array:
-        """Quadrature of scalars, (M K, N)."""
-        return sparse.vstack([means @ at.matrix for means, at, _ in self._rows()]).tocsr()
-
-    @cached_property
-    def _vector(self) -> list[sparse.csr_array]:
-        """Quadrature of the eastward and of the northward wind, (M K, 2 N) each."""
-        parts = [_turned(means, at, units) for means, at, units in self._rows()]
-        return [sparse.vstack(column).tocsr() for column in zip(*parts, strict=True)]
-
-    def _rows(self) -> Iterator[tuple[sparse.csr_array, Interpolator, Array]]:
-        """Row after row of cells: their means of samples, the samples, and the frames there."""
+    def _matrices(self) -> list[sparse.csr_array]:
+        """Quadrature (M K, N) of scalars; (M K, 3 N) of winds (x, y, z) along east and north."""
         count, width = self.grid.lon.size, 2.0 * np.pi / self.grid.lon.size
         spacing = self.mesh.spacing()[0] / self.mesh.radius
         samples = FEWEST + int(max(width, np.diff(self.grid.edges).max()) / spacing)
         nodes, weights = np.polynomial.legendre.leggauss(samples)
         lon = (self.grid.lon[:, None] + 0.5 * width * nodes)[:, None, :]
-        share = np.outer(weights, weights).ravel() / 4.0
-        means = sparse.kron(sparse.eye_array(count), share[None, :]).tocsr()
-        for low, high in pairwise(np.sin(self.grid.edges)):
+        share = np.outer(weights, weights).reshape(1, -1) / 4.0
+        means, rows = sparse.kron(sparse.eye_array(count), share).tocsr(), []
+        for low, high in pairwise(np.sin(self.grid.edges)):  # a row of cells after the other
             lat = np.arcsin(0.5 * (low + high) + 0.5 * (high - low) * nodes)[None, :, None]
             points = [x.ravel() for x in np.broadcast_arrays(lon, lat)]
-            yield means, Interpolator(self.mesh, *points), np.stack(frame(*points))
-
-
-def _turned(
-    means: sparse.csr_array, at: Interpolator, units: Array
-) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Means of the components along east and north of a wind (2 N) in the frames of the nodes."""
-    matrix, units_at_nodes = at.matrix, np.concatenate([at.mesh.east.T, at.mesh.north.T])
-    own = [sparse.diags_array(x) for x in units_at_nodes]
-
-    def along(unit: Array) -> sparse.csr_array:
-        parts = [means @ sparse.diags_array(x) @ matrix for x in unit.T]
-        blocks = [sum(p @ o for p, o in zip(parts, own[k : k + 3], strict=True)) for k in (0, 3)]
-        return sparse.hstack(blocks).tocsr()
-
-    return along(units[0]), along(units[1])
-
-
-Regridder = Points | CellMeans
-"""Brings fields from the nodes of a mesh to a grid."""
-
-
-def regridder(mesh: Mesh, grid: Grid, conservative: bool = False) -> Regridder:
-    """The one for values at points, or for means that conserve."""
-    return CellMeans(mesh, grid) if conservative else Points(mesh, grid)
+            at = Interpolator(self.mesh, *points).matrix
+            rows.append([means @ at])
+            for unit in frame(*points):
+                along = [means @ sparse.diags_array(x) @ at for x in unit.T]
+                rows[-1].append(sparse.hstack(along))
+        return [sparse.vstack(column).tocsr() for column in zip(*rows, strict=True)]
 
 
 MESH_ONLY = ("mesh", "location", "coordinates", "grid_mapping", "cell_measures")
 """Attributes of variables that say how they lie on the mesh."""
 
 
-def on_grid(data: xr.Dataset, bring: Regridder) -> xr.Dataset:
+def on_grid(data: xr.Dataset, bring: Points) -> xr.Dataset:
     """Return all fields on the nodes of a mesh, brought to a grid: (..., lat, lon)."""
     names = [name for name in fields_of(data) if name != "area"]
     sizes = dict(zip(("lat", "lon"), bring.grid.shape, strict=True))

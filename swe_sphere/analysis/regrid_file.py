@@ -9,7 +9,7 @@ import netCDF4
 import xarray as xr
 
 from swe_sphere.analysis.grids import parse_grid
-from swe_sphere.analysis.regrid import Regridder, fields_of, on_grid, regridder
+from swe_sphere.analysis.regrid import CellMeans, Points, fields_of, on_grid
 from swe_sphere.errors import ConfigError, unknown_name
 from swe_sphere.files.durable import clear_errors, part_of, remove, take_place
 from swe_sphere.io.layout import SERIES, history
@@ -43,7 +43,7 @@ def regrid_file(
     found = RunFile(path)
     if found.times.size == 0:
         raise ConfigError(f"{path} holds no frame yet")
-    bring = regridder(found.mesh, parse_grid(grid), conservative)
+    bring = (CellMeans if conservative else Points)(found.mesh, parse_grid(grid))
     if out.suffix not in (".nc", ".zarr"):
         raise ConfigError(f"cannot write {out}: give a name ending in .nc or .zarr")
     if not out.parent.is_dir():
@@ -82,7 +82,7 @@ def _chosen(data: xr.Dataset, fields: Sequence[str]) -> xr.Dataset:
     return data[[*dict.fromkeys([*(fields or there), *whole]), *series]]
 
 
-def _frames(data: xr.Dataset, bring: Regridder) -> Iterator[xr.Dataset]:
+def _frames(data: xr.Dataset, bring: Points) -> Iterator[xr.Dataset]:
     """Yield frame after frame on the grid; the series come with the first."""
     series = data[[name for name in data.data_vars if data[name].dims == (SERIES,)]]
     data = data.drop_dims(SERIES, errors="ignore")

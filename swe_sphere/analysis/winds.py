@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -9,6 +11,8 @@ from scipy.sparse.linalg import splu
 from swe_sphere.analysis.grids import Grid, gaussian
 from swe_sphere.arrays import Array
 from swe_sphere.mesh import Mesh
+from swe_sphere.operators.diagnose import vorticity
+from swe_sphere.operators.sparse import stiffness
 from swe_sphere.testcases.harmonics import Complex, GaussGrid
 
 
@@ -46,53 +50,25 @@ def _power(coefficients: Complex, degree: int) -> Array:
     """Mean squares (degree + 1,) of the parts of each degree of a real field."""
     squares = np.abs(coefficients[: degree + 1]) ** 2
     squares[:, 1:] *= 0.5  # a wave has half the square of its amplitude
-    found: Array = squares.sum(axis=1)
-    return found
+    return np.asarray(squares.sum(axis=1))
 
 
-class Poisson:
-    """Finds ψ with k × ∇ψ nearest to a wind, in the mean square over the elements' nodes.
+def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
+    """Return the function that finds ψ with k × ∇ψ nearest to a wind, in the mean square.
 
-    That is ∇²ψ = ζ in its weak form, ∫ ∇φ·∇ψ = ∫ ∇φ·(v, -u) for every continuous φ of the
-    elements; the vorticity itself is not needed.  The matrix is factored once.
+    That is ∇²ψ = ζ in its weak form, ∫ ∇φ·∇ψ = -∫ φ ζ for every continuous φ of the elements.  The
+    matrix is factored once.
     """
+    # without its first node, as ψ is known but for a constant
+    factors = splu(
+        sparse.csc_array(stiffness(mesh, np.ones(mesh.size)))[1:, 1:], diag_pivot_thresh=0.0,
+        permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True},
+    )  # fmt: skip
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._nodes, self._mean = mesh.nodes.ravel(), mesh.area / mesh.area.sum()
-        weights = mesh.jacobian * mesh.quadrature
-        slopes = _slopes(mesh)
-        self._against_slopes = [(sparse.diags_array(weights.ravel()) @ x).T for x in slopes]
-        stiffness = sum(w @ x for w, x in zip(self._against_slopes, slopes, strict=True))
-        # without its first node, as ψ is known but for a constant
-        self._solve = splu(
-            sparse.csc_array(stiffness)[1:, 1:], permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        ).solve  # fmt: skip
-
-    def __call__(self, u: Array, v: Array) -> Array:
+    def streamfunction(u: Array, v: Array) -> Array:
         """ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
-        east, north = self._against_slopes
-        right = east @ v[self._nodes] - north @ u[self._nodes]
-        found = np.concatenate([[0.0], self._solve(right[1:])])
-        result: Array = found - self._mean @ found
-        return result
+        right = -mesh.area * vorticity(mesh, u, v)
+        found = np.append(0.0, factors.solve(right[1:]))
+        return found - np.average(found, weights=mesh.area)
 
-
-def _slopes(mesh: Mesh) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Derivatives (E np², N) [m-1] along east and north at the nodes of each element."""
-    numbers, points = mesh.nodes, mesh.np
-    inverse = np.linalg.inv(mesh.basis)  # d xi_i / dx along each axis of the frame
-    flat = np.eye(points)
-    along = [np.kron(mesh.derivative, flat), np.kron(flat, mesh.derivative)]
-    columns = np.repeat(numbers.reshape(-1, points**2), points**2, axis=0)
-    starts = np.arange(numbers.size + 1) * points**2
-
-    def slope(axis: int) -> sparse.csr_array:
-        local = inverse[..., axis, :].reshape(-1, points**2, 2)
-        values = local[..., :1] * along[0] + local[..., 1:] * along[1]
-        entries = (values.ravel(), columns.ravel(), starts)
-        matrix = sparse.csr_array(entries, shape=(numbers.size, mesh.size), copy=True)
-        matrix.eliminate_zeros()  # most of them: a slope runs along two lines of nodes
-        return matrix
-
-    return slope(0), slope(1)
+    return streamfunction
