@@ -35,7 +35,7 @@ def nodal(mesh):
     return smooth(mesh.lon, mesh.lat) | {"divergence": np.zeros(mesh.size)}
 
 
-def write_run(path, mesh, fields, bottom=None, time=5.0 * DAY, scene="smooth", sources="{}"):
+def write_run(path, mesh, fields, bottom=0.0, time=5.0 * DAY, scene="smooth", sources="{}"):
     attributes = {"title": "smooth", "scene": scene, "sources": sources}
     with FrameWriter(path, mesh, attributes, bottom) as writer:
         writer.write(0.0, {name: 0.5 * values for name, values in fields.items()})

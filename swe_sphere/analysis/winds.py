@@ -69,6 +69,7 @@ def poisson(mesh: Mesh) -> Callable[[Array, Array], Array]:
         """ψ [m2 s-1] (N,) of mean zero, for the wind u, v (N,) [m s-1]."""
         right = -mesh.area * vorticity(mesh, u, v)
         found = np.append(0.0, factors.solve(right[1:]))
-        return found - np.average(found, weights=mesh.area)
+        result: Array = found - np.average(found, weights=mesh.area)
+        return result
 
     return streamfunction

@@ -122,9 +122,9 @@ def file_dataset(
         data[name][2]["bounds"] = name + BOUNDS
         data[name + BOUNDS] = (("node", "corner"), np.degrees(corners))
     topology = VARIABLES["topology"]
-    data["face_nodes"] = (("face", "corner"), mesh.quads(), topology["face_nodes"])
     zero = np.zeros((), np.int32)  # the attributes are what counts
     data["mesh"] = ((), zero, topology["mesh"])
+    data["face_nodes"] = (("face", "corner"), mesh.quads(), topology["face_nodes"])
     data["sphere"] = ((), zero, topology["sphere"] | {"earth_radius": mesh.radius})
     unknown = np.full(samples, np.nan)
     if diagnostics:

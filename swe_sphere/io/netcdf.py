@@ -5,9 +5,9 @@ import math
 import os
 import uuid
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,19 +36,19 @@ KEPT = ("run_id", "start_step", "history")
 """Attributes that stay those of the run that is resumed."""
 
 
-class FrameWriter:
+class FrameWriter(AbstractContextManager["FrameWriter"]):
     """Writes frames and series of diagnostics to one file, and checkpoints to one beside it.
 
     path: the file, which takes the place of an existing one with its first frame, and is whole
     from then on at every moment; a Zarr store where it ends in .zarr.  attributes: the resolved
     configuration, written as global attributes (nested tables as JSON); the parameters of the mesh
-    and a run_id are added.  bottom (N,) [m]: height of the orography, zero where None.  tracers:
+    and a run_id are added.  bottom (N,) [m]: height of the orography.  tracers:
     their names.  samples: the largest number of times with diagnostics.  append_from: a time
     [s] from which the run in the existing file is resumed, under its run_id; its frames and
     samples before that time are copied first, and it stays in its place until the new file has as
     many frames.  own: attributes (long_name, units) of user-defined diagnostics, of which
     `own_fields` are in every frame and the others in the series.  coriolis (N,) [s-1]: the
-    Coriolis parameter, zero where None.  only: names of the fields that frames hold, all where
+    Coriolis parameter.  only: names of the fields that frames hold, all where
     empty.
 
     Raises ConfigError for an unknown field, if the file cannot be made, if another run writes it,
@@ -62,39 +62,40 @@ class FrameWriter:
         path: str | os.PathLike[str],
         mesh: Mesh,
         attributes: Mapping[str, object],
-        bottom: ArrayLike | None = None,
+        bottom: ArrayLike = 0.0,
         tracers: Iterable[str] = (),
         samples: int = SAMPLES,
         append_from: float | None = None,
         own: Mapping[str, Mapping[str, str]] | None = None,
         own_fields: Iterable[str] = (),
-        coriolis: ArrayLike | None = None,
+        coriolis: ArrayLike = 0.0,
         only: Iterable[str] = (),
     ) -> None:
-        self.path = Path(path)
-        self._mesh, self._samples = mesh, samples
-        self._bottom, self._coriolis = (0.0 if x is None else x for x in (bottom, coriolis))
+        self.path, self._mesh, self._samples = Path(path), mesh, samples
+        self._bottom, self._coriolis, self._own = bottom, coriolis, own or {}
         self._earlier = None if append_from is None else RunFile(self.path)
         self._from = append_from or 0.0
-        if self._earlier is not None and (nodes := self._earlier.bottom.size) != mesh.size:
-            raise ConfigError(
-                f"cannot go on in {path}: its mesh has {nodes} nodes, not {mesh.size}"
-            )
-        before = {} if self._earlier is None else self._earlier.attributes
-        kept = {name: before[name] for name in KEPT if name in before}
-        self._own = dict(own or {})
+        kept: dict[str, Any] = {}
+        size = 0
+        if self._earlier is not None:
+            if (nodes := self._earlier.bottom.size) != mesh.size:
+                raise ConfigError(
+                    f"cannot go on in {path}: its mesh has {nodes} nodes, not {mesh.size}"
+                )
+            before, size = self._earlier.attributes, self.path.stat().st_size
+            kept = {name: before[name] for name in KEPT if name in before}
         every = frame_fields(tracers) | {name: self._own[name] for name in own_fields}
-        self._fields = {name: every[name] for name in _chosen(only, every)}
-        values = {**attributes, "run_id": uuid.uuid4().hex} | kept
-        values["history"] = history(
-            f"run {attributes.get('scene', '')}", str(kept.get("history", ""))
-        )
-        self._attributes = plain(values)
-        self.run_id = str(values["run_id"])
+        wanted = {*only} or {*every}
+        for name in sorted(wanted.difference(every)):
+            raise unknown_name("field", name, [*every])
+        self._fields = {name: about for name, about in every.items() if name in wanted}
+        line = history(f"run {attributes.get('scene', '')}", str(kept.get("history", "")))
+        about = {**attributes, "run_id": uuid.uuid4().hex, **kept, "history": line}
+        self._attributes = plain(about)
+        self.run_id = str(about["run_id"])
         """That of the earlier run where that is resumed."""
         self._series: tuple[str, ...] = ()
-        size = (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
-        size += 0 if self._earlier is None else self.path.stat().st_size
+        size += (LAYOUT_BYTES + 8 * len(self._fields)) * mesh.size
         place = self.path.resolve() if self.path.is_symlink() else self.path
         with clear_errors(f"cannot write {self.path}"):
             self._growing: GrowingFile | GrowingStore = (
@@ -120,7 +121,7 @@ class FrameWriter:
         diagnostics: as for `record`, at the same time; those of the first frame are all there are.
         """
         values = {"time": [time]} | {name: fields[name] for name in self._fields}
-        with self._writing():
+        with self._writing(begins=True):
             if not self._begun:
                 self._make(diagnostics or {})
             self._growing.add_record(values)
@@ -137,7 +138,6 @@ class FrameWriter:
         not have, and if there is no room for more.
         """
         with self._writing():
-            self._check_begun()
             self._growing.add_sample(self._sample(time, diagnostics))
 
     def checkpoint(
@@ -147,8 +147,7 @@ class FrameWriter:
 
         state_dict: the stepper's arrays; time [s], steps: where it stands; stepper: its name.
         """
-        arrays = {name: np.asarray(array) for name, array in state_dict.items()}
-        checkpoint = Checkpoint(arrays, time, steps, stepper, self._attributes)
+        checkpoint = Checkpoint({**state_dict}, time, steps, stepper, self._attributes)
         with self._writing():
             write_checkpoint(checkpoint_path(self.path), checkpoint)
 
@@ -161,7 +160,6 @@ class FrameWriter:
         while len(text := json.dumps(kept, default=str)) > SUMMARY_BYTES:
             kept.popitem()
         with self._writing():
-            self._check_begun()
             self._growing.set_summary(text)
             self._growing.put_in_place()
 
@@ -169,15 +167,8 @@ class FrameWriter:
         """Close the file; may be called again, and after a failure."""
         self._growing.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _check_begun(self) -> None:
-        if not self._begun:
-            raise ValueError("a file begins with a frame")
 
     def _make(self, diagnostics: Iterable[str]) -> None:
         """Write everything but new frames and samples."""
@@ -185,53 +176,43 @@ class FrameWriter:
         series = {name: self._own.get(name, {}) for name in self._series}
         times, earlier = (np.zeros(0), {}) if self._earlier is None else self._earlier.series()
         times = times[times < self._from]
-        self._growing.define(
-            file_dataset(
-                self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
-                self._samples + times.size,
-            )
+        data = file_dataset(
+            self._mesh, self._attributes, self._bottom, self._coriolis, self._fields, series,
+            self._samples + times.size,
         )  # fmt: skip
+        self._growing.define(data)
         self._growing.set_summary(json.dumps({"completed": False}))
-        for values in self._earlier_frames():
-            self._growing.add_record(values, sync=False)
-        kept = {name: earlier[name] for name in self._series if name in earlier}
+        if self._earlier is not None:
+            self._copy_frames(self._earlier.times)
         for k, time in enumerate(times):
-            sample = {name: values[k] for name, values in kept.items()}
+            sample = {name: earlier[name][k] for name in self._series if name in earlier}
             self._growing.add_sample(self._sample(time, sample))
 
-    def _earlier_frames(self) -> Iterator[dict[str, Array]]:
-        """Yield the frames of the earlier run; ConfigError if they hold other fields.
+    def _copy_frames(self, times: Array) -> None:
+        """Copy the frames of the earlier run; ConfigError if they hold other fields.
 
         Frames that it wrote after its last checkpoint are left out: they are written again.
         """
-        if self._earlier is None:
-            return
         names = {"time", *self._fields}
         with reading(self.path) as data:
             if {name for name, v in data.variables.items() if "time" in v.dims} != names:
                 raise ConfigError(f"cannot go on in {self.path}: its frames hold other fields")
-            for k in range(np.count_nonzero(self._earlier.times < self._from)):
-                yield {name: data[name].isel(time=k).values for name in names}
+            for k in range(np.count_nonzero(times < self._from)):
+                values = {name: data[name].isel(time=k).values for name in names}
+                self._growing.add_record(values, sync=False)
 
     def _sample(self, time: float, diagnostics: Mapping[str, float | None]) -> dict[str, float]:
         """Return a number for every series; ValueError if there is one without a series."""
         if unknown := diagnostics.keys() - set(self._series):
             raise ValueError(f"the first frame had no diagnostics {', '.join(sorted(unknown))}")
-        found = {name: diagnostics.get(name) for name in self._series}
-        numbers = {name: math.nan if value is None else value for name, value in found.items()}
-        return {SERIES: time, **numbers}
+        numbers = {name: diagnostics.get(name) for name in self._series}
+        return {SERIES: time} | {n: math.nan if x is None else x for n, x in numbers.items()}
 
     @contextmanager
-    def _writing(self) -> Iterator[None]:
+    def _writing(self, begins: bool = False) -> Iterator[None]:
         """Raise RunFailed for errors of the disk, and for a file that others have changed."""
+        if not (begins or self._begun):
+            raise ValueError("a file begins with a frame")
         with clear_errors(f"cannot write {self.path}", RunFailed, MENDING):
             self._growing.check(self.path)
             yield
-
-
-def _chosen(only: Iterable[str], every: Iterable[str]) -> list[str]:
-    """Return the requested names, in the order of all; ConfigError for an unknown one."""
-    names, wanted = list(every), set(only)
-    for name in sorted(wanted.difference(names)):
-        raise unknown_name("field", name, names)
-    return [name for name in names if name in wanted or not wanted]

@@ -52,7 +52,6 @@ class GrowingStore(Growing):
         self._unsynced: set[str] = set()
 
     def define(self, data: xr.Dataset) -> None:
-        """As `GrowingFile`."""
         sizes = {**data.sizes, "time": 1}
         self._axes = {str(name): variable.dims for name, variable in data.variables.items()}
         data.isel({SERIES: slice(0)}, missing_dims="ignore").to_zarr(
@@ -72,11 +71,9 @@ class GrowingStore(Growing):
         self.records += 1
 
     def add_sample(self, values: Mapping[str, float]) -> None:
-        """As `GrowingFile`."""
         self._samples.append(dict(values))
 
     def set_summary(self, text: str) -> None:
-        """As `GrowingFile`."""
         self._append_samples()
         attributes = self._consolidated["metadata"][ATTRIBUTES]
         attributes[SUMMARY] = text
