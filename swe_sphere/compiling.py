@@ -1,5 +1,6 @@
 """Report that kernels are being compiled, once that has taken a while."""
 
+import functools
 import multiprocessing
 import sys
 import threading
@@ -18,37 +19,6 @@ def tell_of_compiling() -> None:
     sys.stderr.write(f"swe-sphere: {COMPILING}\n")
 
 
-class _Listener:
-    """Calls a function once, when the blocks of `compiling` together have taken so long."""
-
-    def __init__(self, call: Callable[[], None]) -> None:
-        self._call, self._taken = call, 0.0
-        self._once = threading.Lock()
-
-    @contextmanager
-    def waiting(self) -> Iterator[None]:
-        timer = threading.Timer(max(0.0, PATIENCE - self._taken), self._tell)
-        timer.daemon = True
-        start = time.perf_counter()
-        timer.start()
-        try:
-            yield
-        finally:
-            timer.cancel()
-            self._taken += time.perf_counter() - start
-            if self._taken >= PATIENCE:
-                self._tell()
-
-    def _tell(self) -> None:
-        if self._once.acquire(blocking=False):
-            self._call()
-
-
-_listener: _Listener | None = None
-"""Listener of the program; None in a Python session, for which `_of_session` stands in."""
-_of_session = _Listener(tell_of_compiling)
-
-
 def is_watched() -> bool:
     """Return whether stderr of this very process is a terminal, or belongs to a notebook."""
     if multiprocessing.parent_process() is not None or sys.stderr is None:
@@ -56,23 +26,38 @@ def is_watched() -> bool:
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
+@functools.cache
+def _tell_session() -> None:
+    if is_watched():
+        tell_of_compiling()
+
+
+_taken = 0.0
+"""Seconds that blocks of `compiling` have taken."""
+_report: Callable[[], None] = _tell_session
+"""Called after `PATIENCE` seconds; only its first call does anything."""
+
+
 @contextmanager
 def on_compile(call: Callable[[], None]) -> Iterator[None]:
     """Within the block, call a function once, from another thread, if compiling takes long."""
-    global _listener
-    before, _listener = _listener, _Listener(call)
+    global _report, _taken
+    before, _report, _taken = (_report, _taken), functools.cache(call), 0.0
     try:
         yield
     finally:
-        _listener = before
+        _report, _taken = before
 
 
 @contextmanager
 def compiling() -> Iterator[None]:
     """Mark a block in which something is compiled."""
-    listener = _of_session if _listener is None and is_watched() else _listener
-    if listener is None:
+    global _taken
+    timer, start = threading.Timer(max(0.0, PATIENCE - _taken), _report), time.perf_counter()
+    timer.daemon = True
+    timer.start()
+    try:
         yield
-        return
-    with listener.waiting():
-        yield
+    finally:
+        timer.cancel()
+        _taken += time.perf_counter() - start

@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -190,9 +191,9 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
     write_whole(path, "old")
     write_whole(path, b"new")
     assert path.read_bytes() == b"new"
-    for name in ("write", "fsync", "replace"):
+    for owner, name in ((Path, "write_bytes"), (os, "fsync"), (os, "replace")):
         with monkeypatch.context() as patched:
-            patched.setattr(os, name, refuse)
+            patched.setattr(owner, name, refuse)
             with pytest.raises(RunFailed, match=r"cannot write .*a\.txt: No space left"):
                 write_whole(path, "newer")
         assert path.read_bytes() == b"new"

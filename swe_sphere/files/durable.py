@@ -26,20 +26,12 @@ def write_whole(path: Path, contents: str | bytes) -> None:
     with clear_errors(f"cannot write {path}", RunFailed, MENDING):
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with part.open("wb", buffering=0) as file:
-                _put(file.fileno(), contents.encode() if isinstance(contents, str) else contents)
+            part.write_bytes(contents.encode() if isinstance(contents, str) else contents)
+            sync(part)
             _rename(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-
-
-def _put(file: int, contents: bytes) -> None:
-    """Write all, through to the disk."""
-    left = memoryview(contents)
-    while left:
-        left = left[os.write(file, left) :]
-    os.fsync(file)
 
 
 def _rename(part: Path, path: Path) -> None:

@@ -44,19 +44,28 @@ def file_contents(path: Path, what: str) -> bytes:
 
 
 @contextmanager
-def users_code() -> Iterator[None]:
-    """Turn what fails in the block, in a file that was loaded, into a ConfigError with its line."""
+def users_code(what: str = "") -> Iterator[None]:
+    """Turn what fails in the block into a ConfigError that ends with the line of the user's file.
+
+    what: begins the message of code that is known to be user-defined, whatever it raises, a call of
+    `sys.exit` included; else only failures in a file that was loaded are turned.
+    """
     try:
         yield
-    except (SweError, MemoryError):  # have lines of their own
+    except (SweError, MemoryError, KeyboardInterrupt):  # have lines of their own
         raise
-    except Exception as error:
+    except BaseException as error:
         frames = traceback.extract_tb(error.__traceback__)
         theirs = [frame for frame in frames if frame.filename in _LOADED]
-        if not theirs:
+        if not (what or theirs):
             raise
-        name = Path(theirs[-1].filename).name
-        raise ConfigError(f"{name} fails: {cause(error)}{_line(theirs[-1])}") from error
+        others = [f for f in frames if not f.filename.startswith((OURS, "<frozen "))]
+        last = theirs or [f for f in others if f.filename == others[0].filename]
+        name, place = what, ""
+        for frame in last[-1:]:
+            file = Path(frame.filename).name
+            name, place = what or file, f" ({file}, line {frame.lineno})"
+        raise ConfigError(f"{name} fails: {cause(error)}{place}") from error
 
 
 P = ParamSpec("P")
@@ -66,28 +75,11 @@ OURS = f"{Path(__file__).parents[1]}{os.sep}"
 
 
 def guarded(what: str, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """Return the result of a user-defined function.
-
-    Raises:
-        ConfigError: the function raised something, or called `sys.exit`; the line begins with
-            `what` and ends with the place in the user's file, where that is known.
-    """
-    try:
+    """Return the result of a user-defined function; raises ConfigError as `users_code`."""
+    with users_code(what):
         return function(*args, **kwargs)
-    except (SweError, MemoryError, KeyboardInterrupt):  # have lines of their own
-        raise
-    except BaseException as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        theirs = [f for f in frames if not f.filename.startswith((OURS, "<frozen "))]
-        last = [frame for frame in theirs if frame.filename == theirs[0].filename][-1:]
-        place = "".join(map(_line, last))
-        raise ConfigError(f"{what} fails: {cause(error)}{place}") from error
 
 
 def cause(error: BaseException) -> str:
     """Return the kind of an error and its message."""
     return f"{type(error).__name__}: {error}".removesuffix(": ")
-
-
-def _line(frame: traceback.FrameSummary) -> str:
-    return f" ({Path(frame.filename).name}, line {frame.lineno})"
