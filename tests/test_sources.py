@@ -17,32 +17,34 @@ from swe_sphere.testcases import get_scene
 # --- fingerprints of sources
 
 
+PACKAGES = ("studies.sweep", "studies.report")
+
+
 def test_code_is_told_apart_by_the_contents_of_its_modules(tmp_path, monkeypatch):
     """Of those that make numbers; and it is the same as long as these are."""
-    folders = {"": tmp_path / "swe_sphere"}
-    folders |= {name: tmp_path / name for name in (*fingerprints.NUMBERS, "studies.report")}
-    for folder in folders.values():
-        folder.mkdir()
-        for module in ("a", "words", *fingerprints.RUNNING):
-            (folder / f"{module}.py").write_text("x = 1\n")
+    places = {name: tmp_path / name for name in (*fingerprints.NUMBERS, "studies.report")}
+    places[""] = tmp_path / "swe_sphere"
+    modules = [name for name in places if name.count(".") and name not in PACKAGES]
+    for name, place in places.items():
+        (place if name in modules else place / "a.py").parent.mkdir(exist_ok=True)
+        (place if name in modules else place / "a.py").write_text("x = 1\n")
 
     def find(name):
-        found = ModuleSpec(name, None, origin="")
-        folder = folders[name.removeprefix("swe_sphere").removeprefix(".")]
-        found.submodule_search_locations = [str(folder)]
+        name = name.removeprefix("swe_sphere").removeprefix(".")
+        found = ModuleSpec(name, None, origin=str(places[name]))
+        found.submodule_search_locations = None if name in modules else [str(places[name])]
         return found
 
     monkeypatch.setattr(fingerprints, "find_spec", find)
     compute = fingerprints.code_fingerprint.__wrapped__
     first = compute()
     assert compute() == first != compute("studies.report")
-    (folders["studies.report"] / "a.py").write_text("x = 2\n")
-    (folders["studies"] / "words.py").write_text("x = 2\n")
+    (places["studies.report"] / "a.py").write_text("x = 2\n")
     assert compute() == first
     found = {first}
-    for name, folder in folders.items():
+    for name, place in places.items():
         if name != "studies.report":
-            (folder / "jobs.py").write_text(f"x = {len(found)} + 1\n")
+            (place if name in modules else place / "b.py").write_text(f"x = {len(found)} + 1\n")
             found.add(compute())
     assert len(found) == 2 + len(fingerprints.NUMBERS)
 
@@ -93,8 +95,7 @@ def test_editing_a_comment_does_not_discard_runs():
 def test_the_code_of_the_package_is_found():
     """Kernels and scenes too, which lie beside it."""
     for name in fingerprints.NUMBERS:
-        folders = fingerprints._folders(name)
-        assert [path for folder in folders for path in Path(folder).glob("*.py")]
+        assert fingerprints._sources(name)
 
 
 def test_files_of_a_scene_are_the_chain_of_its_bases_and_its_data(tmp_path, monkeypatch):

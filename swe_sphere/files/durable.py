@@ -5,6 +5,7 @@ which happens at once or not at all.
 """
 
 import errno
+import fcntl
 import os
 import shutil
 from collections.abc import Iterator
@@ -52,16 +53,13 @@ def sync(path: Path) -> None:
 def take_lock(file: int) -> bool:
     """Lock an open file until it is closed or the process ends; False if another one has it.
 
-    Where the system or the file system has no locks, nothing is held.
+    Where the file system has no locks, nothing is held.
     """
-    try:
-        import fcntl  # not on every system
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except (ImportError, OSError):
-        return True
+    with suppress(OSError):
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
     return True
 
 
@@ -153,14 +151,11 @@ def allocate(file: int, path: Path, size: int) -> None:
     """
     try:
         os.posix_fallocate(file, 0, size)
-        return
-    except AttributeError:  # not on this system (macOS)
-        pass
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-    if shutil.disk_usage(path.parent).free < size:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        if shutil.disk_usage(path.parent).free < size:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) from None
 
 
 @contextmanager

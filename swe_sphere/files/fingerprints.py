@@ -16,9 +16,10 @@ from swe_sphere import __version__
 
 NUMBERS = (
     "kernels", "testcases", "mesh", "operators", "equations", "solvers", "steppers", "simulation",
-    "files", "io", "ranks", "settings", "studies", "studies.sweep",
+    "files", "io", "ranks", "settings", "studies.sweep", "studies.ended", "studies.jobs",
+    "studies.peak_memory", "studies.record_store",
 )  # fmt: skip
-"""Packages that make the numbers: all below the reports and the command line, which only show them.
+"""Packages and modules that make the numbers; reports and the command line only show them.
 
 Any change of their code counts. Comments, docstrings and blank lines do not.
 """
@@ -29,8 +30,6 @@ STRINGS_AND_COMMENTS = r"""
 """
 """Regular expression for formatted sources, where a docstring begins and ends a line."""
 TEXT = re.compile(STRINGS_AND_COMMENTS, re.MULTILINE | re.VERBOSE)
-RUNNING = ("ended", "jobs", "peak_memory", "record_store")
-"""Modules directly in `studies` that count: the others there show and explain numbers."""
 SCENE_FILE = "the scene's file"
 """What the file that holds the scene is called among the sources of a run."""
 LIBRARIES = ("warp-lang", "numpy", "scipy")
@@ -52,26 +51,25 @@ def file_fingerprint(path: Path) -> str:
 def code_fingerprint(*more: str) -> str:
     """Return a short name for the code that makes the numbers, as this process found it.
 
-    It covers the code of all modules in `NUMBERS` and directly in swe_sphere, that of `RUNNING`,
-    and the versions of `LIBRARIES`.  more: further packages of swe_sphere that count.
+    It covers the code of `NUMBERS` and of the modules directly in swe_sphere, and the versions of
+    `LIBRARIES`.  more: further packages of swe_sphere that count.
     """
     digest = hashlib.sha256(repr([version(name) for name in LIBRARIES]).encode())
     for name in ("", *NUMBERS, *more):
-        for folder in _folders(name):
-            paths = sorted(folder.glob("**/*.py" if name else "*.py"))
-            if name == "studies":
-                paths = [folder / f"{module}.py" for module in RUNNING]
-            for path in paths:
-                contents = code_of(path.read_text(encoding="utf-8")).encode()
-                place = f"{name}/{path.relative_to(folder).as_posix()} {len(contents)} "
-                digest.update(place.encode() + contents)
+        for path in _sources(name):
+            contents = code_of(path.read_text(encoding="utf-8")).encode()
+            digest.update(f"{name} {path.stem} {len(contents)} ".encode() + contents)
     return digest.hexdigest()[:16]
 
 
-def _folders(name: str) -> list[Path]:
-    """Return where a package of swe_sphere lies, which need not be inside of it."""
+def _sources(name: str) -> list[Path]:
+    """Return the files of a package or module of swe_sphere, which need not lie inside of it."""
     spec = find_spec(f"swe_sphere.{name}".rstrip("."))
-    return [Path(folder) for folder in (spec and spec.submodule_search_locations) or ()]
+    assert spec is not None
+    folders = spec.submodule_search_locations
+    if folders is None:
+        return [Path(str(spec.origin))]
+    return sorted(path for at in folders for path in Path(at).glob("**/*.py" if name else "*.py"))
 
 
 def code_of(source: str) -> str:
