@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from swe_sphere.cli.options import AsJson, Jobs, check_resumed, flag, option
-from swe_sphere.cli.show import Stopped, print_table, show_line
+from swe_sphere.cli.show import print_table, show_line
 from swe_sphere.errors import ConfigError
 from swe_sphere.files.durable import clear_errors, write_whole
 from swe_sphere.settings.values import names_in
@@ -103,7 +103,7 @@ def _run(
                 write_whole(file.with_suffix(".json"), text + "\n")
     except Interrupted as error:
         hint = "" if store is None else "; resume with --resume"
-        raise Stopped(f"{error}{hint}") from None
+        raise Interrupted(f"{error}{hint}") from None
     counts = count_outcomes(rows)
     summary = ", ".join(f"{count} {name}" for name, count in counts.items())
     typer.echo(json.dumps(result) if as_json else summary)

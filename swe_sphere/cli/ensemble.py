@@ -10,11 +10,9 @@ import numpy as np
 import typer
 
 from swe_sphere.cli.options import given, option, with_flags
-from swe_sphere.cli.show import Stopped
 from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import names_in
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.loop import Interrupted
 
 WITHOUT = ("out", "plot", "live", "restart", "reference", "as_json", "quiet")
 
@@ -36,10 +34,7 @@ def ensemble(
     if config.fields:
         derive(dict.fromkeys((*config.fields, "b"), np.zeros(1)), field)
     place = folder or Path(f"{Path(config.scene).stem}_ensemble")
-    try:
-        members = run_members(config, _seeds(seeds), place, typer.echo)
-    except Interrupted as error:
-        raise Stopped(str(error)) from None
+    members = run_members(config, _seeds(seeds), place, typer.echo)
     found = spread(members, field)
     typer.echo(f"{'day':>6}  {'spread':>10}  growth [1/day]")
     for day, value, rate in found.itertuples(index=False):

@@ -17,7 +17,7 @@ from typing import Any, TextIO
 import typer
 
 from swe_sphere.cli.options import given, option, with_flags
-from swe_sphere.cli.show import Stopped, explain
+from swe_sphere.cli.show import explain
 from swe_sphere.compiling import on_compile
 from swe_sphere.errors import ConfigError, in_one_line
 from swe_sphere.mesh.partition import check_ranks
@@ -26,6 +26,7 @@ from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import convert
 from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
+from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import LogLines, ProgressBar
 from swe_sphere.simulation.restart import adopt, read_restart
 from swe_sphere.simulation.simulation import run as run_scene
@@ -78,7 +79,7 @@ def _run(config: RunConfig) -> Summary:
         progress = [ProgressBar() if sys.stderr.isatty() else LogLines()]
         return run_scene(config, [] if config.as_json or config.live else progress, _show_warning)
     except KeyboardInterrupt:
-        raise Stopped("interrupted by Ctrl-C") from None
+        raise Interrupted("interrupted by Ctrl-C") from None
 
 
 def _show_warning(text: str) -> None:

@@ -9,15 +9,10 @@ from typing import Any
 import typer
 
 from swe_sphere.errors import SweError, in_one_line
+from swe_sphere.simulation.loop import Interrupted
 
 DEBUG = "SWE_SPHERE_DEBUG"
 """Environment variable that asks for the traceback of an error."""
-
-
-class Stopped(SweError):
-    """The user stopped the program before a run had begun."""
-
-    exit_status = 130
 
 
 def show_line(text: str) -> None:
@@ -48,6 +43,8 @@ def explain(error: Exception) -> tuple[str, int]:
     hint, status = f"({DEBUG}=1 shows where)", 1
     if isinstance(error, SweError):
         line, status = str(error), error.exit_status
+    elif isinstance(error, Interrupted):
+        line, status = str(error), 130
     elif isinstance(error, typer.TyperException):
         line, status = f"{error.format_message()} (see swe-sphere --help)", error.exit_code
     elif isinstance(error, MemoryError):

@@ -7,7 +7,7 @@ from collections import Counter
 from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
-from swe_sphere.cli.show import Stopped, print_table
+from swe_sphere.cli.show import print_table
 from swe_sphere.compiling import COMPILING, on_compile
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.studies.sweep import SweepPlan, SweepWatcher
@@ -74,7 +74,7 @@ def watched(title: str, quiet: bool, interrupted: str) -> Iterator[SweepTerminal
         with closing(terminal), on_compile(lambda: terminal.note(COMPILING)):
             yield terminal
     except (Interrupted, KeyboardInterrupt):
-        raise Stopped(interrupted) from None
+        raise Interrupted(interrupted) from None
 
 
 def show_sweep(dataset: xr.Dataset, search: SweepPlan | None = None) -> None:

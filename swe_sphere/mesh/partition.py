@@ -132,8 +132,7 @@ class Partition:
         chunks, per_chunk = pieces(mesh.ne)
         self._mesh, self._points = mesh, mesh.np**2
         self._order = curve(mesh.ne)
-        along = np.empty_like(self._order)
-        along[self._order] = np.arange(mesh.elements)
+        along = np.argsort(self._order)
         self._bounds = np.arange(size + 1) * chunks // size
         """(size + 1,) first chunk of each rank."""
         self._rank_of_chunk = np.repeat(np.arange(size), np.diff(self._bounds))
@@ -150,9 +149,8 @@ class Partition:
         self._kind = np.minimum(self._counts, 3) - 1
         """(N,) 0 inside an element, 1 on an edge, 2 at a vertex."""
         block, lane = np.divmod(first_element, BLOCK if per_chunk % BLOCK == 0 else 1)
-        self._place = np.empty(mesh.size, dtype=np.int64)
+        self._place = np.argsort(np.lexsort((lane, first_point, block, self._kind)))
         """(N,) place of each node in an order like that of the mesh, but along the curve."""
-        self._place[np.lexsort((lane, first_point, block, self._kind))] = np.arange(mesh.size)
         ranks = self._rank[element]
         lowest, highest = (f.reduceat(ranks, offsets) for f in (np.minimum, np.maximum))
         on_rim = (lowest != highest)[mesh.nodes].any(axis=(1, 2))
@@ -167,16 +165,15 @@ class Partition:
         mesh = self._mesh
         elements = self._order[self._rank[self._order] == rank]
         elements = elements[np.argsort(self._lateness[elements], kind="stable")]
-        nodes = np.unique(mesh.nodes[elements])
+        nodes, inverse = np.unique(mesh.nodes[elements], return_inverse=True)
         chunk = self._owner[nodes]
         turn = np.where(self._rank_of_chunk[chunk] == rank, self._late[chunk], 2)
-        nodes = nodes[np.lexsort((self._place[nodes], turn, self._kind[nodes]))]
-        number = np.full(mesh.size, -1, dtype=np.int32)
-        number[nodes] = np.arange(nodes.size, dtype=np.int32)
+        order = np.lexsort((self._place[nodes], turn, self._kind[nodes]))
+        nodes, node_of = nodes[order], np.argsort(order).astype(np.int32)[inverse]
         contributors, sends, receives = self._messages(rank, elements, nodes)
         away = int(np.sum(self._lateness[elements] == 0))
         return Part(
-            elements, away, nodes, number[mesh.nodes[elements]], self._counts[nodes], contributors,
+            elements, away, nodes, node_of, self._counts[nodes], contributors,
             sends, receives, self._spans(rank, nodes),
         )  # fmt: skip
 
