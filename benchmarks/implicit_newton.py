@@ -9,8 +9,8 @@ from implicit_common import Section
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.solvers.newton import FollowedNonlinearity, Forcing
-from swe_sphere.steppers import dirk, get_stepper, newton_stages
+from swe_sphere.solvers.newton import Forcing, followed_nonlinearity
+from swe_sphere.steppers import dirk, get_stepper
 from swe_sphere.testcases import get_scene
 
 RUNS = {
@@ -64,7 +64,7 @@ def forcing() -> Section:
     for scene, runs in FORCING_RUNS.items():
         model = Model(Mesh.build(6, 4), get_scene(scene))
         for name, dt in runs:
-            kinds = (fixed(0.02), FollowedNonlinearity(first=0.02))
+            kinds = (fixed(0.02), followed_nonlinearity)
             counts = [_stepped(model, name, dt, kind, 1.0) for kind in kinds]
             rows.append([scene, name, f"{dt:.0f}", *counts])
             print(*rows[-1], sep=" | ", flush=True)  # noqa: T201 - a run takes a while
@@ -82,8 +82,8 @@ def _counts(model: Model, name: str, dt: float, first: float, followed: float) -
 
 
 def _stepped(model: Model, name: str, dt: float, kind: Forcing, days: float) -> str:
-    with patch.object(newton_stages, "FORCING", kind):
-        stepper = get_stepper(name)(model, dt)
+    stepper = get_stepper(name)(model, dt)
+    stepper.solver.newton.forcing = kind
     stepper.start(model.initial_state())
     for _ in range(round(days * DAY / dt)):
         stepper.step()

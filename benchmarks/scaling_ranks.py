@@ -1,15 +1,9 @@
-"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py.
-
-    mpiexec -n 2 python benchmarks/scaling_ranks.py blocks 30 60
-
-times, in turns, steps whose Krylov iterations share a reduction and others.
-"""
+"""What ranks do in a step, as they do it: seconds, messages, bytes, sums.  Run by scaling.py."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import statistics
 import sys
 import time
 from collections import Counter
@@ -29,9 +23,6 @@ STEPPERS = {
     "bdf2": (3600.0, 1),
 }
 """Steps [s] on ne 30, and how many of them are timed at once."""
-IMPLICIT, BLOCKS = ("tr-bdf2", "bdf2"), (1, 4)
-"""Steppers whose Krylov iterations may share a reduction, and how many do."""
-WORK = "newton_iterations", "krylov_iterations", "preconditioner_applications"
 PIECES = 12
 SIZES = (8, 1024, 16384, 131072)
 """Of messages between two ranks [bytes]."""
@@ -62,10 +53,10 @@ def measure(stepper: str, ne: int, pieces: int = PIECES) -> dict[str, Any]:
     }
 
 
-def started(stepper: str, ne: int, **settings: Any) -> Simulation:
+def started(stepper: str, ne: int) -> Simulation:
     """A run that has loaded its kernels and started its scheme."""
     dt, _ = STEPPERS[stepper]
-    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne, **settings)
+    sim = Simulation("williamson5", ne=ne, np=4, stepper=stepper, dt=dt * 30 / ne)
     for _ in range(3):
         sim.step()
     return sim
@@ -74,25 +65,6 @@ def started(stepper: str, ne: int, **settings: Any) -> Simulation:
 def launched(stepper: str, ne: int, pieces: int) -> Launches:
     """What leaves something for other ranks in a step, of those that `measure` takes."""
     return launches(started(stepper, ne), pieces * STEPPERS[stepper][1])
-
-
-def blocks(stepper: str, ne: int, steps: int) -> dict[int, dict[str, float]]:
-    """By iterations that share a reduction: times of a step [ms], in turns, and what it does."""
-    counted, found = Counted(world()), {}
-    sims = {n: started(stepper, ne, settings=[f"stepper.krylov_block={n}"]) for n in BLOCKS}
-    before = {n: sim.counts() for n, sim in sims.items()}
-    times, sums = {n: list[float]() for n in BLOCKS}, Counter[int]()
-    for _ in range(steps):
-        for n, sim in sims.items():
-            begin, start = counted.counts()["sums"], time.perf_counter()
-            sim.step()
-            times[n].append(1e3 * (time.perf_counter() - start))
-            sums[n] += counted.counts()["sums"] - begin
-    for n, sim in sims.items():
-        did = {what: sim.counts()[what] - before[n][what] for what in WORK}
-        found[n] = {"least": min(times[n]), "median": statistics.median(times[n])}
-        found[n] |= {what: count / steps for what, count in (did | {"sums": sums[n]}).items()}
-    return found
 
 
 def coarse_seconds(sim: Simulation) -> dict[str, float]:
@@ -166,9 +138,8 @@ def main(job: str, ne: str, pieces: str) -> None:
     if job == "ping":
         told: Any = ping_pong()
     else:
-        of_each = {"steps": measure, "launches": launched, "blocks": blocks}[job]
-        names = IMPLICIT if job == "blocks" else STEPPERS
-        told = {name: of_each(name, int(ne), int(pieces)) for name in names}
+        of_each = {"steps": measure, "launches": launched}[job]
+        told = {name: of_each(name, int(ne), int(pieces)) for name in STEPPERS}
     if world().rank == 0:
         sys.stdout.write(json.dumps(told) + "\n")
 

@@ -142,26 +142,3 @@ def tall_kernels(real: Any, shape: str) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel
         out[c] = found
 
     return product, parts, total
-
-
-@functools.cache
-def patch_kernel(real: Any) -> wp.Kernel:
-    """Return the kernel (columns (N, m), rows (N, m) float32, b (N,), x) of a sparse product.
-
-    x_n = sum_k rows_nk b[column_nk].
-    """
-
-    @kernel
-    def patch(
-        columns: wp.array2d(dtype=wp.int32),
-        rows: wp.array2d(dtype=wp.float32),
-        b: wp.array(dtype=real),
-        x: wp.array(dtype=real),
-    ):
-        node = wp.tid()
-        r = real(0.0)
-        for k in range(columns.shape[1]):
-            r += real(rows[node, k]) * b[columns[node, k]]
-        x[node] = r
-
-    return patch

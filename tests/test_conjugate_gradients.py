@@ -8,8 +8,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 import warp as wp
 
-from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
-from swe_sphere.solvers.linear_result import LinearResult, Status
+from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 N = 400

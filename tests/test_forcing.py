@@ -15,7 +15,6 @@ from swe_sphere.equations.effects import Forcing
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.adaptive import AdaptiveSteps
 from swe_sphere.steppers.leapfrog import Leapfrog
 
 DYNAMICS = ("advection", "pressure", "rotation", "orography")
@@ -143,8 +142,3 @@ def test_forcing_and_its_function_come_together() -> None:
         replace(make_scene("forcing"), forcing=None)
     with pytest.raises(ConfigError, match="without effect 'forcing'"):
         replace(make_scene("forcing"), effects=())
-
-
-def test_energy_is_no_measure_of_error_where_something_drives(model) -> None:
-    with pytest.raises(ConfigError, match="does not conserve energy"):
-        AdaptiveSteps(STEPPERS["implicit-midpoint"](model, 900.0), 1e-6, "energy")

@@ -31,10 +31,8 @@ SOLVES = {
     "esdirk4": 5,
     "gauss-legendre": 1,
     "average-vector-field": 1,
-    "rosenbrock-w": 0,
 }
 """Nonlinear solves a step."""
-NEWTON = tuple(name for name, solves in SOLVES.items() if solves)
 ALL = (*SOLVES, *EXPONENTIAL)
 SHAPES = ("element", "node")
 
@@ -91,7 +89,7 @@ def test_energy_is_kept_or_lost_as_the_scheme_promises(after_a_day) -> None:
     energy = {name: changes["energy"] for name, changes in after_a_day.items()}
     for name in ("implicit-midpoint", "gauss-legendre"):
         assert abs(energy[name]) < 2e-9
-    for name in ("bdf2", "tr-bdf2", "implicit-euler", "rosenbrock-w"):
+    for name in ("bdf2", "tr-bdf2", "implicit-euler"):
         assert -1e-3 < energy[name] < -1e-7
     assert energy["implicit-euler"] < energy["bdf2"] < energy["tr-bdf2"]
 
@@ -233,7 +231,7 @@ def test_a_step_given_up_leaves_the_state_of_its_start(
     assert np.array_equal(stepper.state.numpy(), start)
 
 
-@pytest.mark.parametrize("name", NEWTON)
+@pytest.mark.parametrize("name", SOLVES)
 def test_solves_that_cannot_converge_are_taken_in_parts(small_mountain, name: str) -> None:
     """With two Newton iterations allowed, a step of a day fails and its parts do not."""
     stepper = STEPPERS[name](small_mountain, DAY, tolerance=1e-4)
@@ -337,9 +335,7 @@ def test_solves_that_never_converge_end_the_run_with_their_reason(small_mountain
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_rosenbrock_and_others_notice_states_that_are_not_numbers(
-    small_mountain, name: str
-) -> None:
+def test_all_notice_states_that_are_not_numbers(small_mountain, name: str) -> None:
     state = small_mountain.initial_state().numpy().copy()
     state[3] = np.nan
     stepper = STEPPERS[name](small_mountain, HOUR)
@@ -385,7 +381,7 @@ def test_float32_follows_float64(small_mountain, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SOLVES)
-@pytest.mark.parametrize("preconditioner", ["none", "jacobi", "helmholtz-direct"])
+@pytest.mark.parametrize("preconditioner", ["none", "helmholtz-direct"])
 @pytest.mark.thorough
 def test_solution_does_not_depend_on_the_preconditioner(
     small_mountain, name: str, preconditioner: str

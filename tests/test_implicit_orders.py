@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,18 +11,14 @@ from support import IMPLICIT, advance, make_scene
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS, gauss
-from swe_sphere.steppers.dirk import DiagonallyImplicit, RosenbrockW
+from swe_sphere.steppers.dirk import DiagonallyImplicit
 from swe_sphere.testcases import get_scene
 
-DIAGONAL = tuple(
-    name
-    for name, cls in STEPPERS.items()
-    if issubclass(cls, DiagonallyImplicit) and not issubclass(cls, RosenbrockW)
-)
+DIAGONAL = tuple(name for name, cls in STEPPERS.items() if issubclass(cls, DiagonallyImplicit))
 TABLEAUS = (*DIAGONAL, "gauss-legendre")
-EMBEDDED = {"tr-bdf2": 3, "esdirk4": 3, "rosenbrock-w": 2}
+EMBEDDED = {"tr-bdf2": 3, "esdirk4": 3}
 DAMPING = ("implicit-euler", "tr-bdf2", "sdirk3", "esdirk4")
-STEPS = {"bdf2": 450.0, "sdirk3": 900.0, "rosenbrock-w": 900.0}
+STEPS = {"bdf2": 450.0, "sdirk3": 900.0}
 """Longest step [s] from which the order shows, 1800 s for the others."""
 HOURS = 2.0
 
@@ -104,28 +99,6 @@ def test_gauss_splits_its_matrix() -> None:
     np.testing.assert_allclose(a.sum(axis=1), gauss.C, rtol=1e-15)
 
 
-@pytest.mark.parametrize(("weights", "order"), [("b", 3), ("embedded", 2)])
-def test_rosenbrock_w_satisfies_its_order_conditions(weights: str, order: int) -> None:
-    """With any matrix for the Jacobian: every tree with alpha or Gamma on each of its edges."""
-    b, (alpha, gamma) = np.array(getattr(RosenbrockW, weights)), RosenbrockW.matrices
-    a, g = alpha.sum(axis=1), gamma.sum(axis=1)
-    conditions = [b.sum() - 1.0, b @ a - 1 / 2, b @ g]
-    if order == 3:
-        conditions += [b @ a**2 - 1 / 3, b @ alpha @ a - 1 / 6]
-        conditions += [b @ alpha @ g, b @ gamma @ a, b @ gamma @ g]
-    assert np.abs(conditions).max() <= 1e-13
-
-
-def test_rosenbrock_w_damps_the_fastest_waves() -> None:
-    both = sum(RosenbrockW.matrices)
-    at_infinity = [
-        1.0 - np.array(weights) @ np.linalg.solve(both, np.ones(len(both)))
-        for weights in (RosenbrockW.b, RosenbrockW.embedded)
-    ]
-    assert abs(at_infinity[0]) < 1e-13
-    assert abs(at_infinity[1]) == pytest.approx(0.478, abs=0.001)
-
-
 @pytest.fixture(scope="module")
 def moving():
     """The unsteady flow of Läuter, its state, and the state after two hours in tiny steps."""
@@ -174,7 +147,7 @@ def test_error_estimate_is_near_the_error(moving) -> None:
 
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_time_dependent_wind_keeps_the_order(name: str) -> None:
-    """With a prescribed wind that changes in time, and for Rosenbrock the derivative in time."""
+    """With a prescribed wind that changes in time."""
     model = Model(Mesh.build(2, 4), make_scene("wind"))
     rng = np.random.default_rng(0)
     state = model.device_mesh.upload(1000.0 + 100.0 * rng.standard_normal(model.size))
@@ -184,28 +157,3 @@ def test_time_dependent_wind_keeps_the_order(name: str) -> None:
         for dt in (0.5, 0.25)
     ]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(STEPPERS[name].order, abs=0.3)
-
-
-def test_rosenbrock_w_profits_from_the_derivative_in_time() -> None:
-    """Its order survives without, but not its accuracy at Courant numbers of several."""
-
-    def wind(lon, lat, t):
-        turn = t / 7200.0
-        return 80.0 * np.cos(lat + turn) + 20.0 * np.sin(2.0 * lon), 40.0 * np.cos(lon - turn)
-
-    def bell(lon, lat):
-        return 0.0 * lat, 0.0 * lat, 1000.0 + 100.0 * np.cos(lat) * np.cos(lon)
-
-    model = Model(Mesh.build(4, 4), replace(make_scene("wind"), wind=wind, initial=bell))
-    state, dt, steps = model.initial_state(), 1800.0, 24
-    reference = advance("rk4", model, state, 100.0, steps * dt).state.numpy()
-    errors = []
-    for wanted in (True, False):
-        stepper = STEPPERS["rosenbrock-w"](model, dt, tolerance=1e-8)
-        assert stepper._has_drift
-        stepper._has_drift = wanted
-        stepper.start(state)
-        for _ in range(steps):
-            stepper.step()
-        errors.append(np.abs(stepper.state.numpy() - reference).max())
-    assert errors[0] < 0.7 * errors[1]

@@ -116,7 +116,7 @@ def test_most_is_settled_in_the_elements_next_by(mesh):
     assert changed.size > 4
 
 
-WIND_STEPPERS = ("rk4", "leapfrog", "ssprk3", "kg5", "tr-bdf2", "bdf2", "rosenbrock-w")
+WIND_STEPPERS = ("rk4", "leapfrog", "ssprk3", "kg5", "tr-bdf2", "bdf2")
 
 
 @pytest.mark.parametrize("name", WIND_STEPPERS)

@@ -98,7 +98,7 @@ def test_diffusion_and_limiter_are_recorded_too(diffusive, name, monkeypatch):
     assert evaluations == others
 
 
-@pytest.mark.parametrize("name", [*REPEATED, "epi3", "bdf2", "rosenbrock-w"])
+@pytest.mark.parametrize("name", [*REPEATED, "epi3", "bdf2"])
 def test_no_step_reads_a_state_on_the_host(plain, name, monkeypatch):
     """With the vectors of GPUs; but for the set-up of a preconditioner, which is the host's."""
     monkeypatch.setattr(vector_space, "HostSpace", vector_space.DeviceSpace)

@@ -276,7 +276,8 @@ def test_all_elements_of_a_node_hold_the_same_bits(np_: int, precision: str) -> 
     """After coarse corrections and smoothing, so that ranks need not ask whose is the first."""
     system = System(np_, precision, "element")
     inner = Multilevel(system.operator)
-    inner.prepare(TAU, system.depth)
+    system.operator.configure(TAU, system.depth, 1.0 / inner.matrix.diagonal(TAU, system.depth))
+    inner.setup(TAU, system.depth)
     x, mesh = system.operator.field(), system.operator.mesh
     inner.solve(system.field(rough(mesh.size, 8)), x)
     places, numbers = mesh.places(1).numpy(), x.flat.numpy()

@@ -20,11 +20,10 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.operators import sparse
 from swe_sphere.planet import Planet
 from swe_sphere.solvers.gravity_waves import (
-    CORIOLIS,
     INERTIAL,
     GravityWaves,
-    GravityWaveSolver,
     advection_rate,
+    explicit_spectrum,
     reference_depth,
 )
 from swe_sphere.steppers import STEPPERS
@@ -40,49 +39,44 @@ WAVES = ("advection", "pressure", "rotation", "orography")
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("coriolis", CORIOLIS)
-def test_operator_against_sparse_matrices(small_mesh, coriolis: str, precision: str) -> None:
+def test_operator_against_sparse_matrices(small_mesh, precision: str) -> None:
     model = Model(small_mesh, make_scene(*WAVES), precision=precision)
-    waves, out = GravityWaves(model, coriolis), model.zeros()
+    waves, out = GravityWaves(model), model.zeros()
     x = random_state(model)
     waves.apply(model.device_mesh.upload(x), out)
     u, v, h = np.split(x, 3)
-    f = model.coriolis if coriolis == "implicit" else 0.0
     slope = sparse.gradient(small_mesh) @ h
     slope_u, slope_v = np.split(model.scene.planet.gravity * slope, 2)
     flow = sparse.divergence(small_mesh) @ np.concatenate([waves.depth * u, waves.depth * v])
-    expected = np.concatenate([f * v - slope_u, -f * u - slope_v, -flow])
+    expected = np.concatenate([-slope_u, -slope_v, -flow])
     assert relative(out.numpy(), expected, 3) < (1e-12 if precision == "float64" else 1e-4)
 
 
-@pytest.mark.parametrize("coriolis", CORIOLIS)
 @pytest.mark.parametrize("tau", [100.0, 3000.0, 50000.0])
-def test_solver_inverts_the_operator(small_mesh, coriolis: str, tau: float) -> None:
+def test_solver_inverts_the_operator(small_mesh, tau: float) -> None:
     model = Model(small_mesh, make_scene(*WAVES))
-    waves = GravityWaves(model, coriolis)
-    solver = GravityWaveSolver(waves)
+    waves = GravityWaves(model)
     x, product, found = random_state(model), model.zeros(), model.zeros()
     waves.apply(model.device_mesh.upload(x), product)
     rhs = x - tau * product.numpy()
-    solver.setup(tau)
+    waves.setup(tau)
     guess = wp.zeros(small_mesh.size, dtype=wp.float64, device="cpu")
-    result = solver.solve(model.device_mesh.upload(rhs), guess, found, 1e-11)
+    result = waves.solve(model.device_mesh.upload(rhs), guess, found, 1e-11)
     assert result.converged and result.iterations > 0
     assert relative(found.numpy(), x, 3) < 1e-6
     mass = np.sum(small_mesh.area * (found.numpy() - rhs)[-small_mesh.size :])
     assert abs(mass) < 1e-13 * np.sum(small_mesh.area * np.abs(rhs[-small_mesh.size :]))
     depth = found[2 * small_mesh.size :]
-    again = solver.solve(model.device_mesh.upload(rhs), depth, model.zeros(), 1e-11)
+    again = waves.solve(model.device_mesh.upload(rhs), depth, model.zeros(), 1e-11)
     assert again.iterations <= 1, "the guess was not used"
 
 
-@pytest.mark.parametrize("coriolis", CORIOLIS)
-def test_number_type_of_the_step_changes_no_bits(small_mesh, coriolis: str) -> None:
+def test_number_type_of_the_step_changes_no_bits(small_mesh) -> None:
     """A numpy.float64 would turn arrays of float32 into arrays of float64."""
     model = Model(small_mesh, make_scene(*WAVES), precision="float32")
     rhs, found = model.device_mesh.upload(random_state(model)), []
     for number in (float, np.float64):
-        solver, out = GravityWaveSolver(GravityWaves(model, coriolis)), model.zeros()
+        solver, out = GravityWaves(model), model.zeros()
         solver.setup(number(1234.5))
         assert type(solver.tau) is float
         guess = wp.zeros(small_mesh.size, dtype=wp.float32, device="cpu")
@@ -104,8 +98,6 @@ def test_reference_depth_is_that_below_a_level_surface_and_deep_enough(small_mes
 
 def test_what_cannot_be_semi_implicit_is_refused(small_mesh) -> None:
     model = Model(small_mesh, make_scene(*WAVES))
-    with pytest.raises(ConfigError, match="coriolis is explicit or implicit"):
-        STEPPERS["semi-implicit"](model, 60.0, coriolis="sometimes")
     with pytest.raises(ConfigError, match="tolerance"):
         STEPPERS["ark2"](model, 60.0, tolerance=1.0)
     for scene in (get_scene("williamson1"), make_scene("advection", "rotation")):
@@ -202,19 +194,15 @@ def orders(moving, name: str, steps, **options) -> list[float]:
 STEPS = (400.0, 200.0, 100.0, 50.0)
 
 
-@pytest.mark.parametrize("coriolis", CORIOLIS)
 @pytest.mark.parametrize("name", RUNGE_KUTTA)
-def test_order_by_three_halvings(moving, name: str, coriolis: str) -> None:
-    found = orders(moving, name, STEPS, coriolis=coriolis)
+def test_order_by_three_halvings(moving, name: str) -> None:
+    found = orders(moving, name, STEPS)
     assert found == pytest.approx([STEPPERS[name].order] * 3, abs=0.15)
 
 
-@pytest.mark.parametrize("coriolis", CORIOLIS)
-def test_semi_implicit_without_its_filter_is_of_second_order(
-    moving, monkeypatch, coriolis: str
-) -> None:
+def test_semi_implicit_without_its_filter_is_of_second_order(moving, monkeypatch) -> None:
     monkeypatch.setattr(Leapfrog, "default_strength", 0.0)
-    found = orders(moving, "semi-implicit", STEPS, coriolis=coriolis)
+    found = orders(moving, "semi-implicit", STEPS)
     assert found == pytest.approx([2.0] * 3, abs=0.15)
 
 
@@ -338,7 +326,7 @@ def test_inertial_waves_limit_steps_where_the_wind_is_slow(small_mesh) -> None:
     state = model.initial_state()
     slowest = INERTIAL * np.abs(model.coriolis).max()
     assert advection_rate(model, state) < 0.1 * slowest
-    assert GravityWaves(model).explicit_spectrum(state).wave == pytest.approx(slowest)
+    assert explicit_spectrum(model, state).wave == pytest.approx(slowest)
 
 
 @pytest.mark.parametrize("name", IMEX)
@@ -382,15 +370,11 @@ def iterations(model: Model, dt: float, name: str = "semi-implicit", **options) 
     return (stepper.counters["krylov_iterations"] - before) / 10
 
 
-@pytest.mark.parametrize("coriolis", CORIOLIS)
-def test_counts_do_not_grow_with_the_mesh(coriolis: str) -> None:
+def test_counts_do_not_grow_with_the_mesh() -> None:
     found = [
-        iterations(
-            Model(Mesh.build(ne, 4), get_scene("williamson5")), 1200.0, tolerance=1e-6,
-            coriolis=coriolis,
-        )
+        iterations(Model(Mesh.build(ne, 4), get_scene("williamson5")), 1200.0, tolerance=1e-6)
         for ne in (4, 8, 16)
-    ]  # fmt: skip
+    ]
     assert max(found) < 9.0
     assert max(found[1:]) <= 1.3 * min(found[1:])
     assert max(found) <= 1.3 * found[0] + 1.0

@@ -10,7 +10,7 @@ import warp as wp
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels.simd.sums import tree_kernel, weighted_products_kernel
 from swe_sphere.operators.chunks import branches
-from swe_sphere.solvers.krylov_basis import KrylovBasis
+from swe_sphere.solvers.gmres import KrylovBasis
 from swe_sphere.solvers.vector_space import VectorSpace
 
 N = 9001  # neither a multiple of the spans of the host nor of the blocks of GPUs

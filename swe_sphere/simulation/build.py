@@ -131,7 +131,7 @@ class Setup:
         stepper = self.kind(self.model, dt, **options)
         if self.config.adaptive is None:
             return stepper
-        return AdaptiveSteps(stepper, self.config.adaptive, self.config.adaptive_by)
+        return AdaptiveSteps(stepper, self.config.adaptive)
 
     @property
     def initial(self) -> Snapshot:

@@ -126,9 +126,7 @@ class RunConfig(SharedConfig):
     advective Courant number 2 and an hour at most, for exponential ones 0.15 to 0.5 and three
     hours. Of an adaptive run the longest step, by default the time between frames."""
     adaptive: Positive | None = None
-    """Let the steps inside of dt follow their error, to this tolerance (relative)."""
-    adaptive_by: Literal["embedded", "energy"] = "embedded"
-    """That error: of a step, relative to the state; or the relative drift of energy per day."""
+    """Let the steps inside of dt follow their error, relative to the state, to this tolerance."""
     days: Days | None = None
     """Length of the run from its very start [days]; 0: only the start is written."""
     ne: Whole | None = None

@@ -205,8 +205,7 @@ TAKEN = frozenset({
 })  # fmt: skip
 """Names of other values in files and summaries of runs."""
 OPTIONS = frozenset({
-    "preconditioner", "tolerance", "diffusion", "strength", "share", "substeps", "krylov_block",
-    "coriolis",
+    "preconditioner", "tolerance", "diffusion", "strength", "share", "substeps",
 })  # fmt: skip
 """Names of the options of steppers in summaries of runs."""
 TAKEN_BEGINNINGS = (

@@ -1,4 +1,4 @@
-"""Flexible GMRES: the Krylov solver under every implicit step.
+"""Flexible GMRES, the Krylov solver under every implicit step, and the Arnoldi bases of solvers.
 
 Saad (1993), A flexible inner-outer preconditioned GMRES algorithm, SIAM J. Sci. Comput. 14,
 461-469, doi:10.1137/0914028.  Preconditioned from the right, so that the residual it watches is the
@@ -7,19 +7,101 @@ the next.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.krylov_basis import KrylovBasis
-from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult, Status
+from swe_sphere.solvers.krylov import KrylovSolver, LinearResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # Columns that lower the residual by less than this part are not used.
 GAIN = 1e-6
+# A second pass is due at the latest when the first left less than this part of a vector.
+REMAINDER = 0.1
+WINDOW = 2
+"""Vectors that a new one is made orthogonal to in a short basis: all that count for a skew
+operator, as that of waves is in the inner product of their energy (Gaudreault, Rainwater & Tokman
+2018)."""
+
+
+class KrylovBasis:
+    """Room for `size` vectors; `rows[k]` is the k-th, in the memory of `stack` (size, n).
+
+    A vector is made orthogonal to all vectors before it, or to the last WINDOW in a short basis.
+    """
+
+    def __init__(self, space: VectorSpace, size: int, short: bool = False) -> None:
+        self.space, self._short = space, short
+        self.stack = space.room(size)
+        self.rows = [self.stack[k] for k in range(size)]
+        self._firsts = [max(0, k - WINDOW) if short else 0 for k in range(size)]
+        self._stacks = [self.stack[first:] if first else self.stack for first in self._firsts]
+        # bound of |I - V' V|, and how far it may grow: semi-orthogonality is as good as the full
+        # one for what is read off the projections (Simon 1984, doi:10.1016/0024-3795(84)90025-9)
+        self._loss = 0.0
+        self._allowed = math.sqrt(space.epsilon)
+
+    def start(self, length: float) -> None:
+        """Begin again with rows[0], whose length is given."""
+        self.space.scale(1.0 / length, self.rows[0])
+        self._loss = self.space.epsilon
+
+    def extend(self, count: int) -> tuple[Array, float]:
+        """Make v = rows[count] orthonormal to the k rows before it that it is made orthogonal to.
+
+        Returns (c (k,), r) with v at entry = sum_s c_s rows[s] + r v at exit.  r is 0, and v at
+        exit without meaning, when v lies in the span of the rows to round-off; r is not finite when
+        v is not.  Classical Gram-Schmidt, with a second pass where cancellation calls for one and
+        then no more ("twice is enough": Parlett, The Symmetric Eigenvalue Problem, section 6.9;
+        Giraud, Langou, Rozloznik & van den Eshof 2005, doi:10.1007/s00211-005-0615-4).
+        """
+        c, square = self._project(count)
+        rest = square - float(c.dot(c))
+        if rest >= REMAINDER**2 * square > 0.0 and self._stays_orthogonal(square, rest):
+            return c, self._subtract(count, c, rest)
+        if not 0.0 < square < math.inf:
+            return c, 0.0 if square == 0.0 else math.nan
+        row = self.rows[count]
+        self.space.combine(row, self._stacks[count], -c, row)
+        more, left = self._project(count)
+        rest = left - float(more.dot(more))
+        if rest <= max(REMAINDER**2 * left, (10.0 * self.space.epsilon) ** 2 * square):
+            return c + more, 0.0
+        return c + more, self._subtract(count, more, rest)
+
+    def _project(self, count: int) -> tuple[Array, float]:
+        """Products of a row with the rows before it, and with itself."""
+        size = count - self._firsts[count] + 1
+        products = self.space.projections((self._stacks[count], size, self.rows[count]))
+        return products[:-1].copy(), float(products[-1])
+
+    def _stays_orthogonal(self, square: float, rest: float) -> bool:
+        """Whether one pass, which leaves `rest` of `square`, keeps the basis orthogonal enough.
+
+        What orthogonality was lost before is amplified: the new row is off the others by
+        |E c| / r + round-off |v| / r, and off length one, because of Pythagoras, by c' E c / r^2.
+        """
+        if self._short:
+            return True
+        ratio = math.sqrt((square - rest) / rest)
+        growth = self._loss * ratio * max(ratio, 1.0)
+        loss = self._loss + growth + self.space.epsilon * math.sqrt(square / rest)
+        if not loss <= self._allowed:
+            return False
+        self._loss = loss
+        return True
+
+    def _subtract(self, count: int, c: Array, rest: float) -> float:
+        """Take the components off the vector and normalise it; returns its length before that.
+
+        The length comes from Pythagoras, which there is accurate: the vector is read once less.
+        """
+        length, row = math.sqrt(rest), self.rows[count]
+        self.space.combine(row, self._stacks[count], -c, row, 1.0 / length)
+        return length
 
 
 class HessenbergLeastSquares:
@@ -94,17 +176,11 @@ class FlexibleGMRES(KrylovSolver):
     was at the last restart.
     """
 
-    def __init__(self, space: VectorSpace, size: int = 30, block: int = 1) -> None:
-        """Raises ConfigError for a size or a block below 1.
-
-        block: iterations that share one reduction; up to block - 1 products of the last are for
-        nothing.  Chronopoulos & Kim 1990, s-step Orthomin and GMRES, Reliable Computing 4.
-        """
+    def __init__(self, space: VectorSpace, size: int = 30) -> None:
+        """Raises ConfigError for a size below 1."""
         if size < 1:
             raise ConfigError(f"GMRES needs room for at least one basis vector, not {size}")
-        if block < 1:
-            raise ConfigError(f"a Krylov block has at least one vector, not {block}")
-        self.space, self.size, self.block = space, size, block
+        self.space, self.size = space, size
         self._basis = KrylovBasis(space, size + 1)
         self._residual = self._basis.rows[0]
         self._images: wp.array | None = None
@@ -112,59 +188,33 @@ class FlexibleGMRES(KrylovSolver):
 
     def _cycle(self, p: LinearResult) -> None:
         """Arnoldi from the residual in row 0 until met, full or broken down; then update x."""
-        start, rows = p.residual, self._basis.rows
-        kept = p.precondition is not None or self.block > 1
-        if kept and self._images is None:  # a flexible method cannot find M v_k again
+        start, rows, epsilon = p.residual, self._basis.rows, self.space.epsilon
+        if p.precondition is not None and self._images is None:
             self._images = self.space.room(self.size)
             self._image_rows = [self._images[i] for i in range(self.size)]
-        small = HessenbergLeastSquares(start, self.space.epsilon)
-        goal = max(p.target, self.space.epsilon * start)
+        small, goal = HessenbergLeastSquares(start, epsilon), max(p.target, epsilon * start)
         self._basis.start(start)
-        met, broken, count = False, False, min(self.size, p.limit - p.iterations)
-        for k in range(0, count, self.block):
-            block = range(k, min(k + self.block, count))
-            for j in block:
-                direction, product = rows[j : j + 2]
-                if p.precondition is not None:
-                    p.precondition(direction, self._image_rows[j])
-                    direction = self._image_rows[j]
-                elif kept:  # the row becomes a vector of the basis
-                    self.space.copy(direction, self._image_rows[j])
-                p.operator(direction, product)
-                if self.block > 1:
-                    self.space.axpby(-1.0, rows[j], 1.0, product)
-            for column, below in self._columns(k, len(block)):
-                if not (math.isfinite(below) and np.isfinite(column).all()):
-                    p.end(Status.NAN, "a product or the preconditioner is not finite")
-                    return
-                p.history.append(small.append(column.tolist(), below))
-                p.iterations += 1
-                met, broken = p.residual <= goal, below == 0.0 and p.residual > goal
-                if met or broken:
-                    break
+        met = broken = False
+        for k in range(min(self.size, p.limit - p.iterations)):
+            direction = rows[k]
+            if p.precondition is not None:  # a flexible method cannot find M v_k again
+                p.precondition(direction, self._image_rows[k])
+                direction = self._image_rows[k]
+            p.operator(direction, rows[k + 1])
+            column, below = self._basis.extend(k + 1)
+            if not (math.isfinite(below) and np.isfinite(column).all()):
+                p.end(Status.NAN, "a product or the preconditioner is not finite")
+                return
+            p.history.append(small.append(column.tolist(), below))
+            p.iterations += 1
+            met, broken = p.residual <= goal, below == 0.0 and p.residual > goal
             if met or broken:
                 break
-        stack = self._images if kept else self._basis.stack
+        stack = self._basis.stack if p.precondition is None else self._images
         y, p.history[-1], terms = small.solve()
         self.space.combine(p.x, stack, y, p.x)
         p.terms += terms
         # a full basis may creep; any other cycle is expected to gain far more than a half
         most = (0.5 if met or broken else 0.999) * start
-        largest = math.sqrt(self.space.epsilon) * p.scale
+        largest = math.sqrt(epsilon) * p.scale
         self._judge(p, most, ": the operator is singular" * broken, largest)
-
-    def _columns(self, k: int, block: int) -> Iterator[tuple[Array, float]]:
-        """Columns of H for the products from row k + 1 on, each with the entry below it.
-
-        Blocks are of vectors p_0 = v_k, p_j+1 = (A M - 1) p_j, orthonormal afterwards.  Where M is
-        near A^-1 these are less alike than the powers of A M.  H then describes A M of p_j, not of
-        v_k+j, and x is made of M p_j.
-        """
-        if self.block == 1:
-            yield self._basis.extend(k + 1)
-            return
-        shifted = np.zeros(k + 1)
-        shifted[k] = 1.0
-        for column, below in self._basis.extend_block(k + 1, block):
-            yield column + shifted, below
-            shifted = np.append(column, below)

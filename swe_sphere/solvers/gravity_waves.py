@@ -1,8 +1,9 @@
 """The linear gravity waves that semi-implicit steppers treat implicitly.
 
-L(V, h) = (-g G h [- f k x V], -D(H V)): waves about rest under a level surface, H deep above the
-bottom, with the model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as F
-does.  With D and G adjoint, S = I - tau^2 g D H G is symmetric for the areas as weights.
+L(V, h) = (-g G h, -D(H V)): waves about rest under a level surface, H deep above the bottom, with
+the model's own discrete, DSS'd gradient and divergence, so that F - L keeps mass as F does.  With D
+and G adjoint, S = I - tau^2 g D H G is symmetric for the areas as weights.  The Coriolis force is
+explicit.
 """
 
 import time
@@ -16,20 +17,17 @@ from swe_sphere.equations.effects import EFFECTS
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.right_hand_side import Operator
 from swe_sphere.equations.spectrum import Spectrum, estimate_spectrum
+from swe_sphere.equations.tracer_equations import TracerEquations
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import Terms
-from swe_sphere.kernels.pointwise import Pointwise
+from swe_sphere.kernels.tracers import flux_kernel
 from swe_sphere.operators import TendencyOperator
 from swe_sphere.operators.replay import recorded
-from swe_sphere.solvers.conjugate_gradients import ConjugateGradients
-from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import KrylovSolver, LinearResult
+from swe_sphere.operators.tracers import TracerTransport
+from swe_sphere.solvers.krylov import ConjugateGradients, LinearResult
 from swe_sphere.solvers.preconditioners.multilevel import Multilevel, schur_operator
-from swe_sphere.solvers.tracer_waves import TracerWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
-CORIOLIS = ("explicit", "implicit")
-"""Where the Coriolis force may be taken."""
 DEEPEST = 0.8
 """Least reference depth, as a part of that below the highest surface.  Where fluid is deeper than
 its reference, explicit waves grow sooner than where it is shallower (docs/imex_steps.md)."""
@@ -37,14 +35,19 @@ INERTIAL = 1.25
 """How much more explicit inertial waves limit steps than advection of the same frequency: by
 measurement on meshes so coarse that they do (docs/imex_steps.md)."""
 MOST_ITERATIONS = 200
-BASIS = 40
 
 
 def reference_depth(model: Model) -> Array:
     """Depth (N,) below the mean surface of the initial state [m], or 0.8 of that below the highest.
 
-    The larger of both.  Of linearised dynamics it is that of the base.
+    The larger of both.  Of linearised dynamics it is that of the base.  Raises ConfigError for a
+    scene without gravity waves.
     """
+    if model.scene.effect("pressure-gradient") is None:
+        raise ConfigError(
+            f"scene {model.scene.name} has no gravity waves to treat implicitly: "
+            "choose an explicit stepper"
+        )
     flow = model.scene.base or model.scene.initial
     _, _, depth = flow(model.mesh.lon, model.mesh.lat)
     surface: Array = depth + model.bottom
@@ -53,82 +56,45 @@ def reference_depth(model: Model) -> Array:
     return deep
 
 
-class GravityWaves:
-    """L on the device, with or without the Coriolis force (`coriolis` "implicit" or "explicit").
+def state_of_rest(model: Model) -> wp.array:
+    """Return a fluid (3N,) without motion, as deep as the reference depth."""
+    winds = np.zeros(2 * model.mesh.size)
+    return model.device_mesh.scatter(np.concatenate([winds, reference_depth(model)]))
 
-    Raises ConfigError for a scene without gravity waves, and for an unknown `coriolis`.
+
+def wave_operator(model: Model, rest: wp.array) -> Operator:
+    """Return L for wind and depth about a state of rest: out = L d from (d, out)."""
+    terms = Terms(pressure=True, tangent=True)
+    parameters = {"gravity": model.scene.planet.gravity, "base": rest}
+    operator = TendencyOperator(model.device_mesh, terms, model.launch, parameters)
+    return recorded(model.launch, operator)
+
+
+def explicit_spectrum(model: Model, state: wp.array, t: float = 0.0) -> Spectrum:
+    """Spectral radii [s-1] of what limits explicit steps of F - L, and of dissipation.
+
+    That is the advection, and where it is slow the Coriolis force.  F - L has larger eigenvalues,
+    of both in one place, but as the gravity waves are implicit those do not grow
+    (docs/imex_steps.md).  With custom effects all of F - L counts.  Raises ConfigError for a scene
+    without gravity waves.
     """
-
-    def __init__(self, model: Model, coriolis: str = "explicit") -> None:
-        if coriolis not in CORIOLIS:
-            raise ConfigError(f"coriolis is explicit or implicit, not {coriolis!r}")
-        if not any(effect.name == "pressure-gradient" for effect in model.scene.effects):
-            raise ConfigError(
-                f"scene {model.scene.name} has no gravity waves to treat implicitly: "
-                "choose an explicit stepper"
-            )
-        self.model, self.depth = model, reference_depth(model)
-        turning = coriolis == "implicit" and model.scene.coriolis is not None
-        self.coriolis = model.coriolis if turning else np.zeros(model.mesh.size)
-        n, scatter = model.mesh.size, model.device_mesh.scatter
-        parameters = {
-            "gravity": model.scene.planet.gravity,
-            "base": scatter(np.concatenate([np.zeros(2 * n), self.depth])),
-            "coriolis": scatter(self.coriolis),
-        }
-        operator = TendencyOperator(
-            model.device_mesh, Terms(pressure=True, tangent=True), model.launch, parameters,
-            Pointwise(rotation=turning),
-        )  # fmt: skip
-        self.apply_to_fluid = recorded(model.launch, operator)
-        """out = L d for wind and depth: apply_to_fluid(d, out)."""
-        self.tracers: TracerWaves | None = None
-        if model.tracers is not None:
-            self.tracers = TracerWaves(model, model.tracers, parameters["base"])
-
-    @property
-    def symmetric(self) -> bool:
-        """Whether S is: without the Coriolis force."""
-        return not self.coriolis.any()
-
-    def linearise(self, state: wp.array) -> None:
-        """Fix the mixing ratios with which tracers follow the waves; nothing to do without any."""
-        if self.tracers is not None:
-            self.tracers.linearise(state)
-
-    def apply(self, d: wp.array, out: wp.array) -> None:
-        """out = L d, both states."""
-        self.apply_to_fluid(d, out)
-        if self.tracers is not None:
-            self.tracers.apply(d, out)
-
-    def explicit_spectrum(self, state: wp.array, t: float = 0.0) -> Spectrum:
-        """Spectral radii [s-1] of what limits explicit steps of F - L, and of dissipation.
-
-        That is the advection, and where it is slow the Coriolis force.  F - L has larger
-        eigenvalues, of both in one place, but as the gravity waves are implicit those do not grow
-        (docs/imex_steps.md).  With effects of a user's own all of F - L counts.
-        """
-        model = self.model
-        dissipation = model.fluid_dissipation if model.dissipative else None
-        found = estimate_spectrum(model, state, _advection(model, state, t), dissipation)
-        wave = max(found.wave, INERTIAL * float(np.abs(model.coriolis).max()))
-        if any(effect.name not in EFFECTS for effect in model.scene.effects):
-            wave = max(wave, estimate_spectrum(model, state, self._rest(t)).wave)
-        return replace(found, wave=wave)
-
-    def _rest(self, t: float) -> Operator:
-        """F - L of wind and depth."""
-        model, ones = self.model, np.ones(self.model.fluid_size)
-        linear = model.device_mesh.upload(ones)
+    at_rest = state_of_rest(model)
+    dissipation = model.fluid_dissipation if model.dissipative else None
+    found = estimate_spectrum(model, state, _advection(model, state, t), dissipation)
+    wave = max(found.wave, INERTIAL * float(np.abs(model.coriolis).max()))
+    if any(effect.name not in EFFECTS for effect in model.scene.effects):
+        ones = np.ones(model.fluid_size)
+        linear, image = wave_operator(model, at_rest), model.device_mesh.upload(ones)
         space = VectorSpace(ones, model.device, model.device_mesh.real)
 
         def rest(x: wp.array, out: wp.array) -> None:
+            """out = (F - L) x for wind and depth."""
             model.fluid_tendency(x, t, out)
-            self.apply_to_fluid(x, linear)
-            space.axpy(-1.0, linear, out)
+            linear(x, image)
+            space.axpy(-1.0, image, out)
 
-        return rest
+        wave = max(wave, estimate_spectrum(model, state, rest).wave)
+    return replace(found, wave=wave)
 
 
 def advection_rate(model: Model, state: wp.array, t: float = 0.0) -> float:
@@ -148,30 +114,91 @@ def _advection(model: Model, state: wp.array, t: float) -> Operator:
     return advection
 
 
-class GravityWaveSolver:
-    """(I - tau L)^-1 to a tolerance, by block elimination and conjugate gradients on S.
+class TracerWaves:
+    """L_hq(V) = -div(q H V), the tracers' rows of L, with the mixing ratios q of one state.
 
-    With the Coriolis force in L, S is not symmetric and flexible GMRES takes over.  S is applied in
-    float64 and preconditioned in float32, whatever the run's number type.
+    Nothing depends on tracers, so that (I - tau L)^-1 needs no solve for them; but they have to
+    follow the depth: where its waves are implicit and those of hq explicit, a constant q would not
+    stay constant.  What the solver leaves as residual of the depth is taken over times q.
     """
 
-    def __init__(self, waves: GravityWaves) -> None:
-        self.waves, self.tau = waves, 0.0
-        model = waves.model
-        outer = model.device_mesh.real
-        self.operator = schur_operator(model, waves.coriolis, wp.float64, outer)
-        self._rough = schur_operator(model, waves.coriolis, wp.float32, outer)
-        self._inner = Multilevel(self._rough, symmetric=waves.symmetric)
+    def __init__(self, model: Model, tracers: TracerEquations, rest: wp.array) -> None:
+        """rest: wind and depth without motion, the reference depth H [m]."""
+        mesh, count, n = model.device_mesh, tracers.count, model.device_mesh.size
+        self._rest, self._depth, self._first = rest, tracers.depth, tracers.first
+        self._launch, self._carry = model.launch, flux_kernel(mesh.real)
+        self._launch.load(self._carry)
+        self._flow = mesh.upload(np.zeros(2 * n))
+        self._ratio = tracers.mixing_ratio()
+        self._transport = TracerTransport(mesh, model.launch, count)
+        self._air_transport = TracerTransport(mesh, model.launch, 1)
+        self._flux, self._air = mesh.upload(np.zeros(count * n)), mesh.upload(np.zeros(n))
+        self._ones = mesh.upload(np.ones(n))
+        self._units = [model.zeros() for _ in range(count)]
+        for unit, begin in zip(self._units, range(self._first, model.size, n), strict=True):
+            unit[begin : begin + n].fill_(1.0)
+        area = np.tile(model.mesh.area / model.mesh.area.sum(), len(model.names))
+        self._space = VectorSpace(area, mesh=mesh)
+
+    def linearise(self, state: wp.array) -> None:
+        """Take the mixing ratios of a state."""
+        self._ratio.set(state)
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out_hq = L_hq d."""
+        self._carry_rest(d)
+        self._transport(self._flow, self._ratio.values, 0, out, self._first)
+
+    def solve(self, tau: float, r: wp.array, x: wp.array) -> None:
+        """x_hq = r_hq + tau L_hq x + q (residual of x_h), with the mass of r_hq."""
+        self._carry_rest(x)
+        self._transport(self._flow, self._ratio.values, 0, self._flux, 0)
+        self._air_transport(self._flow, self._ones, 0, self._air, 0)
+        self._ratio.correct(self._flux, self._air, tau, r, x)
+        for unit in self._units:
+            self._space.match_mean(r, x, unit)
+
+    def _carry_rest(self, d: wp.array) -> None:
+        """flow = H V."""
+        n = self._ones.size
+        self._launch(self._carry, n, d, self._rest, self._depth, n, self._flow)
+
+
+class GravityWaves:
+    """L on the device, and (I - tau L)^-1 by block elimination and conjugate gradients on S.
+
+    S is applied in float64 and preconditioned in float32, whatever the run's number type.  Raises
+    ConfigError for a scene without gravity waves.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.depth, mesh, rest = reference_depth(model), model.device_mesh, state_of_rest(model)
+        self._apply_to_fluid = wave_operator(model, rest)
+        tracers = model.tracers
+        self._tracers = None if tracers is None else TracerWaves(model, tracers, rest)
+        coriolis = np.zeros(model.mesh.size)
+        self.operator = schur_operator(model, coriolis, wp.float64, mesh.real)
+        self._rough = schur_operator(model, coriolis, wp.float32, mesh.real)
+        self._inner = Multilevel(self._rough, symmetric=True)
         self._rough_fields = self._rough.field(), self._rough.field()
-        area = model.mesh.area / model.mesh.area.sum()
-        self.space = VectorSpace(area, real=wp.float64, mesh=model.device_mesh)
-        self.setups, self.setup_seconds = 0, 0.0
-        self._krylov: KrylovSolver = (
-            ConjugateGradients(self.space) if waves.symmetric else FlexibleGMRES(self.space, BASIS)
-        )
         self._fields = self.operator.field(), self.operator.field()
+        area = model.mesh.area / model.mesh.area.sum()
+        self.space = VectorSpace(area, real=wp.float64, mesh=mesh)
+        self._krylov = ConjugateGradients(self.space)
         self._b, self._h = self.space.zeros(), self.space.zeros()
         self._ones = wp.full_like(self._b, 1.0)
+        self.tau, self.setups, self.setup_seconds = 0.0, 0, 0.0
+
+    def linearise(self, state: wp.array) -> None:
+        """Fix the mixing ratios with which tracers follow the waves; nothing to do without any."""
+        if self._tracers is not None:
+            self._tracers.linearise(state)
+
+    def apply(self, d: wp.array, out: wp.array) -> None:
+        """out = L d, both states."""
+        self._apply_to_fluid(d, out)
+        if self._tracers is not None:
+            self._tracers.apply(d, out)
 
     def setup(self, tau: float) -> None:
         """Prepare for the implicit step tau [s]; nothing to do if it is the last one."""
@@ -179,10 +206,12 @@ class GravityWaveSolver:
             return
         start = time.perf_counter()
         self.tau = tau = float(tau)  # a numpy.float64 would make float32 arrays float64
-        depth = self.waves.depth
-        self.operator.configure(tau, depth, self._inner.prepare(tau, depth))
+        inverse = 1.0 / self._inner.matrix.diagonal(tau, self.depth)
+        for operator in (self.operator, self._rough):
+            operator.configure(tau, self.depth, inverse)
+        self._inner.setup(tau, self.depth)
         launch = self.operator.launch
-        self._apply = recorded(launch, self._product)
+        self._system = recorded(launch, self._product)
         self._precondition = recorded(launch, self._inverse)
         self.setups += 1
         self.setup_seconds += time.perf_counter() - start
@@ -200,14 +229,14 @@ class GravityWaveSolver:
         self.operator.spread(guess, h)
         self.operator.collect(h, self._h)
         result = self._krylov.solve(
-            self._apply, self._b, self._h, self._precondition, tolerance,
+            self._system, self._b, self._h, self._precondition, tolerance,
             max_iterations=MOST_ITERATIONS,
         )  # fmt: skip
         self.space.match_mean(self._b, self._h, self._ones)
         self.operator.spread(self._h, h)
         self.operator.substitute(r, h, out)
-        if self.waves.tracers is not None:
-            self.waves.tracers.solve(self.tau, r, out)
+        if self._tracers is not None:
+            self._tracers.solve(self.tau, r, out)
         return result
 
     def _product(self, d: wp.array, out: wp.array) -> None:

@@ -20,8 +20,8 @@ import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
-from swe_sphere.solvers.krylov_basis import KrylovBasis
-from swe_sphere.solvers.linear_result import Operator
+from swe_sphere.solvers.gmres import KrylovBasis
+from swe_sphere.solvers.krylov import Operator
 from swe_sphere.solvers.vector_space import VectorSpace
 
 

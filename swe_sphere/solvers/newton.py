@@ -12,9 +12,8 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
-from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import Operator, SolveResult, Status
+from swe_sphere.solvers.krylov import Operator, SolveResult, Status
 from swe_sphere.solvers.vector_space import VectorSpace
 
 # A correction of so few round-offs of the unknown is one that the unknown cannot resolve.
@@ -41,38 +40,30 @@ that Newton is to reach, and the nonlinearity |F(x + d) - F - J d| / |F|^2 of an
 before the first."""
 
 
-@dataclass(frozen=True)
-class FollowedNonlinearity:
-    """As exactly as the linear model agreed with the residual in the step before.
+FIRST = 0.02
+"""The forcing term while nothing is known."""
+CAP = 0.1
+"""Largest forcing term, unless half of what is wanted is more.  One well below the customary 0.9
+saves Newton iterations, whose residuals are expensive."""
+
+
+def followed_nonlinearity(norm: float, target: float, nonlinearity: float | None) -> float:
+    """Return the `Forcing` that is as exact as the linear model was in the step before.
 
     Choice 1 of Eisenstat & Walker (doi:10.1137/0917003, 1996, eq. 2.2) takes eta from what the
     linear model of the last step missed; here that is carried over to the present |F|, what is
     missed being quadratic.  Where that reaches the target, the system is solved as far as the
     target leaves room; else not further than what will be missed, and no further than half of the
     way (in the logarithm), as two solves of equal depth cost least.
-
-    first: eta while nothing is known.  cap: largest eta, unless half of what is wanted is more; one
-    well below the customary 0.9 saves Newton iterations, whose residuals are dear.  Raises
-    ConfigError for parameters with which Newton cannot converge.
     """
-
-    first: float = 0.1
-    cap: float = 0.1
-
-    def __post_init__(self) -> None:
-        if not all(0.0 < value < 1.0 for value in (self.first, self.cap)):
-            raise ConfigError(f"forcing terms need first and cap in (0, 1), not {self}")
-
-    def __call__(self, norm: float, target: float, nonlinearity: float | None) -> float:
-        """See `Forcing`."""
-        wanted = target / norm
-        if nonlinearity is None:
-            return max(min(self.first, self.cap), 0.5 * wanted)
-        missed = nonlinearity * norm
-        if missed < LAST * wanted:
-            return ALMOST * math.sqrt(wanted**2 - missed**2)
-        eta = max(SAFETY * missed, math.sqrt(wanted), LEAST)
-        return max(min(eta, self.cap), 0.5 * wanted)
+    wanted = target / norm
+    if nonlinearity is None:
+        return max(FIRST, 0.5 * wanted)
+    missed = nonlinearity * norm
+    if missed < LAST * wanted:
+        return ALMOST * math.sqrt(wanted**2 - missed**2)
+    eta = max(SAFETY * missed, math.sqrt(wanted), LEAST)
+    return max(min(eta, CAP), 0.5 * wanted)
 
 
 class Problem(Protocol):
@@ -80,20 +71,16 @@ class Problem(Protocol):
 
     def residual(self, x: wp.array, out: wp.array) -> None:
         """out = F(x)."""
-        ...
 
     def linearise(self, x: wp.array) -> None:
         """Fix the x at which `jacobian` and `precondition` act; x does not change while they do."""
-        ...
 
     def jacobian(self, d: wp.array, out: wp.array) -> None:
         """out = F'(x) d."""
-        ...
 
     @property
     def precondition(self) -> Operator | None:
         """precondition(r, out): out near F'(x)^-1 r; or None."""
-        ...
 
 
 @dataclass(kw_only=True)
@@ -133,16 +120,16 @@ class NewtonKrylov:
 
     def __init__(
         self, space: VectorSpace, gmres: FlexibleGMRES, rtol: float = 1e-6, atol: float = 0.0,
-        max_iterations: int = 20, max_krylov: int = 200, forcing: Forcing | None = None,
+        max_iterations: int = 20, max_krylov: int = 200, forcing: Forcing = followed_nonlinearity,
     ) -> None:  # fmt: skip
         """Converged means |F(x)| <= max(rtol |F(x_0)|, atol) in the norm of the space.
 
-        max_krylov: per Newton iteration.  forcing: default FollowedNonlinearity().
+        max_krylov: per Newton iteration.
         """
         self.space, self.gmres = space, gmres
         self.rtol, self.atol = rtol, atol
         self.max_iterations, self.max_krylov = max_iterations, max_krylov
-        self.forcing: Forcing = forcing or FollowedNonlinearity()
+        self.forcing = forcing
         self.nonlinearity: float | None = None
         """Of the last step that told it, see `Forcing`; it is carried over from solve to solve."""
         self._residual, self._trial_residual = space.zeros(), space.zeros()

@@ -1,20 +1,17 @@
-"""Diagonally and linearly implicit Runge-Kutta methods: a method is its coefficients."""
+"""Diagonally implicit Runge-Kutta methods: a method is its coefficients."""
 
 import math
 from typing import ClassVar
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
-from swe_sphere.steppers.stability import Rows, check_order, checked_tableau, error_constant
+from swe_sphere.steppers.stability import check_order, checked_tableau, error_constant
 from swe_sphere.steppers.stepper import read_methods
 from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 ROUGH = 0.1
 """Relative tolerance of what is solved for an estimate."""
-FRACTION = 1e-3
-"""Spacing of the differences that give dF/dt, in time steps."""
 
 
 class DiagonallyImplicit(ImplicitStepper):
@@ -65,22 +62,14 @@ class DiagonallyImplicit(ImplicitStepper):
             if fault := self.solver.solve(gamma, stage_time, self._rhs, out):
                 return fault
             self.implied_slope(out, self._rhs, gamma, self._slopes[i])
-        self._finish(dt, out)
-        return None
-
-    def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
-        """Weights of the vectors in the stack for the weights b of the tableau."""
-        return np.array(b)
-
-    def _finish(self, dt: float, out: wp.array) -> None:
-        """The state at the end of a step of dt [s] all of whose slopes are known."""
         self._attempted = dt
-        self.space.combine(self.state, self._stack, dt * self._weights(self.b), out)
+        self.space.combine(self.state, self._stack, dt * np.array(self.b), out)
+        return None
 
     def error_estimate(self) -> float:
         """Norm [m s-1] of the difference to the embedded method, for the step last attempted."""
         assert self.embedded is not None
-        difference = self._attempted * (self._weights(self.b) - self._weights(self.embedded))
+        difference = self._attempted * (np.array(self.b) - np.array(self.embedded))
         self.space.clear(self._rhs)
         self.space.combine(self._rhs, self._stack, difference, self._rhs)
         return self.space.norm(self._rhs)
@@ -115,94 +104,7 @@ class TRBDF2(DiagonallyImplicit):
         scheme damps (Hosea & Shampine 1996); it is taken only where it is the smaller.
         """
         difference = super().error_estimate()
-        problem, damped = self.solver.problem, self.space.zeros()
-        problem.tau = self.a[-1][-1] * self._attempted
-        problem.linearise(self.state)
-        converged = self.solver.solve_linear(self._rhs, damped, rtol=ROUGH, guess=False).converged
-        return min(difference, self.space.norm(damped)) if converged else difference
-
-
-class Rosenbrock(DiagonallyImplicit):
-    """Rosenbrock-W method: linearly implicit, one linear system with the same matrix a stage.
-
-    (I - gamma dt J) k_i = dt F(x + sum a_ij k_j) + dt J sum_(j<i) g_ij k_j, x_new = x + sum b_i k_i
-    keeps its order with an inexact J.  It is solved for u = Gamma k/dt: no product with J is on the
-    right then (Hairer & Wanner 1996, IV.7).  A solve is as exact as `tolerance` says, relative to
-    the change of the state in gamma dt.
-    """
-
-    gamma: ClassVar[float]
-    alpha: ClassVar[Rows]
-    """Rows of the a_ij from the second stage on, as those of `lower`, which are the g_ij."""
-    lower: ClassVar[Rows]
-    matrices: ClassVar[tuple[NDArray[np.float64], NDArray[np.float64]]]
-    """The a_ij, and Gamma: the g_ij with gamma on the diagonal."""
-
-    @classmethod
-    def complete(cls) -> None:
-        alpha, lower = (
-            checked_tableau(cls, name, first=1, diagonal=False) for name in ("alpha", "lower")
-        )
-        cls.matrices = alpha, lower + cls.gamma * np.eye(len(cls.b))
-        # for linear equations the method is a diagonally implicit one with this tableau
-        both = alpha + cls.matrices[1]
-        check_order(cls, alpha, both, nonlinear=1)
-        cls.error_constant = error_constant(both, np.array(cls.b), cls.order)
-
-    def allocate(self) -> None:
-        super().allocate()
-        self._point, self._drift = self.model.zeros(), self.model.zeros()
-        self._has_drift = not self.model.scene.autonomous
-        alpha, sums = self.matrices
-        self._inverse = np.linalg.inv(sums)
-        self._c, self._sums = alpha.sum(axis=1), sums.sum(axis=1)
-        self._inner, self._coupling = alpha @ self._inverse, -np.tril(self._inverse, -1)
-
-    def _weights(self, b: tuple[float, ...]) -> NDArray[np.float64]:
-        return np.asarray(b @ self._inverse)
-
-    def begin(self, slope: wp.array) -> None:
-        """Guess the solutions that the slope at the start would have."""
-        super().begin(slope)
-        for guess, part in zip(self.guesses, self._sums, strict=True):
-            self.space.scale(float(part), guess)
-
-    def solve_step(self, t: float, dt: float, out: wp.array) -> str | None:
-        space, solver, problem = self.space, self.solver, self.solver.problem
-        goal = solver.tolerance * self.gamma * solver.rate
-        problem.tau = self.gamma * dt
-        solver.prepare(problem.tau)
-        self._differentiate(t, dt)
-        problem.time = t
-        problem.linearise(self.state)
-        for i in range(len(self.b)):
-            # (I - tau J) u_i = gamma [F(x + dt sum a_ij u_j) + sum c_ij u_j + gamma_i dt dF/dt]
-            space.combine(self.state, self._stack, dt * self._inner[i, :i], self._point)
-            self.model.tendency(self._point, t + self._c[i] * dt, self._rhs)
-            space.scale(self.gamma, self._rhs)
-            space.combine(self._rhs, self._stack, self.gamma * self._coupling[i, :i], self._rhs)
-            if self._has_drift:
-                space.axpy(self.gamma * self._sums[i] * dt, self._drift, self._rhs)
-            u = self._slopes[i]  # it has the mass of the right-hand side, which J does not move
-            space.copy(self.guesses[i], u)
-            result = solver.solve_linear(self._rhs, u, atol=goal, floor=solver.worthless() / dt)
-            solver.restore_mass(self._rhs, u)
-            if not result.converged:
-                return result.message
-        self._finish(dt, out)
-        return None
-
-    def _differentiate(self, t: float, dt: float) -> None:
-        """dF/dt at the start, for a wind or forcing that changes, by differences.
-
-        Forwards, as there need be nothing before the scene begins.
-        """
-        if not self._has_drift:
-            return
-        self.space.clear(self._drift)
-        for ahead, weight in enumerate((-1.5, 2.0, -0.5)):
-            self.model.tendency(self.state, t + ahead * FRACTION * dt, self._point)
-            self.space.axpy(weight / (FRACTION * dt), self._point, self._drift)
-
-
-(RosenbrockW,) = read_methods(Rosenbrock)
+        damped = self.space.zeros()
+        tau = self.a[-1][-1] * self._attempted
+        solved = self.solver.solve_linear(tau, self.state, self._rhs, damped, ROUGH)
+        return min(difference, self.space.norm(damped)) if solved else difference

@@ -14,7 +14,7 @@ from swe_sphere.equations.spectrum import Spectrum
 from swe_sphere.errors import ConfigError
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.kernels.vectors import AT_ONCE
-from swe_sphere.solvers.gravity_waves import GravityWaves
+from swe_sphere.solvers.gravity_waves import explicit_spectrum
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.flow_limit import strongest_advection
 from swe_sphere.steppers.stability import (
@@ -37,8 +37,8 @@ stability."""
 class ImexStepper(Stepper):
     """A stepper with a solver of linear gravity waves, limited by the wind (docs/imex_steps.md).
 
-    `tolerance`: see `StageSolver`; `coriolis`: see `WaveSolver`; `solver`: the one of another
-    stepper of the same model, to share it with its options.
+    `tolerance`: see `StageSolver`; `solver`: the one of another stepper of the same model, to share
+    it with its options.
     """
 
     family = "imex"
@@ -50,12 +50,10 @@ class ImexStepper(Stepper):
     solver: WaveSolver
 
     def __init__(
-        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit",
+        self, model: Model, dt: float, tolerance: float | None = None,
         solver: WaveSolver | None = None,
     ) -> None:  # fmt: skip
-        self.solver = solver or WaveSolver(
-            model, self.solver_tolerance(tolerance), coriolis, self.name
-        )
+        self.solver = solver or WaveSolver(model, self.solver_tolerance(tolerance), self.name)
         super().__init__(model, dt)
         self.counters, self.space = self.solver.counters, self.solver.space
         n = model.device_mesh.size
@@ -71,7 +69,7 @@ class ImexStepper(Stepper):
 
         That is the advection at the strongest wind of a trial run: see `strongest_advection`.
         """
-        at_start = GravityWaves(model.inviscid).explicit_spectrum(state, t)
+        at_start = explicit_spectrum(model.inviscid, state, t)
         return replace(at_start, wave=max(at_start.wave, strongest_advection(model)))
 
     @classmethod

@@ -106,11 +106,6 @@ class SemiImplicit(ImexStepper, Leapfrog):
     error_constant = 1.0 / 6.0  # leapfrog's, dt^3/3 of the third derivative, of a change of 2 dt
     style = ("#E69F00", "D")
 
-    def __init__(
-        self, model: Model, dt: float, tolerance: float | None = None, coriolis: str = "explicit"
-    ) -> None:
-        super().__init__(model, dt, tolerance, coriolis)
-
     def allocate(self) -> None:
         self._change, self._difference = self.model.zeros(), self.model.zeros()
         self.guess = wp.zeros_like(self._change[self._depth])

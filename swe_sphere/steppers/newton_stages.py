@@ -10,8 +10,7 @@ from swe_sphere.equations.effects import MASSES
 from swe_sphere.equations.model import Model
 from swe_sphere.kernels import combine_kernel
 from swe_sphere.solvers.gmres import FlexibleGMRES
-from swe_sphere.solvers.linear_result import LinearResult
-from swe_sphere.solvers.newton import FollowedNonlinearity, NewtonKrylov
+from swe_sphere.solvers.newton import NewtonKrylov
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers.stage_solver import StageSolver
@@ -21,7 +20,6 @@ KRYLOV_MEMORY = 2e9
 """Basis vectors kept by GMRES, and the memory they may take [bytes]."""
 NEWTON_ITERATIONS = 12
 """A solve that needs more is cheaper in two halves of the step."""
-FORCING = FollowedNonlinearity(first=0.02)
 
 
 class StageProblem:
@@ -72,9 +70,8 @@ class NewtonStages(StageSolver):
     """The tau [s] for which the preconditioner is set up; None: that of the stage."""
 
     def __init__(
-        self, model: Model, tolerance: float, preconditioner: str, krylov_block: int,
-        equations: type[StageProblem] = StageProblem,
-    ) -> None:  # fmt: skip
+        self, model: Model, tolerance: float, preconditioner: str, equations: type[StageProblem]
+    ) -> None:
         super().__init__(model, tolerance)
         self.problem = equations(model, self.space, preconditioner)
         space = self.problem.space
@@ -82,8 +79,8 @@ class NewtonStages(StageSolver):
         # of ranks, so that they agree when to restart
         size = max(20, min(KRYLOV_SIZE, int(KRYLOV_MEMORY / (2 * 8 * space.whole))))
         self.newton = NewtonKrylov(
-            space, FlexibleGMRES(space, size, krylov_block), forcing=FORCING,
-            max_iterations=NEWTON_ITERATIONS, max_krylov=2 * KRYLOV_SIZE,
+            space, FlexibleGMRES(space, size), max_iterations=NEWTON_ITERATIONS,
+            max_krylov=2 * KRYLOV_SIZE,
         )  # fmt: skip
         self.counters = {"rejected_steps": 0, "newton_iterations": 0, "krylov_iterations": 0}
         self._known = self.newton.nonlinearity
@@ -119,7 +116,9 @@ class NewtonStages(StageSolver):
         """
         problem = self.problem
         problem.tau, problem.time, problem.rhs = tau, t, rhs
-        self.prepare(tau)
+        if problem.precondition is not None:
+            point = self.model.point_of_tangent(self.state)
+            problem.precondition.update(point, self.prepared_for or tau)
         self.newton.rtol = self.tolerance
         result = self.newton.solve(problem, x, tau * self.rate, self.worthless())
         self.counters["newton_iterations"] += result.newton_iterations
@@ -130,20 +129,18 @@ class NewtonStages(StageSolver):
             self.restore_mass(*masses)
         return None
 
-    def solve_linear(self, rhs: wp.array, x: wp.array, **goal: Any) -> LinearResult:
-        """Solve the linearised problem from the guess x, as exactly as `goal` says."""
+    def solve_linear(
+        self, tau: float, state: wp.array, rhs: wp.array, x: wp.array, rtol: float
+    ) -> bool:
+        """Solve (I - tau J) x = rhs with J at a state; returns whether it converged."""
+        self.problem.tau = tau
+        self.problem.linearise(state)
         result = self.newton.gmres.solve(
-            self.problem.jacobian, rhs, x, self.problem.precondition,
-            **({"rtol": 0.0} | goal), max_iterations=self.newton.max_krylov,
+            self.problem.jacobian, rhs, x, self.problem.precondition, rtol,
+            max_iterations=self.newton.max_krylov, guess=False,
         )  # fmt: skip
         self.counters["krylov_iterations"] += result.iterations
-        return result
-
-    def prepare(self, tau: float) -> None:
-        """Bring the preconditioner to the state of the step and tau [s]."""
-        if self.problem.precondition is not None:
-            point = self.model.point_of_tangent(self.state)
-            self.problem.precondition.update(point, self.prepared_for or tau)
+        return result.converged
 
     def restore_mass(self, rhs: wp.array, x: wp.array, gain: float = 0.0) -> None:
         """Give x the masses of the right-hand side, and as much mean depth [m] more as `gain`.

@@ -76,14 +76,14 @@ def checked_tableau(
     return tableau(rows, len(cls.b))
 
 
-def check_order(cls: Any, *matrices: NDArray[np.float64], nonlinear: int | None = None) -> None:
+def check_order(cls: Any, *matrices: NDArray[np.float64]) -> None:
     """Raise ConfigError where a method misses an order condition of its `order`, up to the third.
 
     matrices: A of each part of the right-hand side.  Conditions hold for all their combinations
-    (Kennedy & Carpenter 2003), but those with c^2 only for the first `nonlinear` of the matrices.
+    (Kennedy & Carpenter 2003).
     """
     b, nodes = np.array(cls.b), [a.sum(axis=1) for a in matrices]
-    squares = combinations_with_replacement(nodes[:nonlinear], 2)
+    squares = combinations_with_replacement(nodes, 2)
     conditions = [
         (1, "sum b = 1", b.sum() - 1.0),
         *((2, "sum b c = 1/2", b @ c - 1 / 2) for c in nodes),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.equations.tracer_equations import mixing_ratios
 from swe_sphere.errors import ConfigError, SolverFailed
-from swe_sphere.solvers.gravity_waves import GravityWaves, GravityWaveSolver
+from swe_sphere.solvers.gravity_waves import GravityWaves
 from swe_sphere.solvers.vector_space import VectorSpace
 
 SHARE = 0.45
@@ -178,22 +178,20 @@ class WaveSolver(StageSolver):
 
     The tolerance is relative to the right-hand side of the eliminated equation for the depth.
 
-    coriolis: "explicit", or "implicit" as part of L; name: the stepper's, for messages.  Raises
-    ConfigError for another word, and for a scene without gravity waves.
+    name: the stepper's, for messages.  Raises ConfigError for a scene without gravity waves.
     """
 
-    def __init__(self, model: Model, tolerance: float, coriolis: str, name: str) -> None:
+    def __init__(self, model: Model, tolerance: float, name: str) -> None:
         super().__init__(model, tolerance)
-        self._solver = GravityWaveSolver(GravityWaves(model, coriolis))
-        self.waves, self._name = self._solver.waves, name
+        self.waves, self._name = GravityWaves(model), name
 
     def solve(self, tau: float, t: float, r: wp.array, guess: wp.array, out: wp.array) -> None:
         """out (3N,) = (I - tau L)^-1 r, from a guess of its depth (N,), in a step from t [s].
 
         Raises SolverFailed where that does not converge.
         """
-        self._solver.setup(tau)
-        result = self._solver.solve(r, guess, out, self.tolerance)
+        self.waves.setup(tau)
+        result = self.waves.solve(r, guess, out, self.tolerance)
         self.counters["krylov_iterations"] += result.iterations
         if not result.converged:
             raise SolverFailed(
@@ -203,4 +201,4 @@ class WaveSolver(StageSolver):
 
     def costs(self) -> dict[str, float]:
         """Number of set-ups, and seconds that they took."""
-        return {"setups": self._solver.setups, "setup_seconds": self._solver.setup_seconds}
+        return {"setups": self.waves.setups, "setup_seconds": self.waves.setup_seconds}

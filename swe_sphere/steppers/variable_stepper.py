@@ -102,7 +102,7 @@ class ImplicitStepper(VariableStepper):
 
     def __init__(
         self, model: Model, dt: float, tolerance: float | None = None,
-        preconditioner: str = "helmholtz", diffusion: str = "whole", krylov_block: int = 1,
+        preconditioner: str = "helmholtz", diffusion: str = "whole",
         solver: NewtonStages | None = None,
     ) -> None:  # fmt: skip
         if diffusion not in DIFFUSION:
@@ -110,7 +110,7 @@ class ImplicitStepper(VariableStepper):
         self.diffusion_apart = diffusion == "apart"
         solver = solver or NewtonStages(
             model.inviscid if self.diffusion_apart else model, self.solver_tolerance(tolerance),
-            preconditioner, krylov_block, self.equations,
+            preconditioner, self.equations,
         )  # fmt: skip
         super().__init__(model, dt, solver)
         self.allocate()

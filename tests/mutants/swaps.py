@@ -169,7 +169,6 @@ STEPPERS = (
     _stepper("dirk", "ESDIRK4.a", _tableau(4, 2), "esdirk4"),
     _stepper("imex_runge_kutta", "ARK2.explicit", _tableau(1, 1), "ark2"),
     _stepper("imex_runge_kutta", "ARS343.implicit", _tableau(1, 1), "ars343"),
-    _stepper("dirk", "RosenbrockW.b", _entry(2), "rosenbrock-w"),
 )
 
 SWAPS = (*METRIC, *QUADRATURE, *SCENES, *ASSEMBLY, *STEPPERS)

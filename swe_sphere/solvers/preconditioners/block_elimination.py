@@ -5,13 +5,11 @@ from abc import abstractmethod
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
 import scipy
 import warp as wp
 
 from swe_sphere.arrays import Array
 from swe_sphere.equations.model import Model
-from swe_sphere.kernels.coarse import patch_kernel
 from swe_sphere.kernels.vectors import nearness_kernel
 from swe_sphere.operators.device_mesh import Field
 from swe_sphere.operators.replay import Replay
@@ -98,20 +96,6 @@ class Helmholtz(BlockElimination):
         self._multilevel.solve(b, x)
 
 
-class JacobiElimination(BlockElimination):
-    """The Schur complement by its diagonal."""
-
-    name = "jacobi"
-
-    def invert(self, tau: float, depth: Array) -> None:
-        """Prepare for the implicit step tau [s] and the depth (N,) [m]."""
-        self._inverse = 1.0 / self.matrix.diagonal(tau, depth)
-
-    def solve(self, b: Field, x: Field) -> None:
-        """x = b / diag S."""
-        self.operator.put(self._inverse * self.operator.fetch(b), x)
-
-
 class DirectElimination(BlockElimination):
     """The Schur complement by sparse LU factors, on the host."""
 
@@ -131,60 +115,3 @@ class DirectElimination(BlockElimination):
     def solve(self, b: Field, x: Field) -> None:
         """x = S^-1 b."""
         self.operator.put(self._factors.solve(self.operator.fetch(b)), x)
-
-
-class SchwarzElimination(BlockElimination):
-    """The Schur complement by overlapping patches of an element and its neighbours.
-
-    Each element keeps the values of its own nodes.  These rows of the patch inverses are computed
-    once, so that a sweep is a product with a sparse matrix of fixed row length (Cai & Sarkis 1999,
-    doi:10.1137/S106482759732678X).
-    """
-
-    name = "helmholtz-schwarz"
-
-    @classmethod
-    def memory_of_factors(cls, nodes: int, np: int) -> float:
-        """Memory [bytes] of the patch inverses for a mesh of so many nodes."""
-        return 8.0 * nodes * _patch_nodes(np)
-
-    def invert(self, tau: float, depth: Array) -> None:
-        """Invert the patches for the implicit step tau [s] and the depth (N,) [m]."""
-        mesh, matrix = self.matrix.mesh, self.matrix.matrix(tau, depth)
-        shape = mesh.size, _patch_nodes(mesh.np)
-        columns, rows = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.float32)
-        owner = mesh.gather_entries[mesh.gather_offsets[:-1]] // mesh.np**2
-        begins = mesh.np**2 * np.arange(mesh.elements + 1)
-        on_element = scipy.sparse.csr_array((np.ones(begins[-1]), mesh.nodes.ravel(), begins))
-        near = on_element @ on_element.T @ on_element
-        near.sort_indices()
-        for e, patch in enumerate(np.split(near.indices, near.indptr[1:-1])):
-            mine = owner[patch] == e
-            inverse = np.linalg.inv(matrix[patch][:, patch].toarray())
-            columns[patch[mine], : len(patch)] = patch
-            rows[patch[mine], : len(patch)] = inverse[mine]
-        operator, nodes = self.operator, self.operator.mesh.part.nodes
-        columns, rows = columns[nodes], rows[nodes]
-        self._kernel = patch_kernel(operator.mesh.real)
-        self._columns = wp.array(columns, dtype=wp.int32, device=operator.mesh.device)
-        self._rows = wp.array(rows, dtype=wp.float32, device=operator.mesh.device)
-        self._right, self._x = (
-            wp.zeros(operator.size, dtype=operator.mesh.real, device=operator.mesh.device)
-            for _ in range(2)
-        )
-        operator.launch.load(self._kernel)
-
-    def solve(self, b: Field, x: Field) -> None:
-        """x = one sweep for b."""
-        operator = self.operator
-        operator.collect(b, self._right)
-        right = self._right
-        if operator.mesh.comm.shared:  # patches reach over the rim
-            right = operator.mesh.upload(operator.mesh.collect(right))
-        operator.launch(self._kernel, operator.size, self._columns, self._rows, right, self._x)
-        operator.spread(self._x, x)
-
-
-def _patch_nodes(np: int) -> int:
-    """Nodes of a patch: of an element and the eight around it."""
-    return (3 * np - 2) ** 2

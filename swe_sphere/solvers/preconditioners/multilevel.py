@@ -53,16 +53,6 @@ class Multilevel:
         self._coarse = CoarseCorrection(self.matrix, operator, symmetric)
         self._direction, self._rest = operator.field(), operator.field()
 
-    def prepare(self, tau: float, depth: Array) -> Array:
-        """Bring the operator and its inverse to the implicit step tau [s] and the depth (N,) [m].
-
-        Returns one over the diagonal of S (N,).
-        """
-        inverse = 1.0 / self.matrix.diagonal(tau, depth)
-        self.operator.configure(tau, depth, inverse)
-        self.setup(tau, depth)
-        return inverse
-
     def setup(self, tau: float, depth: Array) -> None:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         diagonal = self.matrix.diagonal(tau, depth)

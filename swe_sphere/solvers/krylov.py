@@ -1,4 +1,4 @@
-"""How solvers begin, when they end, and what they report: a status, a history and one line."""
+"""Krylov solvers: how they begin, when they end and what they report; conjugate gradients."""
 
 import math
 from abc import ABC, abstractmethod
@@ -19,6 +19,8 @@ Operator = Callable[[wp.array, wp.array], None]
 UNTRUSTED = 1e4
 # A true residual of so few round-offs of its terms that no longer falls is as small as it gets.
 MOST_ROUNDOFFS = 1e3
+# Part of a residual norm down to which those after it are told from products alone.
+FALL = 1e-3
 
 
 class Status(Enum):
@@ -104,22 +106,22 @@ class KrylovSolver(ABC):
 
     def solve(
         self, operator: Operator, rhs: wp.array, x: wp.array, precondition: Operator | None = None,
-        rtol: float = 1e-6, atol: float = 0.0, max_iterations: int = 200, floor: float = 0.0,
-        scale: float | None = None, guess: bool = True,
+        rtol: float = 1e-6, max_iterations: int = 200, scale: float | None = None,
+        guess: bool = True,
     ) -> LinearResult:  # fmt: skip
         """Solve operator(x) = rhs (n,) from the guess x, which is replaced by the solution.
 
         operator(v, out) must be linear; precondition(r, out) is an approximate inverse of it, which
         may vary.  Both see vectors of this solver: they must not write to the first nor keep
-        either.  Converged means |rhs - A x| <= max(rtol |rhs|, atol) [norm of the space]; a
-        tolerance that the arithmetic cannot reach, 0 included, is met by a residual of round-off
-        size, and the result then says `roundoff`.  floor: a residual that is worth no iteration
-        after the first.  scale: |rhs| where it is known; guess: false where x holds none, for 0.
+        either.  Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance that the
+        arithmetic cannot reach, 0 included, is met by a residual of round-off size, and the result
+        then says `roundoff`.  scale: |rhs| where it is known; guess: false where x holds none, for
+        0.
         Nothing that is not finite is ever added to x.
         """
         scale = self.space.norm(rhs) if scale is None else scale
         p = LinearResult(
-            history=[], target=max(rtol * scale, atol), operator=operator, rhs=rhs, x=x,
+            history=[], target=rtol * scale, operator=operator, rhs=rhs, x=x,
             precondition=precondition, scale=scale, limit=max_iterations, guess=guess,
         )  # fmt: skip
         if scale == 0.0 or not guess:
@@ -132,7 +134,7 @@ class KrylovSolver(ABC):
             return p.end(Status.NAN, "the right-hand side or the guess is not finite")
         if p.residual <= p.target:
             return p.end(Status.CONVERGED, "the guess is good enough")
-        p.terms, p.target = max(scale, p.residual), max(p.target, floor)
+        p.terms = max(scale, p.residual)
         while p.status is None:
             self._cycle(p)
         return p
@@ -176,3 +178,73 @@ class KrylovSolver(ABC):
             p.end(Status.STAGNATED, f"stagnated{why}")
         elif p.iterations >= p.limit:
             p.end(Status.STAGNATED, "out of iterations")
+
+
+class ConjugateGradients(KrylovSolver):
+    """Solver of A x = b for A symmetric and positive in the inner product of the space.
+
+    It holds five vectors, and takes products at one place an iteration: ranks wait there for each
+    other.  Diverged means that the operator or the preconditioner is not positive.
+
+    Flexible: the next direction is made conjugate to the last one whatever the preconditioner does
+    (Golub & Ye 1999, doi:10.1137/S1064827597323415; Notay 2000, doi:10.1137/S1064827599362314).  So
+    a preconditioner in float32, or one that is not quite symmetric, costs an iteration or two and
+    never the answer.  With A z of the preconditioned residual z at hand, all products of an
+    iteration are taken at once, and the image A d of the direction is carried on (Chronopoulos &
+    Gear 1989, doi:10.1016/0377-0427(89)90045-9).
+    """
+
+    def __init__(self, space: VectorSpace) -> None:
+        self.space = space
+        self._stack = space.stack(3)
+        self._product, self._residual, self._image = (self._stack[k] for k in range(3))
+        self._direction, self._preconditioned = space.zeros(), space.zeros()
+
+    def _cycle(self, p: LinearResult) -> None:
+        """Descend to the target, and judge by the true residual where it may be another one."""
+        start = p.residual
+        self._descend(p, max(p.target, self.space.epsilon * p.terms))
+        if p.status is None:
+            self._judge(p, 0.5 * start)
+
+    def _descend(self, p: LinearResult, goal: float) -> None:
+        """Iterate from the residual in place until it is down to the goal, or fails.
+
+        Products are named by their vectors: r the residual, z = M r, w = A z, d the last direction
+        and s = A d.
+        """
+        space, r, s, w, curvature = self.space, self._residual, self._product, self._image, 0.0
+        space.clear(self._direction)
+        space.clear(s)
+        while p.residual > goal and p.iterations < p.limit:
+            z = r if p.precondition is None else self._preconditioned
+            if p.precondition is not None:
+                p.precondition(r, z)
+            p.operator(z, w)
+            stack = self._stack
+            found = space.projections((stack, 3, z), (stack, 3, w), (stack, 2, r), (stack, 1, s))
+            sz, rz, wz, sw, rw, ww, sr, rr, ss = map(float, found)
+            # how much of d to add to z, to be conjugate to d, and <., A .> of that
+            keep = -sz / curvature if curvature else 0.0
+            curvature = wz + keep * sz
+            if not abs(curvature) > math.sqrt(space.epsilon) * abs(wz):
+                keep, curvature = 0.0, wz
+            step = rz / (curvature or 1.0)
+            if not (math.isfinite(step) and math.isfinite(curvature)):
+                p.end(Status.NAN, "a product or the preconditioner is not finite")
+                return
+            if rz <= 0.0 or curvature <= 0.0:
+                culprit = "preconditioner" if rz <= 0.0 else "operator"
+                p.end(Status.DIVERGED, f"the {culprit} is not positive")
+                return
+            space.axpby(1.0, z, keep, self._direction)
+            space.axpby(1.0, w, keep, s)
+            space.axpy(step, self._direction, p.x)
+            space.axpy(-step, s, r)
+            p.iterations += 1
+            # |r - step (w + keep s)|^2
+            square = ww + keep * (2.0 * sw + keep * ss)
+            rest = rr - step * (2.0 * (rw + keep * sr) - step * square)
+            if rest <= FALL**2 * rr:  # little is left of what cancels
+                rest = space.dot(r, r)
+            p.history.append(math.sqrt(rest))
