@@ -1,5 +1,7 @@
-"""Scenes in files of the user: Python files that define `scene(**parameters) -> Scene`, and TOML
-files, each of which is another scene with some things changed:
+"""Scenes by name, and in files of the user.
+
+Files are Python files that define `scene(**parameters) -> Scene`, and TOML files, each of which is
+another scene with some things changed:
 
 base = "williamson5"                    # a scene, or a .py or .toml file beside this one
 name = "my-mountain"                    # by default the name of the file
@@ -18,10 +20,12 @@ The keyword parameters of a factory, which makes scenes, are the parameters of i
 annotations say what they may be: what `swe_sphere.settings.values.convert` takes.
 """
 
+import importlib
 import inspect
 import os
+import pkgutil
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -29,8 +33,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from swe_sphere.equations.scene import Parameter, Scene, with_parameters
-from swe_sphere.errors import ConfigError, shown
+from swe_sphere.errors import ConfigError, shown, unknown_name
 from swe_sphere.files.user_file import file_contents, guarded, is_user_file, load_file
+from swe_sphere.settings.registry import first_line
 from swe_sphere.settings.values import complaint, convert, read_toml
 
 DEPTH = 8
@@ -79,15 +84,37 @@ def scene_files(name: str) -> list[Path]:
     return [path, *(scene_files(os.fspath(path.parent / base)) if is_scene_file(base) else [])]
 
 
-def load(
-    path: Path,
-    parameters: Mapping[str, Parameter],
-    by_name: Callable[..., Scene],
-    depth: int = 0,
-) -> Scene:
-    """The scene that the file makes or describes, with these parameters before those of the file.
+def get_scene(name: str, **parameters: Parameter) -> Scene:
+    """The scene of that name, or of the file of that path, with the parameters given.
 
-    by_name: makes the scene that the file changes, where that is one of the package.
+    Args:
+        name: a key of `SCENES`, the path of a .py file that defines `scene(**parameters)`, or
+            that of a .toml file (see `swe_sphere.testcases.user_scenes`).
+        parameters: numbers, switches and words, or text that can be read as such.
+
+    Raises:
+        ConfigError: unknown name or parameter, a value that cannot be read, a file that fails.
+    """
+    if is_scene_file(name):
+        return _load(Path(name), parameters)
+    if name not in SCENES:
+        raise unknown_name("scene", name, SCENES)
+    return made(name, SCENES[name], parameters)
+
+
+def list_scenes() -> dict[str, str]:
+    """What each scene is, in a line, by name.
+
+    Examples:
+        >>> import swe_sphere
+        >>> swe_sphere.list_scenes()["williamson5"]
+        'Zonal flow over an isolated mountain.'
+    """
+    return {name: first_line(make) for name, make in SCENES.items()}
+
+
+def _load(path: Path, parameters: Mapping[str, Parameter], depth: int = 0) -> Scene:
+    """The scene that the file makes or describes, with these parameters before those of the file.
 
     Raises:
         ConfigError: no such file, a file that fails or is no TOML, an unknown key, or what the
@@ -108,9 +135,9 @@ def load(
     given = {**file.parameters, **parameters}
     try:
         if is_scene_file(file.base):
-            scene = load(path.parent / file.base, given, by_name, depth + 1)
+            scene = _load(path.parent / file.base, given, depth + 1)
         else:
-            scene = by_name(file.base, **given)
+            scene = get_scene(file.base, **given)
         for name, values in file.effects.items():
             if values is False:
                 scene = scene.without_effect(name)
@@ -174,3 +201,22 @@ def made(name: str, factory: SceneFactory, given: Mapping[str, Parameter]) -> Sc
         if value is not None
     }
     return replace(scene, parameters=dict(scene.parameters) | told)
+
+
+def _factories() -> Iterator[tuple[str, SceneFactory]]:
+    """Yield by name the public functions of all modules that make a scene without arguments."""
+    for found in pkgutil.iter_modules([str(Path(__file__).parent)], f"{__package__}."):
+        module = importlib.import_module(found.name)
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            if function.__module__ != found.name or name.startswith("_"):
+                continue
+            called = inspect.signature(function)
+            optional = all(each.default is not each.empty for each in called.parameters.values())
+            if optional and called.return_annotation in (Scene, "Scene"):
+                yield name.replace("_", "-"), function
+
+
+_FOUND = dict(_factories())
+_ORDER = sorted(_FOUND, key=lambda name: (not name.startswith("williamson"), name))
+SCENES = {name: _FOUND[name] for name in _ORDER}
+"""Factories by name, the standard set first; their keyword parameters are those of the scene."""

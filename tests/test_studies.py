@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from swe_sphere.errors import ConfigError
-from swe_sphere.studies import cases as module
-from swe_sphere.studies.cases import families
 from swe_sphere.studies.cases.case import (
-    FAMILIES,
     Case,
     Check,
     merged,
@@ -112,10 +108,3 @@ def test_tables_share_what_stands_before_them(tmp_path) -> None:
     file.write_text('[[case]]\nname = "a"\nrun = "four"\n')
     with pytest.raises(ConfigError, match=r"cases\.toml: run: .* dict"):
         read_family(file)
-
-
-@pytest.mark.parametrize("folder", FAMILIES)
-def test_every_file_of_a_study_is_read(folder) -> None:
-    there = Path(module.__file__).parent / folder
-    assert sorted(FAMILIES[folder]) == sorted(path.stem for path in there.iterdir())
-    assert set(FAMILIES[folder]) <= set(families(folder))

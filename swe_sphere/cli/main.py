@@ -19,7 +19,7 @@ COMMANDS = {
     "list": "files:list_all", "run": "run:run", "sweep": "sweep:sweep",
     "advise": "advise:advise", "plot": "files:plot", "animate": "files:animate",
     "compare": "files:compare", "regrid": "files:regrid",
-    "verify": "cases:verify", "stress": "cases:stress", "ensemble": "ensemble:ensemble",
+    "verify": "studies:verify", "stress": "studies:stress", "ensemble": "studies:ensemble",
 }  # fmt: skip
 """Where each command is: a module of this package, and a function in it."""
 

@@ -58,8 +58,10 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     settings = (*config.settings, Setting(SCENE, "seed", seed))
     member = config.model_copy(update={"settings": settings, "out": out})
     if out.exists() and not config.overwrite:
-        found = RunFile(out).attributes
-        if _is_of(out, found, member):
+        found, apart = RunFile(out).attributes, {"overwrite": False, "out": None}
+        stored = table_in(str(found.get("configuration")))
+        if stored | apart == member.model_dump(mode="json") | apart:
+            _check_sources(out, found, member)
             if found.get("completed"):
                 tell(f"seed {seed}: kept, {out}")
                 return out
@@ -75,15 +77,8 @@ def _member(config: RunConfig, seed: int, folder: Path, tell: Callable[[str], No
     return out
 
 
-def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
-    """Return whether a file with these attributes is of a run of the configuration.
-
-    Raises ConfigError if the code or the user's files of the run have changed since.
-    """
-    stored, wanted = table_in(str(found.get("configuration"))), config.model_dump(mode="json")
-    apart = {"overwrite": False, "out": None}
-    if stored | apart != wanted | apart:
-        return False
+def _check_sources(file: Path, found: Mapping[str, object], config: RunConfig) -> None:
+    """Raise ConfigError if the code or the user's files of a run have changed since."""
     methods = {"stepper": config.stepper, "preconditioner": config.preconditioner}
     sources = run_sources(config.scene, make_scene(config), **methods)
     if found.get("code") != code_fingerprint() or table_in(str(found.get("sources"))) != sources:
@@ -91,7 +86,6 @@ def _is_of(file: Path, found: Mapping[str, object], config: RunConfig) -> bool:
             f"{file} was made by other code, or from files that have been edited since: make the"
             " members again (--overwrite), or choose another folder"
         )
-    return True
 
 
 def spread(files: Sequence[Path], field: str = "vorticity") -> pd.DataFrame:

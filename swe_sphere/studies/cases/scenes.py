@@ -230,15 +230,6 @@ def zonal(radius: float, gravity: float, rotation: float, depth: float) -> Scene
     return _starting(exact, get_scene("williamson2"), planet=planet, coriolis=None)
 
 
-def eddies(radius: float, gravity: float, rotation: float, depth: float) -> Scene:
-    """Random balanced flow of 10 m/s, of this mean depth [m], without any dissipation."""
-    planet = Planet(radius, gravity, rotation)
-    psi = random_streamfunction(lambda n: 1.0 / n**2, 8, 10.0, radius, seed=3)
-    return Scene(
-        "eddies", (*DYNAMICS, Rotation()), BalancedFlow(psi, planet, depth).state, planet=planet
-    )
-
-
 # --- random admissible states
 
 SHALLOWEST = 0.2
@@ -327,7 +318,7 @@ SCENES: dict[str, Callable[..., Scene]] = {
     scene.__name__.replace("_", "-"): scene
     for scene in (
         decay, friction, homme_mountain, homme_wave, lake_over, flow_over, noisy, thin_layer, zonal,
-        eddies, random_state,
+        random_state,
     )
 }  # fmt: skip
 """Scenes by the names in files of cases; their keyword parameters are those of the scene."""
