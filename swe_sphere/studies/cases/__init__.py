@@ -21,12 +21,12 @@ def verify(
 
     Args:
         scenes: Names of scenes, or of cases; none: all of them.
-        quick: Whether to run only the levels that take less than a second each.
+        quick: Whether to run only the cases that take less than a second each.
         launch: Shape of kernel launches; "node" is the shape of GPUs.
-        jobs: Number of processes that measure levels beside each other.
+        jobs: Number of processes that measure cases beside each other.
 
     Returns:
-        A row for each level: its `quantities`, its `checks`, and whether it `passed`.
+        A row for each case: its `quantities`, its `checks`, and whether it `passed`.
 
     Examples:
         >>> from swe_sphere import verify
