@@ -37,8 +37,7 @@ def _page(name, factory, cases):
         f"Source: {scene.reference}.",
         f"    swe-sphere run {name}",
         f"* **Effects**: {effects}; nothing else is compiled.\n"
-        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days, steps of {step}.\n"
-        f"* **Worth reporting**: {scene.report}.",
+        f"* **Recommended**: ne{scene.ne} np{scene.np}, {scene.days:g} days, steps of {step}.",
         _parameters(factory, arguments),
         _expected(cases),
     ]

@@ -165,5 +165,4 @@ def turbulence(
         effects=(*DYNAMICS, *((Rotation(),) if rotating else ()), Hyperviscosity()),
         initial=initial,
         planet=planet,
-        report="vorticity at days 5, 10 and 20; decay of energy and potential enstrophy",
     )

@@ -45,7 +45,6 @@ def lake_at_rest(cone: bool = True, rotating: bool = True) -> Scene:
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         bottom=bottom,
-        report="largest wind after 5 days: round-off, below 1e-10 m/s in float64",
         error_field="surface",
     )
 
@@ -93,7 +92,6 @@ def splash(rotating: bool = False) -> Scene:
         initial=initial,
         bottom=centrifugal if rotating else None,
         planet=Planet(EARTH.radius, EARTH.gravity, -spin) if rotating else STILL,
-        report="time and height of the crest at the antipode; loss of symmetry about the centre",
     )
 
 
@@ -117,7 +115,6 @@ def gravity_bumps() -> Scene:
         "doi:10.5194/gmd-18-4535-2025",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        report="depth at hours 6, 12 and 24 against a run with short steps; drift of energy",
     )
 
 
@@ -153,8 +150,6 @@ def dam_break(width: float = 0.05) -> Scene:
         effects=DYNAMICS,
         initial=initial,
         planet=STILL,
-        report="least and largest depth; depth along a meridian of the dam against a solution in"
-        " the distance alone",
     )
 
 
@@ -189,6 +184,4 @@ def modons() -> Scene:
         effects=(*DYNAMICS, Hyperviscosity()),
         initial=initial,
         planet=STILL,
-        report="vorticity and largest wind at day 100; drift of energy and potential enstrophy;"
-        " symmetry about the equator",
     )

@@ -61,7 +61,6 @@ def moving_vortices(alpha: float = 0.25 * np.pi) -> Scene:
         initial=lambda lon, lat: exact(lon, lat, 0.0),
         exact=exact,
         wind=wind,
-        report="l1, l2, linf of h after 12 days",
     )
 
 
@@ -102,8 +101,6 @@ def deformational(case: Literal[1, 2, 3, 4] = 4) -> Scene:
         wind=wind,
         tracers=tracers,
         exact_tracers=exact_tracers,
-        report="l1, l2, linf, minimum and maximum of the tracers after 12 days; filaments and "
-        "mixing after 6",
     )
 
 

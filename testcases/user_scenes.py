@@ -55,7 +55,6 @@ class _File(BaseModel):
     base: str
     name: str | None = None
     title: str | None = None
-    report: str | None = None
     ne: Whole | None = None
     np: Whole | None = None
     dt: Positive | None = None

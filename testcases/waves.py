@@ -96,7 +96,6 @@ def tide(constituent: Constituent = "m2", depth: float = 4000.0, linear: bool = 
         exact=response.state,
         forcing=forcing,
         base=at_rest(depth) if linear else None,
-        report="elevation and currents after ten tides; phase against the Moon",
     )
 
 
@@ -233,7 +232,6 @@ def slow_ocean(m: int = 4, n: int = 10, speed: float = 0.1, linear: bool = False
         initial=lambda lon, lat: wave.state(lon, lat, 0.0),
         exact=wave.state if linear else None,
         base=at_rest(wave.depth) if linear else None,
-        report="speed of the wave; gravity waves that a step too long leaves out or lets loose",
     )
 
 
@@ -288,7 +286,6 @@ def hough(
         initial=lambda lon, lat: mode.state(lon, lat, 0.0),
         exact=mode.state if linear else None,
         base=at_rest(depth) if linear else None,
-        report="speed of the pattern and decay after a period",
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 3),
     )
 
@@ -363,7 +360,6 @@ def matsuno(
         exact=mode.state,
         base=at_rest(DEPTH) if linear else None,
         planet=PLANET,
-        report="speed of the pattern against ω / k; shape after a period",
         days=round(2.0 * np.pi / abs(mode.frequency) / DAY, 2),
     )
 

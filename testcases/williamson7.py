@@ -96,7 +96,6 @@ def williamson7(
         reference=f"{source}; the case: {PAPER}, case 7",
         effects=(*DYNAMICS, Rotation()),
         initial=initial,
-        report="height at days 1 to 5 against a reference; drift of energy and potential enstrophy",
         parameters={"file": "SYNTHETIC"} if file is None else {},
     )
 

@@ -45,7 +45,7 @@ def exact_tracers(lon, lat, t):
     return {"q": np.cos(lat)}
 
 given = dict(
-    name="mine", title="mine", reference="none", report="none", ne=1, np=4, dt=None, days=0.02,
+    name="mine", title="mine", reference="none", ne=1, np=4, dt=None, days=0.02,
     initial=initial, exact=exact,
 )
 flow = dict(
@@ -200,7 +200,7 @@ ATTRIBUTES = (
     "days=True", "days=10**400", "days=1e300", "days=1e-300", "days=1j",
     "dt=-1", "dt=0.0", "dt='auto'", "dt=float('nan')", "dt=True", "dt=10**400",
     "name=''", "name=None", "name=3", "name='  '", "name='a\\x00b'", "title=None", "title=3",
-    "title='\\ud800'", "title='a\\x00b'", "reference=None", "report=None", "report=b'a'",
+    "title='\\ud800'", "title='a\\x00b'", "reference=None", "reference=b'a'",
     "effects=None", "effects=Rotation()", "effects=[]", "effects=('rotation',)",
     "effects=(Rotation,)", "effects=(*DYNAMICS, *DYNAMICS)", "effects='rotation'",
     "effects=DYNAMICS", "effects=(Viscosity(-1.0),)", "effects=(Viscosity('1'),)",

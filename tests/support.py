@@ -58,7 +58,6 @@ def make_scene(*names: str) -> Scene:
         base=_base if "linearised" in names else None,
         equilibrium=_equilibrium if "relaxation" in names else None,
         forcing=_forcing if "forcing" in names else None,
-        report="",
         ne=2,
         np=4,
         dt=None,

@@ -11,8 +11,8 @@ from swe_sphere.planet import DAY, EARTH
 from swe_sphere.simulation.config import make_config
 from swe_sphere.studies.ensemble import run_members, spread
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.galewsky import JET
 from swe_sphere.testcases.harmonics import legendre
+from swe_sphere.testcases.jets import JET
 
 SMALL = {"scene": "galewsky", "ne": 2, "np": 4, "days": 0.1, "dt": 600.0}
 

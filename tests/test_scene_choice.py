@@ -31,7 +31,7 @@ from swe_sphere.testcases import SCENES, get_scene
 def test_scene_is_described(name: str) -> None:
     scene, summary = get_scene(name), (SCENES[name].__doc__ or "").splitlines()[0]
     assert scene.name == name and 20 <= len(summary) <= 80 and summary.endswith(".")
-    assert "doi:10." in scene.reference and scene.report and scene.title
+    assert "doi:10." in scene.reference and scene.title
     assert scene.ne >= 4 and 4 <= scene.np <= 16 and scene.days >= 1.0
 
 
@@ -166,9 +166,7 @@ def test_effects_are_a_closed_set_of_names() -> None:
 
 def test_functions_and_effects_of_a_scene_go_together() -> None:
     start = get_scene("williamson2").initial
-    given = dict(
-        name="mine", title="", reference="", initial=start, report="", ne=4, np=4, dt=None, days=1.0
-    )
+    given = dict(name="mine", title="", reference="", initial=start, ne=4, np=4, dt=None, days=1.0)
     with fails("mine: effect 'orography' needs the function 'bottom'"):
         Scene(**given, effects=(*DYNAMICS, Orography()))
     with fails("mine: 'coriolis' is given without effect 'rotation'"):

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from swe_sphere.equations.scene import Array
 from swe_sphere.planet import DAY, EARTH
 from swe_sphere.testcases import get_scene
-from swe_sphere.testcases.galewsky import JET
+from swe_sphere.testcases.jets import JET
 
 SPEED = 38.610682767  # 2 π a / 12 days [m s-1]
 

@@ -44,7 +44,7 @@ LONGEST_DAYS = 1e9
 """A run that is longer is one, too [days]."""
 
 KINDS: Mapping[str, type] = {
-    "name": str, "title": str, "reference": str, "report": str, "error_field": str,
+    "name": str, "title": str, "reference": str, "error_field": str,
     "effects": tuple, "planet": Planet, "steady_wind": bool, "steady_forcing": bool,
     "sheds_waves": bool, "parameters": Mapping,
 }  # fmt: skip
@@ -87,8 +87,6 @@ class Scene:
     """Title of files and pages; empty: the name."""
     reference: str = ""
     """The paper, with its DOI."""
-    report: str = ""
-    """Text that names the results worth reporting."""
     ne: int = 16
     """Recommended number of elements along the edge of a cube face."""
     np: int = 4
@@ -267,7 +265,7 @@ def check_values(scene: Scene) -> None:
     """Raise ConfigError for the first thing that is wrong, after `check_kinds`."""
     if not scene.name.strip():
         raise ConfigError("name: give the scene a name")
-    for name in ("name", "title", "reference", "report"):  # which are written into files and tables
+    for name in ("name", "title", "reference"):  # which are written into files and tables
         if not "".join(getattr(scene, name).split()).isprintable():
             raise ConfigError(f"{scene.name!a}: {name} holds characters that cannot be printed")
     for faults in (_wrong_effects, _wrong_tracers, _wrong_numbers):

@@ -1,0 +1,238 @@
+"""Jets: unstable, relaxed, or exact and unsteady about a tilted axis.
+
+The latter are at rest among the stars and seen from the turning planet, as is the solid-body flow
+of Läuter et al. (2005).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from swe_sphere.equations.effects import DYNAMICS, Hyperviscosity, Orography, Relaxation, Rotation
+from swe_sphere.equations.scene import Array, Scene, UnsteadyState
+from swe_sphere.errors import ConfigError
+from swe_sphere.planet import DAY, EARTH
+from swe_sphere.testcases.flows import ZonalJet, recommended, solid_body, tilted_latitude, wrapped
+from swe_sphere.testcases.random_flow import BalancedFlow, random_streamfunction
+
+SOUTH_POLE_DEPTH = 10158.18617045462
+"""Depth at the south pole [m] for which the mean depth without the perturbation is 10 km."""
+JET = ZonalJet(speed=80.0, south=np.pi / 7.0, north=np.pi / 2.0 - np.pi / 7.0)
+"""The jet at 45°N (eq. 2)."""
+
+
+@recommended(ne=12, np=8, dt=150.0, days=6.0)
+def galewsky(
+    perturbed: bool = True, speed: float = 80.0, seed: int = 0, noise: float = 0.1
+) -> Scene:
+    """Barotropically unstable jet at 45°N, set off by a bump of 120 m.
+
+    With u(θ) = 80 m/s exp(4/(θ1-θ0)²) exp(1/((θ-θ0)(θ-θ1))) between θ0 = π/7 and θ1 = π/2 - θ0,
+
+        g h = g h00 - ∫ a u (f + u tan θ / a) dθ  (+ g 120 m cos θ exp(-(3λ)²) exp(-(15(π/4-θ))²))
+
+    The bump raises the mean depth from 10 km by 1/3 m. The paper also runs the case with
+    `--set viscosity.nu=1e5`; without it vorticity does not converge after day 4.
+
+    Args:
+        perturbed: with the bump. Without it the flow is steady (exact), so that all that grows is
+            the imprint of the grid.
+        speed: of the jet [m s-1], 80 in the paper; the mean depth falls with it from 10158 m.
+        seed: of random winds in linear balance, with the same energy at each degree of the
+            spherical harmonics from 2 to 20: members of an ensemble; 0: none.
+        noise: root mean square of the random winds [m s-1].
+    """
+    if seed < 0:
+        raise ConfigError(f"galewsky: seed must not be negative, but is {seed}")
+    flow = _balanced(replace(JET, speed=speed))
+    found = random_streamfunction(np.ones_like, 20, noise, EARTH.radius, seed)
+    random = BalancedFlow(found, EARTH, 0.0, linear=True)
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, depth = flow(lon, lat, 0.0)
+        if seed:
+            du, dv, dh = random.state(lon, lat)
+            u, v, depth = u + du, v + dv, depth + dh
+        return u, v, depth + bump(lon, lat) if perturbed else depth
+
+    return Scene(
+        name="galewsky",
+        title="barotropically unstable jet",
+        reference="Galewsky, Scott & Polvani (2004), Tellus A 56, 429-440, "
+        "doi:10.3402/tellusa.v56i5.14436",
+        effects=(*DYNAMICS, Rotation()),
+        initial=initial,
+        exact=None if perturbed or seed else flow,
+    )
+
+
+def _balanced(jet: ZonalJet) -> UnsteadyState:
+    """Return a jet over the depth in balance with it."""
+
+    def state(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        depth = SOUTH_POLE_DEPTH - jet.drop(lat) / EARTH.gravity
+        return jet(lat) + 0.0 * lon, 0.0 * (lon + lat), depth + 0.0 * lon
+
+    return state
+
+
+def bump(lon: Array, lat: Array) -> Array:
+    """The perturbation of depth [m] (eq. 4)."""
+    across = np.exp(-((3.0 * wrapped(lon)) ** 2))
+    h: Array = 120.0 * np.cos(lat) * across * np.exp(-((15.0 * (np.pi / 4.0 - lat)) ** 2))
+    return h
+
+
+@recommended(ne=16, np=4, dt=300.0, days=60.0)
+def relaxed_jet(time: float = 10.0, perturbed: bool = True) -> Scene:
+    """Barotropically unstable jet whose depth is pulled back to that of the jet.
+
+    The jet of Galewsky et al. (2004) and its bump, with
+
+        ∂h/∂t = … - (h - h_eq) / τ,  h_eq in balance with the jet.
+
+    After a week the jet has rolled up into vortices, while the relaxation builds its slope of depth
+    again: at day 20 four waves run along it. The area mean of the depth knows nothing of all that:
+    it falls from 1/3 m above that of h_eq as exp(-t / τ), which is exact.
+    Grid-scale enstrophy is taken out by the hyperviscosity that goes with the mesh.
+
+    Args:
+        time: τ [days].
+        perturbed: with the bump. Without it the jet is steady (exact, but for hyperviscosity).
+
+    Raises:
+        ConfigError: a time that is not positive.
+    """
+    if not 0.0 < time < np.inf:
+        raise ConfigError(f"relaxed-jet: time must be positive and finite, not {time}")
+
+    flow = _balanced(JET)
+
+    def initial(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+        u, v, depth = flow(lon, lat, 0.0)
+        return u, v, depth + bump(lon, lat) if perturbed else depth
+
+    return Scene(
+        name="relaxed-jet",
+        title="jet with relaxation",
+        reference="proposed here, after Held & Suarez (1994), Bull. Amer. Meteor. Soc. 75, "
+        "1825-1830, doi:10.1175/1520-0477(1994)075<1825:APFTIO>2.0.CO;2; "
+        "jet of Galewsky, Scott & Polvani (2004), doi:10.3402/tellusa.v56i5.14436",
+        effects=(*DYNAMICS, Rotation(), Relaxation(time * DAY), Hyperviscosity()),
+        initial=initial,
+        equilibrium=lambda lon, lat: flow(lon, lat, 0.0)[2],
+    )
+
+
+PAPER = (
+    "Läuter, Handorf & Dethloff (2005), J. Comput. Phys. 210, 535-553, "
+    "doi:10.1016/j.jcp.2005.04.022"
+)
+EQUATOR = EARTH.rotation * EARTH.radius
+"""Speed of the planet at its equator [m s-1]."""
+SPEED = 2.0 * np.pi * EARTH.radius / (12.0 * DAY)
+"""Speed of the flow at its equator [m s-1]."""
+SURFACE = 133681.0
+"""The constant k1 in g (h + b) [m2 s-2]."""
+BOTTOM = 10.0
+"""The constant k2 in g b [m2 s-2]."""
+CENTRE = np.sin(np.pi / 4.0)
+"""Sine of the latitude of the Gaussian jet, whose width is 0.2."""
+
+
+@recommended(ne=8, np=8, dt=200.0, days=5.0)
+def lauter(alpha: float = np.pi / 4.0) -> Scene:
+    """Unsteady nonlinear flow over orography (exact).
+
+    Smooth, fast and exact: the case to rank time integrators by.
+
+    Solid-body flow about an axis tilted by α that is at rest among the stars, seen from the
+    turning planet. With S the sine of the latitude above its equator, at longitude λ + Ω t,
+
+        g (h + b) = k1 + (Ω a sin θ)²/2 - (u0 S + Ω a sin θ)²/2,  g b = (Ω a sin θ)²/2 + k2
+
+    Depth lies between 1256.3 and 13631.3 m over a bottom up to 11 km, for α = π/4. One period is
+    2 π / Ω = 86164 s.
+
+    Args:
+        alpha: tilt of the flow's axis [rad]; the flow is steady for 0.
+    """
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        fixed = lon + EARTH.rotation * t
+        east, north = solid_body(fixed, lat, alpha)
+        turning = EQUATOR * np.sin(lat)
+        total = SPEED * tilted_latitude(fixed, lat, alpha) + turning
+        surface = (SURFACE + 0.5 * turning**2 - 0.5 * total**2) / EARTH.gravity
+        return SPEED * east, SPEED * north, surface - bottom(lon, lat)
+
+    return Scene(
+        name="lauter",
+        title="unsteady flow over orography",
+        reference=f"{PAPER}, example 3",
+        effects=(*DYNAMICS, Rotation(), Orography()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        bottom=bottom,
+    )
+
+
+def bottom(lon: Array, lat: Array) -> Array:
+    """Return the height [m] of a bottom that makes up for the flattening of the planet."""
+    return (0.5 * (EQUATOR * np.sin(lat)) ** 2 + BOTTOM) / EARTH.gravity + 0.0 * lon
+
+
+@recommended(ne=8, np=6, dt=200.0, days=1.0)
+def tilted_jet(alpha: float = 0.08, speed: float = 40.0, gaussian: bool = False) -> Scene:
+    """Unsteady jet about a tilted axis, over orography (exact).
+
+    Among the stars the wind is U = (Ω a + F(S)) cos θ' about an axis tilted by α against the
+    planet's, with S = sin θ' the sine of the latitude above the equator of the flow. The bottom
+    g b = (Ω a sin θ)²/2 makes up for the flattening of the planet, so that the flow is steady there
+    and g h = const - ∫ (Ω a + F)² S dS. Seen from the planet it turns once a day.
+
+    Args:
+        alpha: Tilt of the axis of the flow [rad]; the flow is steady for 0.
+        speed: Largest wind of the jet [m s-1].
+        gaussian: Whether F is a Gaussian about 45°N; otherwise it is proportional to S².
+
+    Raises:
+        ConfigError: the depth is not positive everywhere.
+    """
+
+    def jet(s: Array) -> Array:
+        """Ω a + F [m s-1] at the sine of a latitude."""
+        shape = 1.5 * np.sqrt(3.0) * s**2
+        if gaussian:
+            shape = np.exp(-(((s - CENTRE) / 0.2) ** 2)) / np.cos(np.pi / 4.0)
+        flow: Array = EQUATOR + speed * shape
+        return flow
+
+    points, weights = np.polynomial.legendre.leggauss(64)  # right to round-off
+
+    def depth(s: Array) -> Array:
+        """Depth [m] at the sine of a latitude."""
+        sines = 0.5 * np.asarray(s)[..., None] * (1.0 + points)
+        fall: Array = 0.5 * s * ((jet(sines) ** 2 * sines) @ weights)
+        return (160000.0 - fall) / EARTH.gravity
+
+    lowest = float(depth(np.array([-1.0, 1.0])).min())
+    if not lowest > 0.0:
+        raise ConfigError(f"tilted-jet: a jet of {speed} m/s leaves no water at the pole")
+
+    def exact(lon: Array, lat: Array, t: float) -> tuple[Array, Array, Array]:
+        fixed = lon + EARTH.rotation * t
+        east, north = solid_body(fixed, lat, alpha)
+        sine = tilted_latitude(fixed, lat, alpha)
+        flow = jet(sine)
+        return flow * east - EQUATOR * np.cos(lat), flow * north, depth(sine)
+
+    return Scene(
+        name="tilted-jet",
+        title="unsteady jet about a tilted axis",
+        reference=f"a jet in the place of the solid-body flow of {PAPER}",
+        effects=(*DYNAMICS, Rotation(), Orography()),
+        initial=lambda lon, lat: exact(lon, lat, 0.0),
+        exact=exact,
+        bottom=bottom,
+    )
