@@ -114,7 +114,7 @@ class Case(BaseModel):
     """Name of the file."""
     title: str = ""
     run: dict[str, Any]
-    method: Literal["errors", "start", "series", "precisions", "seeds"] = "errors"
+    method: Literal["errors", "start", "series", "seeds"] = "errors"
     along: Literal["ne", "np", "dt"] = "ne"
     against: str | dict[str, Any] | None = None
     h: Norms | None = None

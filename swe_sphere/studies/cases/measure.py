@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,12 @@ def _completed(run: RunConfig) -> Simulation:
     return sim
 
 
+def _compared(sim: Simulation, case: Case, changes: dict[str, Any]) -> Fields:
+    """Return the fields, at the nodes of a simulation, of its case with changes of the run."""
+    other = _completed(case.configured(changes).model_copy(update={"tolerance": None}))
+    return at_nodes(other.mesh, other.snapshot.fields, sim.mesh)
+
+
 def _extremes(sim: Simulation) -> dict[str, float]:
     """Return numbers of the mesh and the initial state, largest winds, and bounds of tracers."""
     mesh, model, before, end = sim.mesh, sim.model, sim.start, sim.diagnostics
@@ -156,9 +163,7 @@ def _extremes(sim: Simulation) -> dict[str, float]:
 def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
     fields, against = sim.snapshot.fields, case.against
     if isinstance(against, dict):
-        run = case.configured(against).model_copy(update={"tolerance": None})
-        fine = _completed(run)
-        other = at_nodes(fine.mesh, fine.snapshot.fields, sim.mesh)
+        other = _compared(sim, case, against)
     elif against is not None:
         grid, ours = OnGrid(Reference(SHIPPED / f"{against}.nc"), sim.mesh), sim.snapshot
         errors = by_name(grid.errors(ours.with_constants, sim.scene.error_field))
@@ -288,7 +293,10 @@ def _images(mesh: Mesh, matrix: tuple[tuple[float, ...], ...]) -> NDArray[np.int
 
 
 def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
-    """Run a case and measure extremes of the whole run, see `Series`, and its costs."""
+    """Run a case and measure extremes of the whole run, see `Series`, and its costs.
+
+    apart_h, apart_v: relative l2 distance at the end from the run that it is compared with.
+    """
     sim = _simulation(run)
     sim.begin(_plan(case, sim))
     series = Series(sim.plan, case.symmetries)
@@ -302,6 +310,10 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
         "step_seconds": sim.clock.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},
     }
+    if ended.completed and isinstance(case.against, dict):
+        other = _compared(sim, case, case.against)
+        errors = field_errors(sim.mesh.area, sim.snapshot.fields, other)
+        ended.numbers |= {f"apart_{x}": errors[x]["l2"] for x in "hv"}
     return ended
 
 
@@ -321,19 +333,6 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     whole = max(1, math.floor(sim.days * DAY / dt))
     count = case.steps if sim.config.days is None else min(case.steps, whole)
     return RunPlan(dt, count, count, dt)
-
-
-def _precisions(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
-    """Run a case in float32, and measure apart_h, apart_v: relative l2 distance from float64."""
-    exact = _series(case, run.model_copy(update={"precision": "float64"}), tick)
-    if exact.sim is None or not exact.completed:
-        return replace(exact, reason=f"in float64: {exact.reason}")
-    rough = _series(case, run.model_copy(update={"precision": "float32"}), tick)
-    if rough.sim is not None and rough.completed:
-        ours, theirs = (sim.snapshot.fields for sim in (rough.sim, exact.sim))
-        apart = field_errors(rough.sim.mesh.area, ours, theirs)
-        rough.numbers |= {"apart_h": apart["h"]["l2"], "apart_v": apart["v"]["l2"]}
-    return rough
 
 
 WORST = ("mass_drift", "energy_gain", "froude", "rejected_steps")
@@ -366,7 +365,6 @@ METHODS: dict[str, Callable[[Case, RunConfig, Tick | None], Ended]] = {
     "errors": _errors,
     "start": _errors,
     "series": _series,
-    "precisions": _precisions,
     "seeds": _seeds,
 }
 """All ways to measure by name."""
