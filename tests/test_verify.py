@@ -242,7 +242,7 @@ def test_a_run_that_stops_fails_and_says_why(easy) -> None:
     (row,) = run_cases([case.changed(run={"ne": 4, "days": 60.0, "dt": 43200.0})])
     assert not row.passed
     assert (row.as_dict()["status"], row.as_dict()["quantities"]) == ("unstable", {})
-    text = page("verification", [replace(row, case=QUICK[0])], "again")
+    text = page("verification", [replace(row, case=BY_NAME["start-williamson1"][0])], "again")
     assert "`start-williamson1` failed: the solution is NaN" in text
 
 
