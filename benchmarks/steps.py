@@ -88,7 +88,7 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
             sim = Simulation(scene, mesh=mesh, stepper=name)
             sim.begin(RunPlan(dt, count, count, dt))
             if sim.advance().completed:
-                seconds[name].append(sim.clock.cpu_seconds)
+                seconds[name].append(sim.cpu_seconds)
                 kept[name] = sim
     error = {name: _error(scene, days, sim) for name, sim in kept.items()}
     best = {name: min(times) for name, times in seconds.items() if times}
@@ -110,14 +110,14 @@ def _raced(scene: str, ne: int, np_: int, days: float) -> list[list[str]]:
 def _automatic(scene: str, mesh: Mesh, name: str, days: float) -> float:
     """The automatic step [s], shortened so that the end falls on a step."""
     sim = Simulation(scene, mesh=mesh, stepper=name, days=days)
-    return days * DAY / np.ceil(days * DAY / (sim.setup.kind.safety * sim.stable_dt()))
+    return days * DAY / np.ceil(days * DAY / (sim.kind.safety * sim.stable_dt()))
 
 
 def _error(scene: str, days: float, sim: Simulation) -> float:
     """l2 of the surface height."""
     file = SHIPPED / f"{scene}_day{days:.0f}.nc"
     grid = OnGrid(Reference(file), sim.mesh)
-    return grid.norms(sim.snapshot.with_constants, "surface")["l2"]
+    return grid.norms(sim.snapshot.all_fields, "surface")["l2"]
 
 
 MULTIRATE = ("rk4", "forward-backward", "mis2", "mis3c")
@@ -172,15 +172,15 @@ def slow_wind(speed: float) -> Scene:
 
 def _substepped(name: str, scene: str | Scene, mesh: Mesh, days: float) -> list[list[str]]:
     steps = {stepper: _automatic(scene, mesh, stepper, days) for stepper in MULTIRATE}
-    exact = _run(scene, mesh, "rk4", 0.25 * steps["rk4"], days).snapshot.with_constants
+    exact = _run(scene, mesh, "rk4", 0.25 * steps["rk4"], days).snapshot.all_fields
     seconds, last = {stepper: [] for stepper in MULTIRATE}, {}
     for _ in range(ROUNDS):
         for stepper, dt in steps.items():
             last[stepper] = _run(scene, mesh, stepper, dt, days)
-            seconds[stepper].append(last[stepper].clock.cpu_seconds)
+            seconds[stepper].append(last[stepper].cpu_seconds)
     rows = []
     for stepper, sim in last.items():
-        fields, area = sim.snapshot.with_constants, mesh.area
+        fields, area = sim.snapshot.all_fields, mesh.area
         errors = (norms(area, fields[k], exact[k])["l2"] for k in ("h", "vorticity"))
         rows.append([
             name, f"ne{mesh.ne} np{mesh.np}", stepper, f"{steps[stepper]:.0f}",

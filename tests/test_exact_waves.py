@@ -101,7 +101,7 @@ def test_the_pattern_keeps_its_speed_and_its_amplitude(mode):
         parameters={"wave": wave, "k": k, "n": n},
     )  # fmt: skip
     sim.run()
-    scene, mesh = sim.setup.scene, sim.mesh
+    scene, mesh = sim.scene, sim.mesh
     exact, shifted = (
         scene.exact(mesh.lon + shift, mesh.lat, 0.5 * DAY)[2] - 1000.0
         for shift in (0.0, 0.5 * np.pi / k)

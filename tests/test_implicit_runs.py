@@ -85,7 +85,7 @@ def test_an_automatic_step_follows_the_wind():
             exact=None,
         )  # fmt: skip
         sim = Simulation(scene, ne=8, np=4, stepper=name)
-        return automatic_step(sim.setup, 10.0)[0] / sim.mesh.spacing()[0]
+        return automatic_step(sim, 10.0)[0] / sim.mesh.spacing()[0]
 
     for name, courant, longest in (("bdf2", 2.0, 3600.0), ("epi4", 0.25, 10800.0)):
         fast, slow, none = (automatic(name, part) for part in (1.0, 1e-3, 0.0))

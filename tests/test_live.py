@@ -8,7 +8,7 @@ import pytest
 from swe_sphere.cli.main import main
 from swe_sphere.errors import ConfigError
 from swe_sphere.ranks.communicator import Communicator
-from swe_sphere.simulation.observers import LiveView
+from swe_sphere.simulation.observers import live_view
 
 CELL = re.compile(r"\x1b\[38;2;(\d+);(\d+);(\d+);48;2;(\d+);(\d+);(\d+)m(▀+)")
 
@@ -69,10 +69,10 @@ def test_numbers_are_those_of_a_run_without(terminal, capsys):
 def test_what_cannot_be_drawn(terminal, monkeypatch):
     terminal()
     with pytest.raises(ConfigError, match="did you mean 'vorticity'"):
-        LiveView("vortticity", Communicator())
+        live_view("vortticity", Communicator())
     monkeypatch.setenv("TERM", "dumb")
     with pytest.raises(ConfigError, match="terminal with colours"):
-        LiveView("h", Communicator())
+        live_view("h", Communicator())
     monkeypatch.setattr("sys.stderr", io.StringIO())
     with pytest.raises(ConfigError, match="terminal with colours"):
-        LiveView("h", Communicator())
+        live_view("h", Communicator())

@@ -17,7 +17,6 @@ from swe_sphere.errors import ConfigError
 from swe_sphere.io.checkpoint import checkpoint_path, read_checkpoint
 from swe_sphere.io.runfile import RunFile
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import load_config, make_config
 from swe_sphere.simulation.observers import HealthCheck, Observer
 from swe_sphere.simulation.planning import RunPlan, automatic_step, continued_plan, time_plan
@@ -58,7 +57,10 @@ def stand_in(limit, family="explicit", u=(0.0,), v=(0.0,), **kind):
     return SimpleNamespace(
         kind=SimpleNamespace(**kind),
         stable_dt=lambda: limit,
-        initial=SimpleNamespace(fields={"u": np.array(u), "v": np.array(v)}),
+        model=SimpleNamespace(
+            initial_state=lambda: None,
+            fields=lambda state, t: {"u": np.array(u), "v": np.array(v)},
+        ),
         mesh=SimpleNamespace(spacing=lambda: (1000.0, 1000.0)),
     )
 
@@ -379,6 +381,6 @@ def test_a_run_outside_the_main_thread_leaves_signals_alone():
 def test_a_fluid_at_rest_does_not_get_a_step_as_long_as_the_run(stepper: str) -> None:
     """Split steppers are limited by the wind alone, and there is none when the dam breaks."""
     config = make_config({"scene": "dam-break", "stepper": stepper, "ne": 4, "days": 0.5})
-    sim = Simulation(Setup(config))
+    sim = Simulation(config.scene, config=config)
     sim.begin()
     assert sim.plan.dt == 3600.0

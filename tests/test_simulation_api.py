@@ -19,7 +19,6 @@ from swe_sphere.io.runfile import RunFile
 from swe_sphere.io.scalar_fields import FIELDS
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
 from swe_sphere.simulation.observers import Observer, every
@@ -62,6 +61,13 @@ def test_effects_by_name_and_as_objects():
     added = small("williamson2", effects=[Drag(linear=1e-5)]).run(days=0.25)
     assert by_name["energy_drift"] == added["energy_drift"] < -0.01
     assert small("williamson2").run(days=0.25)["energy_drift"] > -1e-3
+
+
+def test_a_summary_lists_the_effects_and_their_parameters():
+    summary = small("williamson2", effects={"drag.linear": 1e-5}).run(days=0.1)
+    assert summary["effects"]["drag"]["linear"] == 1e-5
+    listed = dict(summary.rows())["effects"].split(", ")
+    assert "drag" in listed and listed == [*summary["effects"]]
 
 
 def test_an_effect_may_be_set_to_its_default():
@@ -329,10 +335,10 @@ def test_a_limit_is_none_only_where_there_is_none():
     assert dict(sim.summary.rows())["stability limit"] == "none"
 
 
-def test_a_setup_holds_all_arguments():
-    config = small().setup.config
+def test_a_configuration_holds_all_arguments():
+    config = small().config
     with pytest.raises(ConfigError, match="leave out stepper, ne"):
-        Simulation(Setup(config), ne=5, stepper="ars343")
+        Simulation("williamson6", config=config, ne=5, stepper="ars343")
 
 
 def test_a_picture_that_fails_leaves_the_numbers_of_the_run(tmp_path, monkeypatch):
@@ -534,4 +540,4 @@ def test_cpu_time_of_steps_leaves_compiling_out(monkeypatch):
 
     monkeypatch.setattr(Stepper, "step", step)
     summary = sim.run(days=0.125)
-    assert sim.clock.cpu_seconds == pytest.approx(5.0 * summary["steps"])
+    assert sim.cpu_seconds == pytest.approx(5.0 * summary["steps"])

@@ -159,7 +159,7 @@ def test_a_scene_may_be_moved_between_the_parts_of_a_run(part):
 def test_a_restart_with_other_code_is_told(part, monkeypatch):
     same, other = [], []
     run(part, warn=same.append)
-    monkeypatch.setattr("swe_sphere.simulation.build.code_fingerprint", lambda: "other")
+    monkeypatch.setattr("swe_sphere.simulation.simulation.code_fingerprint", lambda: "other")
     assert run(part, warn=other.append)["days"] == 0.5
     assert same == []
     assert len(other) == 1 and "part.nc was written by other code" in other[0]

@@ -36,7 +36,7 @@ class Model:
 
     def surface(self, state: Simulation) -> np.ndarray:
         """The free surface [m]."""
-        fields = state.snapshot.with_constants
+        fields = state.snapshot.all_fields
         height = self.points(fields["h"] + fields.get("b", 0.0))
         return height.reshape(self.case.lat.size, self.case.lon.size)
 

@@ -28,7 +28,7 @@ from swe_sphere.simulation.build import make_scene
 from swe_sphere.simulation.config import RunConfig, load_config, make_config
 from swe_sphere.simulation.loop import Interrupted
 from swe_sphere.simulation.observers import LogLines, ProgressBar
-from swe_sphere.simulation.restart import adopt, read_restart
+from swe_sphere.simulation.restart import read_restart
 from swe_sphere.simulation.simulation import run as run_scene
 from swe_sphere.simulation.summary import Summary, failed_summary
 
@@ -57,7 +57,8 @@ def run(
         ranks = convert("ranks", int | None, said.pop("ranks", None) if ranks is None else ranks)
         asked = make_config(said)
         if ranks is not None and not comm.shared:
-            mesh = asked if asked.restart is None else adopt(asked, read_restart(asked))
+            before = read_restart(asked)
+            mesh = asked if before is None else before.adopt(asked)
             return start_ranks(ranks, mesh.ne or make_scene(mesh).ne, context.obj)
         if ranks not in (None, comm.size):
             raise ConfigError(f"ranks={ranks}: {comm.size} have been started: leave ranks out")

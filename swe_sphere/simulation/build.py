@@ -9,7 +9,6 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,159 +17,31 @@ import numpy
 from swe_sphere.equations.effects import Effect
 from swe_sphere.equations.scene import Scene, apply_settings
 from swe_sphere.errors import ConfigError, shown
-from swe_sphere.files.fingerprints import code_fingerprint
-from swe_sphere.files.user_file import guarded
 from swe_sphere.mesh import Mesh
 from swe_sphere.mesh.partition import check_ranks
-from swe_sphere.planet import DAY
 from swe_sphere.ranks.communicator import world
 from swe_sphere.ranks.limits import available_memory
 from swe_sphere.settings.values import SCENE, STEPPER, convert, read_settings
 from swe_sphere.simulation.config import RunConfig, make_config
-from swe_sphere.simulation.diagnostics import Snapshot, load_diagnostics
 from swe_sphere.simulation.restart import (
     OF_ONE_RUN,
-    adopt,
-    check_identity,
-    check_paths,
-    identity,
-    read_restart,
 )
 from swe_sphere.testcases import get_scene
 
 if TYPE_CHECKING:
-    from swe_sphere.io.checkpoint import Checkpoint
-    from swe_sphere.io.reference_solution import Reference
-    from swe_sphere.solvers.preconditioners import Preconditioner
-    from swe_sphere.steppers import Stepper, Trajectory
+    from swe_sphere.steppers import Stepper
 
 
-class Setup:
-    """Everything of a run that stays the same while it is stepped; cheap checks come first.
-
-    Args:
-        config: all settings and names.
-        scene, mesh, stepper, preconditioner: objects in the place of the named ones.
-        effects: further effects of the scene.
-        checkpoint: the state to resume from, where it has been read already.
-
-    Raises ConfigError where the run cannot be made.
-    """
-
-    def __init__(
-        self,
-        config: RunConfig,
-        scene: Scene | None = None,
-        mesh: Mesh | None = None,
-        stepper: type[Stepper] | None = None,
-        preconditioner: type[Preconditioner] | None = None,
-        effects: Iterable[Effect] = (),
-        checkpoint: Checkpoint | None = None,
-    ) -> None:
-        from swe_sphere.steppers import get_stepper
-
-        if checkpoint is None and config.restart is not None:
-            checkpoint = read_restart(config)
-        self.config = config = config if checkpoint is None else adopt(config, checkpoint)
-        self.checkpoint = checkpoint
-        """The state that the run resumes from."""
-        self.kind = get_stepper(stepper or config.stepper)
-        """The class of the stepper."""
-        self.scene = make_scene(config, scene, effects)
-        self.mesh = make_mesh(config, self.scene, mesh)
-        self.identity = identity(config, self.scene, self.mesh)
-        """All that a run must share with this one to resume it."""
-        self.comm = world()
-        """The ranks of the run."""
-        self.comm.on_root(lambda: check_paths(config))
-        if checkpoint is not None:
-            check_identity(config, checkpoint, self.identity)
-        self.reference: Reference | None = None
-        """The solution at the end of the run."""
-        if config.reference is not None:
-            from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
-
-            self.reference = Reference(config.reference)
-        if config.days is not None:
-            self.check_reference(config.days)
-        for path in config.diagnostics:
-            load_diagnostics(path)
-        self._preconditioner = preconditioner
-        self.options = stepper_options(self.kind, config)
-        """Options of the stepper by name."""
-        start_warp()  # takes its time
-        from swe_sphere.equations.model import Model
-
-        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
-        launch = config.device, config.precision, config.launch
-        self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
-        """The compiled right-hand side."""
-        self.has_other_code = (
-            checkpoint is not None and checkpoint.attributes.get("code") != code_fingerprint()
-        )
-        """Whether other code of this package wrote the state that the run resumes from."""
-        self.limit: float | None = None
-        """The stability limit [s], once it has been computed."""
-
-    def check_reference(self, days: float) -> None:
-        """Raise ConfigError if the reference is of another time than the end of the run [days]."""
-        time = None if self.reference is None else self.reference.nearest(None)
-        if time is not None and abs(time - days * DAY) > 1.0:
-            raise ConfigError(
-                f"{self.config.reference} is of day {time / DAY:g}, the run ends at day {days:g}:"
-                f" take days={time / DAY:g} or another reference"
-            )
-
-    def new_stepper(self, dt: float) -> Trajectory:
-        """Return the stepper of the configuration with steps of dt [s]."""
-        from swe_sphere.steppers.adaptive import AdaptiveSteps
-
-        options = dict(self.options)
-        if self._preconditioner is not None:
-            options["preconditioner"] = self._preconditioner
-        stepper = self.kind(self.model, dt, **options)
-        if self.config.adaptive is None:
-            return stepper
-        return AdaptiveSteps(stepper, self.config.adaptive)
-
-    @property
-    def initial(self) -> Snapshot:
-        """The initial state of the scene, built anew each time."""
-        return Snapshot(self.model, self.model.initial_state(), 0.0)
-
-    def stable_dt(self) -> float:
-        """Return the stability limit at the initial state [s], about; infinite if there is none.
-
-        Raises ConfigError where the stepper does not return a number.
-        """
-        if self.limit is None:
-            counted = dict(self.model.counters)
-            spectrum = self.kind.spectrum(self.model, self.model.initial_state())
-            self.model.counters.update(counted)  # evaluations of the estimate are none of the run
-            label = f"stable_dt of stepper {self.kind.name}"
-            limit = guarded(label, self.kind.limit, spectrum)
-            self.limit = float(convert(label, float, limit, finite=False))
-        return self.limit
-
-    @cached_property
-    def gravity_limit(self) -> float:
-        """1 over the spectral radius of waves at the initial state [s]."""
-        radius = self.model.spectrum(self.model.initial_state()).wave
-        return 1.0 / radius if radius > 0.0 else math.inf
-
-
-def read_setup(
+def read_arguments(
     scene: Any,
-    *,
-    mesh: Any = None,
-    effects: Any = (),
-    parameters: Mapping[str, object] | None = None,
-    options: Mapping[str, object] | None = None,
+    mesh: Any,
+    effects: Any,
+    parameters: Any,
+    options: Any,
     settings: object = (),
-    resumed: tuple[Path, Checkpoint] | None = None,
     **values: Any,
-) -> Setup:
-    """Return the set-up in the arguments of `Simulation`; resumed: from which file, and its state.
+) -> tuple[RunConfig, dict[str, Any]]:
+    """Return the configuration in the arguments of `Simulation`, and classes and objects by name.
 
     Raises ConfigError where an object is not of the requested kind, an argument belongs elsewhere,
     or two arguments contradict each other.
@@ -180,19 +51,19 @@ def read_setup(
 
     for name in OF_ONE_RUN.keys() & values.keys():
         raise ConfigError(f"{name} is no setting of a simulation: see {OF_ONE_RUN[name]}")
-    if not isinstance(scene, Scene | str | Path):
-        raise _unfit("scene", "a name, a file or a Scene", scene)
-    if not isinstance(mesh, Mesh | None):
-        raise _unfit("mesh", "a Mesh", mesh)
-    examples = ("parameters", "{'alpha': 0.8}"), ("options", "{'tolerance': 1e-6}")
-    for (what, example), table in zip(examples, (parameters, options), strict=True):
-        if not isinstance(table, Mapping | None):
-            raise _unfit(what, example, table)
+    for what, thing, kinds, choice in (
+        ("scene", scene, Scene | str | Path, "a name, a file or a Scene"),
+        ("mesh", mesh, Mesh | None, "a Mesh"),
+        ("parameters", parameters, Mapping | None, "{'alpha': 0.8}"),
+        ("options", options, Mapping | None, "{'tolerance': 1e-6}"),
+    ):
+        if not isinstance(thing, kinds):
+            raise _unfit(what, choice, thing)
     changes, added = (effects, ()) if isinstance(effects, Mapping) else ({}, effects)
     added = tuple(added) if isinstance(added, Iterable) else (added,)
     if not all(isinstance(effect, Effect) for effect in added):
         raise _unfit("effects", "parameters {'viscosity.nu': 1e5}, or a list of Effects", effects)
-    objects: dict[str, Any] = {"mesh": mesh, "effects": added}
+    objects: dict[str, Any] = {"effects": added}
     for what, kind in (("stepper", Stepper), ("preconditioner", Preconditioner)):
         method = values.pop(what, None)
         if isinstance(method, type) and issubclass(method, kind):
@@ -210,14 +81,11 @@ def read_setup(
     tables = {SCENE: parameters or {}, STEPPER: options or {}}
     if said := [one for each in (changes, tables, settings) for one in read_settings(each)]:
         values["settings"] = said
-    if resumed is not None:
-        values["restart"], objects["checkpoint"] = resumed
-    if not isinstance(scene, Scene):
-        return Setup(make_config(values | {"scene": str(scene)}), **objects)
-    config = make_config(values | {"scene": scene.name})
-    if config.alpha is not None or config.settings_of(SCENE):
+    own = isinstance(scene, Scene)
+    config = make_config(values | {"scene": scene.name if own else str(scene)})
+    if own and config.settings_of(SCENE):
         raise ConfigError("alpha and parameters are for a scene by name: this one is made already")
-    return Setup(config, scene, **objects)
+    return config, objects
 
 
 def _unfit(what: str, choice: str, thing: object) -> ConfigError:
@@ -234,12 +102,7 @@ def make_scene(
     """
     scene = own
     if scene is None:
-        parameters = config.settings_of(SCENE)
-        if config.alpha is not None:
-            if "alpha" in parameters:
-                raise ConfigError("alpha is given twice: by alpha and by set scene.alpha")
-            parameters["alpha"] = config.alpha
-        scene = get_scene(config.scene, **parameters)
+        scene = get_scene(config.scene, **config.settings_of(SCENE))
         angle = scene.parameters.get("alpha")
         if isinstance(angle, float) and abs(angle) > 2.0 * math.pi:
             raise ConfigError(f"alpha={angle:g}: the angle is in radians, at most a whole turn")
@@ -285,13 +148,7 @@ def stepper_options(kind: type[Stepper], config: RunConfig) -> dict[str, Any]:
         for name, default in defaults.items()
         if isinstance(default, (bool, int, float, str))
     }
-    given = config.settings_of(STEPPER)
-    for name in ("preconditioner", "tolerance"):
-        value = getattr(config, name)
-        if value is not None and name in given:
-            raise ConfigError(f"{name} is given twice: by {name} and by set stepper.{name}")
-        given |= {} if value is None else {name: value}
-    for name, value in given.items():
+    for name, value in config.settings_of(STEPPER).items():
         if name not in options:
             has = f"it has {', '.join(options)}" if options else "implicit steppers have some"
             raise ConfigError(f"stepper {kind.name} has no option {name!r}; {has}")
@@ -325,8 +182,8 @@ def _memory_of_factors(config: RunConfig, scene: Scene, ne: int, np: int) -> flo
     """Return the memory [bytes] of the factors of a preconditioner by name."""
     from swe_sphere.solvers.preconditioners import PRECONDITIONERS
 
-    named = config.settings_of(STEPPER).get("preconditioner", config.preconditioner)
-    kind = None if scene.wind is not None else PRECONDITIONERS.get(str(named))
+    named = str(config.settings_of(STEPPER).get("preconditioner"))
+    kind = None if scene.wind is not None else PRECONDITIONERS.get(named)
     return 0.0 if kind is None else kind.memory_of_factors(6 * (ne * (np - 1)) ** 2 + 2, np)
 
 
@@ -350,10 +207,9 @@ def start_warp() -> None:
     """Import and initialise Warp, without its message that there is no GPU."""
     import warp as wp
 
-    wp.config.log_level = wp.LOG_WARNING
+    wp.config.log_level, stderr = wp.LOG_WARNING, os.dup(2)
     with tempfile.TemporaryFile() as caught:
         sys.stderr.flush()
-        stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()
@@ -361,6 +217,4 @@ def start_warp() -> None:
             os.dup2(stderr, 2)
             os.close(stderr)
             caught.seek(0)
-            for line in caught:
-                if EXPECTED not in line:
-                    os.write(2, line)
+            os.write(2, b"".join(line for line in caught if EXPECTED not in line))

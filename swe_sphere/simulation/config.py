@@ -15,7 +15,10 @@ from pydantic import (
 )
 
 from swe_sphere.equations.scene import LONGEST_DAYS, MOST_ELEMENTS
+from swe_sphere.errors import ConfigError
 from swe_sphere.settings.values import (
+    SCENE,
+    STEPPER,
     Setting,
     by_field,
     by_owner,
@@ -41,18 +44,15 @@ def or_auto(kind: Any, words: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-def _no_switch(value: object) -> object:
-    """Return the value; ValueError for a switch, which pydantic would take for 1 or 0."""
-    if isinstance(value, bool):
-        raise ValueError("must be a valid number")
-    return value
+def _not_of(*kinds: type) -> BeforeValidator:
+    """Return what refuses values of some types, which pydantic would convert to numbers."""
 
+    def check(value: object) -> object:
+        if isinstance(value, kinds):
+            raise ValueError("must be a valid number")
+        return value
 
-def plain_number(value: object) -> object:
-    """Return the value; ValueError for a switch or a text, which pydantic would convert."""
-    if isinstance(value, str):
-        raise ValueError("must be a valid number")
-    return _no_switch(value)
+    return BeforeValidator(check)
 
 
 def _nameable(path: Path) -> Path:
@@ -72,13 +72,13 @@ def _names(value: object) -> object:
 
 
 FileName = Annotated[Path, AfterValidator(_nameable)]
-Number = Annotated[float, BeforeValidator(plain_number)]
+Number = Annotated[float, _not_of(bool, str)]
 Positive = Annotated[Number, Field(gt=0.0)]
-Whole = Annotated[int, BeforeValidator(plain_number), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
+Whole = Annotated[int, _not_of(bool, str), Field(ge=-MOST_ELEMENTS, le=MOST_ELEMENTS)]
 Days = Annotated[Number, Field(ge=0.0, le=LONGEST_DAYS)]
-Spoken = Annotated[float, BeforeValidator(_no_switch), Field(gt=0.0)]
+Spoken = Annotated[float, _not_of(bool), Field(gt=0.0)]
 """A positive number, also as text."""
-SpokenWhole = Annotated[int, BeforeValidator(_no_switch)]
+SpokenWhole = Annotated[int, _not_of(bool)]
 TimeStep = Annotated[float | Literal["auto"], or_auto(Spoken, "a positive number of seconds")]
 
 
@@ -164,8 +164,17 @@ class RunConfig(SharedConfig):
     """Print errors only."""
 
     def settings_of(self, owner: str) -> dict[str, Any]:
-        """Return the values set for an effect, for the scene or for the stepper, by parameter."""
-        return by_owner(self.settings).get(owner, {})
+        """Return the values set for an effect, for the scene or for the stepper, by parameter.
+
+        Raises ConfigError for one that has a field of its own as well.
+        """
+        values = by_owner(self.settings).get(owner, {})
+        for name in {SCENE: ("alpha",), STEPPER: ("preconditioner", "tolerance")}.get(owner, ()):
+            if (value := getattr(self, name)) is not None:
+                if name in values:
+                    raise ConfigError(f"{name} is given twice: by {name} and by set {owner}.{name}")
+                values[name] = value
+        return values
 
     def given(self) -> dict[str, Any]:
         """Return the requested values, without the defaults."""

@@ -9,19 +9,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from swe_sphere.arrays import Array
-from swe_sphere.errors import ConfigError, RunFailed, SweError
+from swe_sphere.errors import ConfigError, RunFailed
 from swe_sphere.files.user_file import guarded, load_file
 from swe_sphere.io.integrals import (
     courant_numbers,
     drifts,
     integrals,
     tracer_errors,
-    tracer_masses,
     tracer_numbers,
 )
 from swe_sphere.io.layout import MESH_ATTRIBUTES, TOPOLOGY, VARIABLES
@@ -34,34 +33,26 @@ if TYPE_CHECKING:
 
     from swe_sphere.equations.model import Model
     from swe_sphere.io.reference_solution import Reference
+    from swe_sphere.io.runfile import Frame
 
 Fields = dict[str, Array]
+T = TypeVar("T")
 Numbers = dict[str, float]
 
 
 class Snapshot:
     """A state between two steps, whose fields and numbers are computed when first requested.
 
-    Args:
-        model: that of the state.
-        state: flat array of the model, on its device.
-        time: since the start [s].
-        steps: since the start.
-        evaluator: computes the numbers of the snapshot, which has none without it.
+    state: flat array of the model, on its device.  time [s], steps: since the start.  sim: the
+    simulation of the state; without it the snapshot has no numbers.
     """
 
     def __init__(
-        self,
-        model: Model,
-        state: wp.array,
-        time: float,
-        steps: int = 0,
-        evaluator: Evaluator | None = None,
+        self, model: Model, state: wp.array, time: float, steps: int = 0, sim: Any = None
     ) -> None:
-        self.model, self.state, self.time, self.steps = model, state, time, steps
-        self._evaluator = evaluator
-        self._own: tuple[Numbers, Fields] = {}, {}
-        self._registered: dict[str, Diagnostic] | None = None  # when they were evaluated
+        self.model, self.state, self.time, self.steps, self.sim = model, state, time, steps, sim
+        self._own: dict[Diagnostic, Array] = {}
+        self._is_evaluating = False
 
     @cached_property
     def fields(self) -> Fields:
@@ -70,22 +61,18 @@ class Snapshot:
 
     @cached_property
     def all_fields(self) -> Fields:
-        """The fields with vorticity and divergence [s-1], each (N,)."""
+        """The fields with vorticity, divergence, Coriolis parameter f [s-1] and bottom b [m]."""
         from swe_sphere.operators.diagnose import divergence, vorticity  # imports Warp
 
         mesh, u, v = self.model.mesh, self.fields["u"], self.fields["v"]
         return self.fields | {
             "vorticity": vorticity(mesh, u, v), "divergence": divergence(mesh, u, v),
+            "b": self.model.bottom, "f": self.model.coriolis,
         }  # fmt: skip
 
     @cached_property
-    def with_constants(self) -> Fields:
-        """All fields with bottom b [m] and Coriolis parameter f [s-1], each (N,)."""
-        return self.all_fields | {"b": self.model.bottom, "f": self.model.coriolis}
-
-    @cached_property
     def _numbers(self) -> Numbers:
-        return {} if self._evaluator is None else self._evaluator.numbers(self)
+        return {} if self.sim is None else numbers_of(self)
 
     @property
     def diagnostics(self) -> Numbers:
@@ -93,36 +80,42 @@ class Snapshot:
 
         Raises RunFailed where a user-defined diagnostic fails.
         """
-        return self._numbers | self._own_now()[0]
+        return self._numbers | {k: float(x) for k, x in self.own.items() if x.ndim == 0}
+
+    @property
+    def own(self) -> Fields:
+        """Values of user-defined diagnostics by name, () or (N,); RunFailed where one fails.
+
+        A diagnostic that reads the whole state finds no diagnostics in it.
+        """
+        if self.sim is None or self._is_evaluating:
+            return {}
+        self._is_evaluating = True
+        try:
+            for one in DIAGNOSTICS.values():
+                if one not in self._own:
+                    self._own[one] = one.value(self.sim)
+        finally:
+            self._is_evaluating = False
+        return {name: self._own[one] for name, one in DIAGNOSTICS.items()}
 
     @property
     def own_fields(self) -> Fields:
         """Fields (N,) of user-defined diagnostics; raises RunFailed where one fails."""
-        return self._own_now()[1]
+        return {name: value for name, value in self.own.items() if value.ndim}
+
+    def frame(self) -> Frame:
+        """Return all fields, those of user-defined diagnostics among them, as a frame of a file."""
+        from swe_sphere.io.runfile import Frame  # xarray takes its time to import
+
+        fields, about = self.all_fields | self.own_fields, self.own_attributes
+        return Frame(self.model.mesh, fields, self.time, self.sim.attributes(), about)
 
     @property
     def own_attributes(self) -> dict[str, dict[str, str]]:
         """Attributes in files of the variables of user-defined diagnostics, by name."""
-        own = (DIAGNOSTICS[name] for found in self._own_now() for name in found)
-        return {one.name: {"long_name": one.long_name, "units": one.units} for one in own}
-
-    def _own_now(self) -> tuple[Numbers, Fields]:
-        """Return the user-defined diagnostics, again after others were registered."""
-        if self._evaluator is not None and self._registered != DIAGNOSTICS:
-            # a diagnostic that reads the whole state finds no diagnostics in it
-            self._own, self._registered = ({}, {}), dict(DIAGNOSTICS)
-            try:
-                self._own = self._evaluator.own()
-            except BaseException:
-                self._registered = None
-                raise
-        return self._own
-
-    def release(self) -> None:
-        """Free the fields, which occupy memory while steps are taken."""
-        for name in ("fields", "all_fields", "with_constants"):
-            vars(self).pop(name, None)
-        self._own, self._registered = ({}, {}), None
+        own = {name: DIAGNOSTICS[name] for name in self.own}
+        return {k: {"long_name": one.long_name, "units": one.units} for k, one in own.items()}
 
 
 def state_integrals(model: Model, fields: Fields) -> Numbers:
@@ -171,17 +164,39 @@ OF_FREE_WINDS = (
 """Numbers that are left out where the wind is prescribed: the scene changes them, not the model."""
 
 
+def numbers_of(snapshot: Snapshot) -> Numbers:
+    """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
+    model, fields, time = snapshot.model, snapshot.all_fields, snapshot.time
+    scene, mesh, dt = model.scene, model.mesh, snapshot.sim.present_dt
+    start, masses = snapshot.sim.initial_numbers
+    now = state_integrals(model, fields)
+    found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
+    if dt is not None:
+        found |= courant_numbers(mesh, dt, now)
+    if scene.exact is not None:
+        found |= by_name(flow_errors(model, fields, exact_fields(model, time)))
+    if scene.exact_tracers is not None:
+        found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
+    left_out = () if scene.wind is None else OF_FREE_WINDS
+    return {name: value for name, value in found.items() if name not in left_out}
+
+
 def reference_errors(reference: Reference, snapshot: Snapshot) -> Numbers:
     """Return l1_h, l2_h, linf_h and, where the reference has a wind, l1_v, l2_v, linf_v."""
     from swe_sphere.io.reference_solution import OnGrid  # needs scipy's splines
 
     model = snapshot.model
-    found = OnGrid(reference, model.mesh).errors(snapshot.with_constants, model.scene.error_field)
+    found = OnGrid(reference, model.mesh).errors(snapshot.all_fields, model.scene.error_field)
     return by_name({name: errors for name, errors in found.items() if name != "vorticity"})
 
 
-Function = Callable[[Any], Any]
-F = TypeVar("F", bound=Function)
+def called(what: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Return the result of a user-defined function; RunFailed states what failed, and where."""
+    try:
+        return guarded(what, function, *arguments)
+    except ConfigError as error:
+        raise RunFailed(str(error)) from error
+
 
 KEYS = (
     "scene", "stepper", "ne", "np", "dt", "steps", "days", "wall_seconds", "compile_seconds",
@@ -214,32 +229,53 @@ TAKEN_BEGINNINGS = (
 """Beginnings of further such names: of counters, and of all numbers of tracers."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Diagnostic:
     """A user-defined function that returns a number or a field of a simulation."""
 
     name: str
-    function: Function
+    function: Callable[[Any], Any]
     units: str
     long_name: str
+    ndim: int | None = None
+    """Number of axes of its first value: files have variables for numbers or for fields."""
+    is_lost: bool = False
+    """Whether a value was not finite, of which there is one warning."""
+
+    def value(self, sim: Any) -> Array:
+        """Return the present number (), or field (N,), of a simulation.
+
+        Raises RunFailed where it is neither, or not of the kind that it was at first.
+        """
+        what, size = f"the diagnostic {self.name}", sim.mesh.size
+        value = called(what, lambda: _as_numbers(self.function(sim)))
+        if value.shape not in ((), (size,)):
+            raise RunFailed(
+                f"{what} returned an array of shape {value.shape}: return one number, or a field of"
+                f" {size} values, one a node"
+            )
+        self.ndim = value.ndim if self.ndim is None else self.ndim
+        if value.ndim != self.ndim:
+            first = "field" if self.ndim else "number"
+            raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
+        if not self.is_lost and not np.isfinite(value).all():
+            self.is_lost = True
+            sim.warn(f"{what} is NaN or infinite at day {sim.time / DAY:.4g}")
+        return value
+
+
+def _as_numbers(found: object) -> Array:
+    if found is None:
+        raise TypeError("it returned nothing")  # which numpy takes for NaN
+    return np.asarray(found, dtype=np.float64)
 
 
 DIAGNOSTICS: dict[str, Diagnostic] = {}
 """All registered diagnostics by name."""
 
 
-@overload
-def diagnostic(function: F) -> F: ...
-@overload
 def diagnostic(
-    *, name: str | None = None, units: str = "1", long_name: str | None = None
-) -> Callable[[F], F]: ...
-def diagnostic(
-    function: Any = None,
-    *,
-    name: str | None = None,
-    units: str = "1",
-    long_name: str | None = None,
+    function: Any = None, *, name: str | None = None, units: str = "1", long_name: str | None = None
 ) -> Any:
     """Register a function `f(sim)` that returns a number, or a field (N,) on the nodes.
 
@@ -305,76 +341,3 @@ def check_options(stepper: str, options: Iterable[str]) -> None:
             raise ConfigError(
                 f"stepper {stepper}: its option {name!r} needs another name: files have one of it"
             )
-
-
-class Evaluator:
-    """Computes the numbers of a simulation's snapshots; drifts are relative to its initial state.
-
-    sim: the simulation, which user-defined diagnostics are given.
-    """
-
-    def __init__(self, sim: Any) -> None:
-        self._sim = sim
-        self.warn: Callable[[str], None] = lambda text: None
-        """Called with a line of text for each diagnostic that is not finite."""
-        self._warned: set[str] = set()
-        self._shapes: dict[Diagnostic, tuple[int, ...]] = {}
-        """Shape of the first value of each: files have variables for it."""
-
-    @cached_property
-    def _start(self) -> tuple[Numbers, Numbers]:
-        """Integrals, and masses of tracers, of the initial state."""
-        model, start = self._sim.model, self._sim.start
-        masses = tracer_masses(model.mesh, start, model.scene.tracers or ())
-        return state_integrals(model, start), masses
-
-    def numbers(self, snapshot: Snapshot) -> Numbers:
-        """Return integrals, drifts, Courant numbers, numbers of tracers and exact errors."""
-        model, fields, time = snapshot.model, snapshot.all_fields, snapshot.time
-        scene, mesh, dt = model.scene, model.mesh, self._sim.present_dt
-        start, masses = self._start
-        now = state_integrals(model, fields)
-        found = now | drifts(start, now) | tracer_numbers(mesh, fields, masses)
-        if dt is not None:
-            found |= courant_numbers(mesh, dt, now)
-        if scene.exact is not None:
-            found |= by_name(flow_errors(model, fields, exact_fields(model, time)))
-        if scene.exact_tracers is not None:
-            found |= tracer_errors(mesh, fields, scene.exact_tracers(mesh.lon, mesh.lat, time))
-        left_out = () if scene.wind is None else OF_FREE_WINDS
-        return {name: value for name, value in found.items() if name not in left_out}
-
-    def own(self) -> tuple[Numbers, Fields]:
-        """Return numbers and fields (N,) of the present state by user-defined diagnostics.
-
-        Raises RunFailed where one fails, or returns neither, or not the kind it returned at first.
-        """
-        values = {name: self._value(own) for name, own in DIAGNOSTICS.items()}
-        numbers = {name: float(value) for name, value in values.items() if value.ndim == 0}
-        return numbers, {name: value for name, value in values.items() if value.ndim}
-
-    def _value(self, own: Diagnostic) -> Array:
-        what = f"the diagnostic {own.name}"
-        try:
-            value = guarded(what, lambda: _as_numbers(own.function(self._sim)))
-        except SweError as error:
-            raise RunFailed(str(error)) from error
-        size = self._sim.mesh.size
-        if value.shape not in ((), (size,)):
-            raise RunFailed(
-                f"{what} returned an array of shape {value.shape}: return one number, or a field of"
-                f" {size} values, one a node"
-            )
-        if self._shapes.setdefault(own, value.shape) != value.shape:
-            first = "field" if value.ndim == 0 else "number"
-            raise RunFailed(f"{what} was a {first} at first and is none now: return the same kind")
-        if own.name not in self._warned and not np.isfinite(value).all():
-            self._warned.add(own.name)
-            self.warn(f"{what} is NaN or infinite at day {self._sim.time / DAY:.4g}")
-        return value
-
-
-def _as_numbers(found: object) -> Array:
-    if found is None:
-        raise TypeError("it returned nothing")  # which numpy takes for NaN
-    return np.asarray(found, dtype=np.float64)

@@ -7,13 +7,12 @@ import signal
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from swe_sphere.errors import TimedOut
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.observers import Observer
+from swe_sphere.simulation.observers import HealthCheck, Observer, observed
 
 if TYPE_CHECKING:
     from swe_sphere.steppers import Trajectory
@@ -61,100 +60,95 @@ class Interruption:
         self._before = {}
 
 
-@dataclass
-class Clock:
-    """Time spent stepping, without observing and writing."""
-
-    wall_seconds: float = 0.0
-    """Wall time, without compiling [s]."""
-    cpu_seconds: float = 0.0
-    """CPU time of all threads, without compiling [s]."""
-
-
 TICK = 0.1
 """Seconds between two ticks of the observers."""
 
 
 class Loop:
-    """Steps a simulation along its plan.
+    """Steps a simulation along its plan; a health check sees each state before the observers do.
 
-    Args:
-        sim: the simulation.
-        guard: sees the state when it or an observer is due, before any observer does.
-        observers: see the state when they are due, and always the last one.
-        time_limit: wall time that the steps may take [s].
+    sim: the simulation.  observers: see the state when they are due, and always the last one.
+    time_limit: wall time that the steps may take [s].  interruption: notes signals.
     """
 
     def __init__(
-        self, sim: Any, guard: Observer, observers: Sequence[Observer], time_limit: float | None
+        self,
+        sim: Any,
+        observers: Sequence[Observer],
+        time_limit: float | None,
+        interruption: Interruption,
     ) -> None:
-        self.sim, self.model, self.plan, self.clock = sim, sim.model, sim.plan, sim.clock
+        self.sim, self.plan, self.observers = sim, sim.plan, observers
         self.stepper: Trajectory = sim.stepper
-        self.guard, self.observers = guard, observers
+        self.health, self.interruption = HealthCheck(sim), interruption
         self.time_limit = math.inf if time_limit is None else time_limit
-        self._limit = self.clock.wall_seconds + self.time_limit
+        self._limit = sim.wall_seconds + self.time_limit
+        self._is_late = False
         self._last_tick = 0.0
 
-    def run(self, interruption: Interruption) -> None:
-        """Step to the end.
+    def run(self) -> None:
+        """Step to the end; the state is always that after a whole step.
 
-        Raises:
-            RunFailed: a stepper or an observer fails, or the time limit is reached.
-            Interrupted: the user asked to stop; the state is that after a whole step.
+        Raises RunFailed where a stepper or an observer fails, or the time limit is reached, and
+        Interrupted where the user asked to stop.
         """
         while self.stepper.steps < self.plan.steps:
-            late = self._advance(self._next_stop(), interruption)
-            self.guard.observe(self.sim.snapshot)
+            self._advance(self._next_stop())
+            self.health.observe(self.sim.snapshot)
+            steps = self.stepper.steps
             for observer in self.observers:
-                if self.stepper.steps == self.plan.steps or observer.due(self.stepper.steps):
-                    observer.observe(self.sim.snapshot)
-            self._stop(interruption, late)
+                is_end = steps == self.plan.steps and observer.sees_end
+                if is_end or observed(observer, "due", steps):
+                    observed(observer, "observe", self.sim.snapshot)
+            if self._is_asked_to_stop():
+                self._stop()
 
     def _next_stop(self) -> int:
         """Return the next step after which an observer is due."""
-        everyone = self.guard, *self.observers
+        everyone = self.health, *self.observers
         following = range(self.stepper.steps + 1, self.plan.steps)
-        due = (step for step in following if any(each.due(step) for each in everyone))
+        due = (step for step in following if any(observed(each, "due", step) for each in everyone))
         return next(due, self.plan.steps)
 
-    def _advance(self, stop: int, interruption: Interruption) -> bool:
-        """Take steps up to that number, with the clock running; return whether time has run out.
-
-        Observers that are due after the last step have yet to see the state.
-        """
+    def _advance(self, stop: int) -> None:
+        """Take steps, with the clock running, up to that number or until a rank is to stop."""
         import warp as wp
 
-        self.sim.snapshot.release()
-        compiled, start = self.model.compile_seconds, time.perf_counter()
-        worked = time.process_time() - self.model.launch.compile_cpu_seconds
-        deadline = start - compiled + self._limit - self.clock.wall_seconds
+        sim, model, start = self.sim, self.sim.model, time.perf_counter()
+        sim.release()
+        compiled, worked = model.compile_seconds, self._cpu_seconds()
+        deadline = start - compiled + self._limit - sim.wall_seconds
         try:
             while True:
                 self.stepper.step()
                 now = time.perf_counter()
                 self._tick(now)
-                late: bool = now > deadline + self.model.compile_seconds
-                if self.stepper.steps >= stop:
+                self._is_late = now > deadline + model.compile_seconds
+                if self.stepper.steps >= stop or self._is_asked_to_stop():
                     break
-                self._stop(interruption, late)
-            wp.synchronize_device(self.model.device)
-            return late
+            wp.synchronize_device(model.device)
         finally:
             elapsed = time.perf_counter() - start
-            self.clock.wall_seconds += elapsed - (self.model.compile_seconds - compiled)
-            cpu = time.process_time() - self.model.launch.compile_cpu_seconds
-            self.clock.cpu_seconds += cpu - worked
+            sim.wall_seconds += elapsed - (model.compile_seconds - compiled)
+            sim.cpu_seconds += self._cpu_seconds() - worked
 
-    def _stop(self, interruption: Interruption, late: bool = False) -> None:
-        """Raise Interrupted or TimedOut on all ranks where there is reason to on one."""
-        comm = self.model.comm
-        if not comm.of_each(late or interruption.received is not None).any():
-            return
-        signals, hurry = zip(*comm.tell_all((interruption.received, late)), strict=True)
-        for name in filter(None, signals):
-            raise Interrupted(name)
+    def _cpu_seconds(self) -> float:
+        """Return the CPU time of this process without compiling [s]."""
+        return time.process_time() - float(self.sim.model.launch.compile_cpu_seconds)
+
+    def _is_asked_to_stop(self) -> bool:
+        """Return, on all ranks, whether one of them is late or was interrupted."""
+        asked = self._is_late or self.interruption.received is not None
+        return bool(self.sim.comm.of_each(asked).any())
+
+    def _stop(self) -> None:
+        """Raise Interrupted, or TimedOut before the last step, on all ranks."""
+        asked = self.sim.comm.tell_all((self.interruption.received, self._is_late))
+        for signal_name, _ in asked:
+            if signal_name is not None:
+                raise Interrupted(signal_name)
         steps = self.stepper.steps
-        if any(hurry) and steps < self.plan.steps:
+        if steps < self.plan.steps and any(is_late for _, is_late in asked):
             day = self.plan.time(steps) / DAY
             raise TimedOut(
                 f"the time limit of {self.time_limit:g} s was reached at day {day:.4g}"
@@ -165,4 +159,4 @@ class Loop:
         if now - self._last_tick >= TICK:
             self._last_tick = now
             for observer in self.observers:
-                observer.tick(self.stepper.steps)
+                observed(observer, "tick", self.stepper.steps)

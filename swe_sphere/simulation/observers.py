@@ -9,27 +9,28 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from numbers import Real
-from typing import Any, TypeVar
+from typing import Any
 
-from swe_sphere.errors import ConfigError, RunFailed, SweError, Unstable
-from swe_sphere.files.user_file import guarded
+from swe_sphere.errors import ConfigError, Unstable
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot
+from swe_sphere.simulation.diagnostics import DIAGNOSTICS, Snapshot, called
 from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.simulation.restart import appends
 
-Function = Callable[[Any], Any]
-T = TypeVar("T")
+Function = Callable[..., Any]
 
 
 class Observer:
     """Watches a run; a subclass defines the methods that it needs.  RunFailed ends the run."""
+
+    sees_end = True
+    """Whether it observes the last state also where that is not due."""
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
         """Prepare: the steps of the plan are about to be taken from the state of the snapshot."""
@@ -46,6 +47,14 @@ class Observer:
 
     def end(self) -> None:
         """Finish: no more steps are taken, whatever the reason."""
+
+
+def observed(observer: Observer, method: str, *arguments: Any) -> Any:
+    """Call a method of an observer; errors of a user-defined one end the run in one line."""
+    call = getattr(observer, method)
+    if type(observer).__module__.startswith("swe_sphere."):
+        return call(*arguments)
+    return called(f"the observer {type(observer).__name__}", call, *arguments)
 
 
 EVERY = 16
@@ -105,17 +114,16 @@ SAMPLES = 200
 class Recorder(Observer):
     """Writes frames, series of diagnostics and checkpoints to the file of a simulation, on rank 0.
 
-    The file is open until `close`.  Raises ConfigError where it cannot be made or is of another run
+    It begins with a frame.  Raises ConfigError where the file cannot be made or is of another run
     than the one to continue, and RunFailed, also from the methods, where the disk refuses.
     """
 
     def __init__(self, sim: Any) -> None:
         from swe_sphere.io.netcdf import FrameWriter  # netCDF4 takes its time to import
 
-        self.sim = sim
+        self.sim: Any = sim
         self.plan: RunPlan = sim.plan
         self._framed: int | None = None  # steps before the last frame
-        self._writer: Any = None
         snapshot, model, out = sim.snapshot, sim.model, sim.config.out
         continued = sim.comm.on_root(lambda: appends(sim.config))
         ahead = self.plan.steps - sim.steps
@@ -129,14 +137,16 @@ class Recorder(Observer):
         def open_file() -> str:
             self._writer = FrameWriter(*given)
             if continued and self._writer.run_id != sim.run_id:
-                self.close()
+                self._writer.close()
                 raise ConfigError(f"out: {out} is of another run now: choose another name")
             return str(self._writer.run_id)
 
         sim.run_id = sim.comm.on_root(open_file)
-
-    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        self.frame(snapshot)
+        try:
+            self._frame(snapshot)
+        except BaseException:
+            self._close()
+            raise
 
     def due(self, step: int) -> bool:
         """At frames, and in between about `SAMPLES` times a run."""
@@ -144,12 +154,12 @@ class Recorder(Observer):
 
     def observe(self, snapshot: Snapshot) -> None:
         if self.plan.is_frame(snapshot.steps):
-            self.frame(snapshot)
+            self._frame(snapshot)
             return
         numbers = snapshot.diagnostics
         self.sim.comm.on_root(lambda: self._writer.record(snapshot.time, numbers))
 
-    def frame(self, snapshot: Snapshot) -> None:
+    def _frame(self, snapshot: Snapshot) -> None:
         """Write a frame and a checkpoint, unless this step has a frame already."""
         if self._framed == snapshot.steps:
             return
@@ -163,14 +173,24 @@ class Recorder(Observer):
 
         self.sim.comm.on_root(write)
 
-    def finish(self, summary: Mapping[str, object]) -> None:
-        """Note in the file, if it has a frame, how the run ended; None stands for no value."""
-        known = {name: value for name, value in summary.items() if value is not None}
-        self.sim.comm.on_root(lambda: self._writer.finish(known) if self._writer.frames else None)
+    def end(self) -> None:
+        """Write the last frame of a sound run that ended early, and how it ended; close the file.
 
-    def close(self) -> None:
-        """Close the file."""
-        if self._writer is not None:
+        After an error that is not an outcome, and maybe that of one rank alone, it only closes.
+        """
+        sim, ended = self.sim, self.sim.outcome
+        try:
+            if ended.status == "running":
+                return
+            if ended.is_sound and not ended.completed:
+                self._frame(sim.snapshot)
+            told = {name: x for name, x in sim.summary.as_dict().items() if x is not None}
+            sim.comm.on_root(lambda: self._writer.finish(told))
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        if self.sim.comm.rank == 0:
             self._writer.close()
 
 
@@ -228,100 +248,64 @@ class LogLines(Observer):
         now = time.perf_counter()
         if now < self._due:
             return
-        gone, at = now - self._start, self._plan.time(step)
+        gone, at, end = now - self._start, self._plan.time(step), self._plan.time(self._plan.steps)
         self._due = now + max(self.PATIENCE, 0.1 * gone)
-        end = self._plan.time(self._plan.steps)
         speed = (at - self._from) / gone
         left = (end - at) / speed if speed > 0.0 else math.inf
+        line = (
+            f"swe-sphere: day {at / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
+            f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go"
+        )
         with suppress(OSError):  # nobody reads it any more, or the disk is full
-            sys.stderr.write(
-                f"swe-sphere: day {at / DAY:.2f} of {end / DAY:g} after {gone:.0f} s,"
-                f" {60.0 * speed / DAY:.3g} days a minute, {left:.0f} s to go\n"
-            )
+            sys.stderr.write(f"{line}\n")
             sys.stderr.flush()
+
+
+@dataclass
+class Callback(Observer):
+    """Calls a function with the simulation after every so many steps, or so many times in a run."""
+
+    function: Function
+    steps: int | None = None
+    seconds: Fraction | None = None
+    """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
+    times: int = 0
+    """About how many calls there are, where nothing else is said."""
+    sees_end = False
+
+    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
+        asked = self.steps if self.seconds is None else round(self.seconds / Fraction(plan.dt))
+        self._every = asked or plan.interval(self.times)
+
+    def due(self, step: int) -> bool:
+        return step % self._every == 0
+
+    def observe(self, snapshot: Snapshot) -> None:
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        called(f"the callback {name}", self.function, snapshot.sim)
 
 
 PICTURES = 100
 """Pictures of a live view in a run, evenly spaced in simulated time."""
 
 
-class LiveView(Observer):
-    """Draws a field in the terminal, each picture over the one before.
+def live_view(field: str, comm: Any) -> Callback:
+    """Return what draws a field in the terminal, each picture over the one before.
 
     field: its name, or "auto" for what suits the scene.  Raises ConfigError for an unknown field,
     and where rank 0 has no terminal with colours.
     """
+    from swe_sphere.pictures.live import LivePicture  # matplotlib takes its time to import
 
-    def __init__(self, field: str, comm: Any) -> None:
-        from swe_sphere.pictures.live import LivePicture  # matplotlib takes its time to import
+    picture = LivePicture(field, DIAGNOSTICS)
+    comm.on_root(picture.check_terminal)
 
-        self._picture = LivePicture(field, DIAGNOSTICS)
-        comm.on_root(self._picture.check_terminal)
+    def draw(sim: Any) -> None:
+        frame = sim.snapshot.frame()
+        caption = f"day {sim.time / DAY:.2f} of {sim.days:g}, {sim.scene.name}"
+        comm.on_root(lambda: picture.draw(frame, sim.time, caption))
 
-    def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        self._every, self._days = plan.interval(PICTURES), plan.time(plan.steps) / DAY
-
-    def due(self, step: int) -> bool:
-        return step % self._every == 0
-
-    def observe(self, snapshot: Snapshot) -> None:
-        if not self.due(snapshot.steps):
-            return
-        from swe_sphere.io.runfile import Frame
-
-        model, fields = snapshot.model, snapshot.with_constants | snapshot.own_fields
-        frame = Frame(model.mesh, fields, snapshot.time, {}, snapshot.own_attributes)
-        caption = f"day {snapshot.time / DAY:.2f} of {self._days:g}, {model.scene.name}"
-        model.comm.on_root(lambda: self._picture.draw(frame, snapshot.time, caption))
-
-
-@dataclass
-class Callback(Observer):
-    """Calls a function with the simulation, after every so many steps or seconds."""
-
-    function: Function
-    steps: int | None = None
-    seconds: Fraction | None = None
-    """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
-    sim: object = None
-
-    def on(self, sim: object, plan: RunPlan) -> Callback:
-        """Return the callback of a simulation, scheduled by the steps of its plan."""
-        steps = self.steps or round((self.seconds or plan.dt) / plan.dt)
-        return replace(self, steps=steps, sim=sim)
-
-    def due(self, step: int) -> bool:
-        return self.steps is not None and step % self.steps == 0
-
-    def observe(self, snapshot: Snapshot) -> None:
-        if not self.due(snapshot.steps):
-            return
-        name = getattr(self.function, "__name__", type(self.function).__name__)
-        _called(f"the callback {name}", self.function, self.sim)
-
-
-def guard(observer: Observer) -> Observer:
-    """Return the observer; errors of a user-defined one end the run in one line."""
-    if type(observer).__module__.startswith("swe_sphere."):
-        return observer
-    what, watched = f"the observer {type(observer).__name__}", Observer()
-
-    def call(method: str, *arguments: Any) -> Any:
-        return _called(what, getattr(observer, method), *arguments)
-
-    for method in ("begin", "due", "observe", "tick", "end"):
-        setattr(watched, method, partial(call, method))
-    return watched
-
-
-def _called(what: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Return the result of a user-defined function; RunFailed states what failed, and where."""
-    try:
-        return guarded(what, function, *arguments)
-    except RunFailed:
-        raise
-    except SweError as error:
-        raise RunFailed(str(error)) from error
+    return Callback(draw, times=PICTURES)
 
 
 def every(
@@ -345,18 +329,17 @@ def every(
         ConfigError: none or more than one of the three is given, or one that is not positive.
     """
     units: tuple[tuple[Any, float], ...] = ((steps, 1.0), (hours, HOUR), (days, DAY))
-    asked = [(value, unit) for value, unit in units if value is not None]
-    seconds = 0.0
-    if len(asked) == 1 and isinstance(asked[0][0], Real):
-        seconds = float(asked[0][0]) * asked[0][1]
-    if not 1e-3 <= seconds < math.inf or (steps is not None and steps != int(steps)):
-        raise ConfigError(
-            "every: give a positive whole number of steps, or of hours, or of days, no less than a"
-            " millisecond"
-        )
-    if steps is not None:
-        return lambda function: Callback(function, steps=steps)
-    return lambda function: Callback(function, seconds=Fraction(seconds).limit_denominator(1000))
+    given = [(value, unit) for value, unit in units if value is not None]
+    if len(given) == 1 and isinstance(given[0][0], Real):
+        seconds = float(given[0][0]) * given[0][1]
+        if steps is None and 1e-3 <= seconds < math.inf:
+            return partial(Callback, seconds=Fraction(seconds).limit_denominator(1000))
+        if steps is not None and steps >= 1 and steps == int(steps):
+            return partial(Callback, steps=int(steps))
+    raise ConfigError(
+        "every: give a positive whole number of steps, or of hours, or of days, no less than a"
+        " millisecond"
+    )
 
 
 def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:

@@ -7,12 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
-from swe_sphere.simulation.build import Setup
+
+if TYPE_CHECKING:
+    from swe_sphere.simulation.simulation import Simulation
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
@@ -141,7 +144,7 @@ def _whole(name: str, length: float, dt: float) -> int:
     return steps
 
 
-def automatic_step(setup: Setup, days: float) -> tuple[float, str]:
+def automatic_step(sim: Simulation, days: float) -> tuple[float, str]:
     """Return an automatic step [s], and its rule in words.
 
     It is a safe part of the stability limit.  Where there is no limit, the fastest initial wind has
@@ -149,14 +152,15 @@ def automatic_step(setup: Setup, days: float) -> tuple[float, str]:
     at most the longest one of the stepper.  days: length of the run, which no step exceeds.  Raises
     ConfigError where the stability limit is no positive number.
     """
-    kind, fields, limit = setup.kind, setup.initial.fields, setup.stable_dt()
+    kind, limit = sim.kind, sim.stable_dt()
+    fields = sim.model.fields(sim.model.initial_state(), 0.0)
     if not limit > 0.0:
         raise ConfigError(
             f"the stability limit of {kind.name} is {limit:g} s: choose a step with --dt"
         )
     wind, accurate = float(np.hypot(fields["u"], fields["v"]).max()), kind.longest
     if wind > 0.0:
-        accurate = min(accurate, kind.courant * setup.mesh.spacing()[0] / wind)
+        accurate = min(accurate, kind.courant * sim.mesh.spacing()[0] / wind)
     # the limit of a fluid at rest, whose wind is yet to come, does not bound its waves
     misleading = kind.family == "imex" and wind == 0.0 and kind.safety * limit > accurate
     if limit < UNLIMITED and not misleading:
@@ -165,19 +169,17 @@ def automatic_step(setup: Setup, days: float) -> tuple[float, str]:
     return min(accurate, days * DAY), rule
 
 
-def plan_run(
-    setup: Setup, days: float, every: float | None = None, also: Iterable[Fraction] = ()
-) -> RunPlan:
+def plan_run(sim: Simulation, also: Iterable[Fraction] = ()) -> RunPlan:
     """Return the plan of a new run, with the requested step or else an automatic one.
 
-    days, every, also, ConfigError: as of `time_plan`.
+    also, ConfigError: as of `time_plan`.
     """
-    config, length = setup.config, days or 1.0
+    config, length = sim.config, sim.days or 1.0
     if config.dt != "auto":
         dt, rule = config.dt, "as given"
     elif config.adaptive is None:
-        dt, rule = automatic_step(setup, length)
+        dt, rule = automatic_step(sim, length)
     else:
-        interval = DAY if every is None else every * HOUR
+        interval = DAY if config.every is None else config.every * HOUR
         dt, rule = min(interval, length * DAY), "time between frames, in which steps adapt"
-    return replace(time_plan(days, every, dt, also), rule=rule)
+    return replace(time_plan(sim.days, config.every, dt, also), rule=rule)

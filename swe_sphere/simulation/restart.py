@@ -7,7 +7,9 @@ import os
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+import numpy as np
 
 from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError
@@ -16,11 +18,8 @@ from swe_sphere.files.user_file import is_user_file
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
 from swe_sphere.simulation.config import RunConfig, make_config
+from swe_sphere.simulation.planning import RunPlan
 from swe_sphere.testcases.user_scenes import scene_files
-
-if TYPE_CHECKING:
-    from swe_sphere.io.checkpoint import Checkpoint
-
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -107,63 +106,72 @@ COUNTER = "counter_"
 """Beginning of the names of counters among the arrays of a checkpoint."""
 
 
-def read_restart(config: RunConfig) -> Checkpoint:
-    """Return the checkpoint to resume from; ConfigError if it is missing or damaged."""
-    from swe_sphere.io.checkpoint import read_checkpoint
+class Restart:
+    """The checkpoint that a run resumes from; ConfigError if it is missing or damaged.
 
-    place = config.out if appends(config) else config.restart
-    assert place is not None
-    return read_checkpoint(place)
+    path: of the checkpoint, or of the file of frames beside which it lies.
+    """
 
+    def __init__(self, path: Path) -> None:
+        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
 
-def stored(
-    path: str | Path | None, checkpoint: Checkpoint, name: str = "configuration"
-) -> dict[str, object]:
-    """Return the configuration in a checkpoint, or another table; ConfigError if it holds none."""
-    with suppress(KeyError, ValueError):
-        values = json.loads(str(checkpoint.attributes[name]))
-        if isinstance(values, dict):
-            return values
-    raise ConfigError(f"{path} does not say its {name}: it cannot be restarted")
+        self.path, checkpoint = path, read_checkpoint(path)
+        self.attributes, self.arrays = checkpoint.attributes, checkpoint.state_dict
+        self.steps = checkpoint.steps
 
+    def table(self, name: str = "configuration") -> dict[str, Any]:
+        """Return a table among the attributes; ConfigError if there is none."""
+        with suppress(KeyError, ValueError):
+            values = json.loads(str(self.attributes[name]))
+            if isinstance(values, dict):
+                return values
+        raise ConfigError(f"{self.path} does not say its {name}: it cannot be restarted")
 
-def adopt(config: RunConfig, checkpoint: Checkpoint) -> RunConfig:
-    """Return the configuration, with the values of the checkpoint for what it leaves open."""
-    before = stored(config.restart, checkpoint)
-    names = INHERITED if checkpoint.steps else {*INHERITED, "dt"}
-    kept = {name: value for name, value in before.items() if name in names}
-    return make_config(kept | config.given())
+    def adopt(self, config: RunConfig) -> RunConfig:
+        """Return the configuration, with the values of the earlier run for what it leaves open."""
+        names = INHERITED if self.steps else {*INHERITED, "dt"}
+        kept = {name: value for name, value in self.table().items() if name in names}
+        return make_config(kept | config.given() | {"restart": self.path})
 
+    def check(self, identity: dict[str, object]) -> None:
+        """Raise ConfigError with the first difference between a run and the earlier one."""
+        theirs, ours = self.table("identity"), json.loads(json.dumps(identity))
+        before = theirs.get("sources")
+        for name, contents in ours.pop("sources").items():
+            if not isinstance(before, dict) or before.get(name) != contents:
+                raise ConfigError(
+                    f"{name} is not what it was when {self.path} was begun: it has been edited;"
+                    " run from the start, without restart"
+                )
+        for name, value in ours.items():
+            if theirs.get(name) != value:
+                raise ConfigError(
+                    f"{self.path} is of another run: {name} is {theirs.get(name)!r} there and"
+                    f" {value!r} here"
+                )
 
-def check_identity(config: RunConfig, checkpoint: Checkpoint, identity: dict[str, object]) -> None:
-    """Raise ConfigError with the first difference between this run and that of the checkpoint."""
-    theirs = stored(config.restart, checkpoint, "identity")
-    plain = json.loads(json.dumps(identity))
-    before = theirs.get("sources")
-    for name, contents in plain.pop("sources").items():
-        if not isinstance(before, dict) or before.get(name) != contents:
+    def plan(self, asked: float | str) -> RunPlan:
+        """Return the steps so far; ConfigError where steps of another length [s] are asked for."""
+        dt = float(self.attributes.get("dt", 0.0))
+        if asked not in ("auto", dt, self.table().get("dt")) or not dt > 0.0:
             raise ConfigError(
-                f"{name} is not what it was when {config.restart} was begun: it has been edited;"
-                " run from the start, without restart"
+                f"dt={asked} s: a restarted run goes on with the step of its file, {dt:g} s;"
+                " leave dt out"
             )
-    for name, ours in plain.items():
-        if theirs.get(name) != ours:
-            raise ConfigError(
-                f"{config.restart} is of another run: {name} is {theirs.get(name)!r} there and"
-                f" {ours!r} here"
-            )
+        return RunPlan(dt, self.steps, self.steps, dt, "that of the restart file")
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """Counters and seconds of the earlier run."""
+        found = {k: np.asarray(x).item() for k, x in self.arrays.items() if k.startswith(COUNTER)}
+        return {name.removeprefix(COUNTER): count for name, count in found.items()}
 
 
-def check_step(config: RunConfig, checkpoint: Checkpoint) -> float:
-    """Return the step [s] of the run in a checkpoint; ConfigError if another one is requested."""
-    dt = float(checkpoint.attributes.get("dt", 0.0))
-    before = stored(config.restart, checkpoint).get("dt")
-    if config.dt not in ("auto", dt, before) or not dt > 0.0:
-        raise ConfigError(
-            f"dt={config.dt} s: a restarted run goes on with the step of its file, {dt:g} s;"
-            " leave dt out"
-        )
-    return dt
+def read_restart(config: RunConfig) -> Restart | None:
+    """Return what a configuration resumes from, if anything."""
+    if config.restart is None:
+        return None
+    return Restart(config.out if config.out and appends(config) else config.restart)
 
 
 def identity(config: RunConfig, scene: Scene, mesh: Mesh) -> dict[str, object]:

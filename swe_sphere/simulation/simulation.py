@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -21,40 +22,43 @@ from swe_sphere.equations.scene import Scene
 from swe_sphere.errors import ConfigError, RunFailed, SweError, in_one_line
 from swe_sphere.files.durable import clear_errors
 from swe_sphere.files.fingerprints import code_fingerprint
-from swe_sphere.files.user_file import cause, users_code
+from swe_sphere.files.user_file import cause, guarded, users_code
+from swe_sphere.io.integrals import tracer_masses
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.settings.values import validated
-from swe_sphere.simulation import planning, restart
-from swe_sphere.simulation.build import Setup, read_setup
+from swe_sphere.ranks.communicator import world
+from swe_sphere.settings.values import convert, validated
+from swe_sphere.simulation import build, planning
 from swe_sphere.simulation.config import RunConfig, make_config
 from swe_sphere.simulation.diagnostics import (
-    Evaluator,
     Fields,
     Numbers,
     Snapshot,
     check_options,
+    load_diagnostics,
     reference_errors,
+    state_integrals,
 )
-from swe_sphere.simulation.loop import Clock, Interrupted, Interruption, Loop
+from swe_sphere.simulation.loop import Interrupted, Interruption, Loop
 from swe_sphere.simulation.observers import (
     Callback,
-    HealthCheck,
-    LiveView,
     Observer,
     ProgressBar,
     Recorder,
-    guard,
+    live_view,
+    observed,
     read_callbacks,
 )
 from swe_sphere.simulation.planning import RunPlan
-from swe_sphere.simulation.summary import BREAKDOWNS, Outcome, Summary, html_table, outcome_of
+from swe_sphere.simulation.restart import COUNTER, Restart, check_paths, identity, read_restart
+from swe_sphere.simulation.summary import BREAKDOWNS, Summary, html_table, summary_of
 
 if TYPE_CHECKING:
     import xarray as xr
     from cartopy.mpl.geoaxes import GeoAxes
 
     from swe_sphere.equations.effects import Effect
+    from swe_sphere.io.reference_solution import Reference
     from swe_sphere.steppers import Trajectory
 
 T = TypeVar("T")
@@ -74,14 +78,15 @@ class Simulation:
     """A scene, a mesh and a stepper, set up and stepped.
 
     Args:
-        scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`; or all
-            arguments at once as a `Setup`.
+        scene: the name of a scene, the path of a .py or .toml file with one, or a `Scene`.
+        config: all settings at once; only a `Scene` and a mesh may be given beside it.
         stepper: the name of a stepper, the path of a .py file with one, or a class.
         mesh: in the place of ne, np, stretch, centre_lon, centre_lat and spin.
         preconditioner: of an implicit stepper, by name, path or class.
         effects: parameters {"viscosity.nu": 1e5}, or effects to add.
         parameters: of the scene, {"alpha": 0.8}.
         options: of the stepper, {"tolerance": 1e-6}.
+        resumed: the checkpoint to resume from, see `from_checkpoint`.
         settings: further fields of `RunConfig`: ne, np, dt [s], days, every [h], device,
             precision, tolerance, adaptive, ...
 
@@ -101,48 +106,86 @@ class Simulation:
 
     def __init__(
         self,
-        scene: str | Path | Scene | Setup,
+        scene: str | Path | Scene,
         *,
+        config: RunConfig | None = None,
         stepper: Any = None,
         mesh: Mesh | None = None,
         preconditioner: Any = None,
         effects: Mapping[str, object] | Iterable[Effect] = (),
         parameters: Mapping[str, object] | None = None,
         options: Mapping[str, object] | None = None,
+        resumed: Restart | None = None,
         **settings: Any,
     ) -> None:
+        from swe_sphere.steppers import get_stepper
+
         given: dict[str, Any] = {
-            "stepper": stepper, "mesh": mesh, "preconditioner": preconditioner, "effects": effects,
+            "stepper": stepper, "preconditioner": preconditioner, "effects": effects,
             "parameters": parameters, "options": options, **settings,
         }  # fmt: skip
-        if not isinstance(scene, Setup):
-            scene = read_setup(scene, **given)
+        objects: dict[str, Any] = {}
+        if config is None:
+            config, objects = build.read_arguments(scene, mesh, **given)
         elif more := [name for name, value in given.items() if value not in (None, ())]:
-            raise ConfigError(f"a Setup holds all arguments already: leave out {', '.join(more)}")
-        self.setup = setup = scene
-        """What stays the same while it is stepped: scene, mesh, model, options, limits, ..."""
-        self.config: RunConfig = setup.config
+            raise ConfigError(f"config holds all settings already: leave out {', '.join(more)}")
+        self._restart = resumed or read_restart(config)
+        config = config if self._restart is None else self._restart.adopt(config)
+        self.config = self._configured = config
         """The configuration, with what the present run was asked for."""
-        self.scene, self.mesh, self.model, self.comm = (
-            setup.scene, setup.mesh, setup.model, setup.comm
-        )  # fmt: skip
-        self.clock = Clock()
-        """Time spent stepping."""
-        self.outcome = Outcome("not begun")
+        self._continues = config.restart  # the file of frames that a run may continue
+        added = objects.pop("effects", ())
+        self.kind = get_stepper(objects.pop("stepper", config.stepper))
+        """The class of the stepper."""
+        self._objects = objects
+        self.scene = build.make_scene(config, scene if isinstance(scene, Scene) else None, added)
+        self.mesh = build.make_mesh(config, self.scene, mesh)
+        self.identity = identity(config, self.scene, self.mesh)
+        """All that a run must share with this one to resume it."""
+        if self._restart is not None:
+            self._restart.check(self.identity)
+        self._build()
+        self.wall_seconds = self.cpu_seconds = 0.0
+        """Wall time, and CPU time of all threads, of steps without compiling and observing [s]."""
+        self.outcome = Summary("not begun")
+        """How the last run ended, without numbers."""
         self.run_id = ""
         """Identifier of the file of frames that was written last, or that a restart resumes."""
-        self._out: Path | None = None  # that file
+        self.warn: Warn = lambda text: None
+        """Called with each warning of a run."""
         self._plan: RunPlan | None = None
         self._stepper: Trajectory | None = None
-        self._evaluator = Evaluator(self)
         self._snapshot: Snapshot | None = None
         self._counted: dict[str, int] = {}  # counters of the model before the first step
-        self._carried: Numbers = {}  # counts before a restart
-        if setup.checkpoint is not None:
-            self.run_id = str(setup.checkpoint.attributes.get("run_id", ""))
-            if setup.checkpoint.steps:
-                dt, done = restart.check_step(self.config, setup.checkpoint), setup.checkpoint.steps
-                self.begin(RunPlan(dt, done, done, dt, "that of the restart file"))
+        if self._restart is not None:
+            self.run_id = str(self._restart.attributes.get("run_id", ""))
+            if self._restart.steps:
+                self._plan = self._restart.plan(config.dt)
+                self._start_stepper()
+
+    def _build(self) -> None:
+        """Build what the configuration requests on the mesh; the model comes last."""
+        config = self.config
+        self.reference: Reference | None = None
+        """The solution at the end of the run."""
+        if config.reference is not None:
+            from swe_sphere.io.reference_solution import Reference  # needs scipy's splines
+
+            self.reference = Reference(config.reference)
+        if config.days is not None:
+            self._check_reference()
+        for path in config.diagnostics:
+            load_diagnostics(path)
+        self.options = build.stepper_options(self.kind, config)
+        """Options of the stepper by name."""
+        build.start_warp()
+        from swe_sphere.equations.model import Model
+
+        self.scene.check_answers(self.mesh.lon, self.mesh.lat)
+        launch, self.comm = (config.device, config.precision, config.launch), world()
+        self.model = Model(self.mesh, self.scene, *launch, comm=self.comm)
+        """The compiled right-hand side."""
+        self._limit: float | None = None
 
     @classmethod
     def from_checkpoint(cls, path: str | Path, scene: Any = None, **settings: Any) -> Self:
@@ -153,11 +196,8 @@ class Simulation:
 
         Raises ConfigError where the file is missing, damaged, or of another run than requested.
         """
-        from swe_sphere.io.checkpoint import read_checkpoint  # netCDF4 takes its time to import
-
-        checkpoint = read_checkpoint(path)
-        scene = scene or str(restart.stored(path, checkpoint)["scene"])
-        return cls(read_setup(scene, **settings, resumed=(Path(path), checkpoint)))
+        resumed = Restart(Path(path))
+        return cls(scene or str(resumed.table()["scene"]), resumed=resumed, **settings)
 
     # --- what it is made of
 
@@ -166,53 +206,76 @@ class Simulation:
         """Length of the whole run [days], as configured or as the scene recommends."""
         return self.scene.days if self.config.days is None else self.config.days
 
+    def _check_reference(self) -> None:
+        """Raise ConfigError if the reference is of another time than the end of the run."""
+        time = None if self.reference is None else self.reference.nearest(None)
+        if time is not None and abs(time - self.days * DAY) > 1.0:
+            raise ConfigError(
+                f"{self.config.reference} is of day {time / DAY:g}, the run ends at day"
+                f" {self.days:g}: take days={time / DAY:g} or another reference"
+            )
+
     @property
     def start(self) -> Fields:
         """All fields of the initial state of the scene, each (N,)."""
-        return self.setup.initial.with_constants
+        return Snapshot(self.model, self.model.initial_state(), 0.0).all_fields
 
     def stable_dt(self) -> float:
-        """Return the stability limit at the initial state [s], about; infinite if there is none."""
-        return self.setup.stable_dt()
+        """Return the stability limit at the initial state [s], about; infinite if there is none.
+
+        Raises ConfigError where the stepper does not return a number.
+        """
+        if self._limit is None:
+            counted = dict(self.model.counters)
+            spectrum = self.kind.spectrum(self.model, self.model.initial_state())
+            self.model.counters.update(counted)  # evaluations of the estimate are none of the run
+            label = f"stable_dt of stepper {self.kind.name}"
+            limit = guarded(label, self.kind.limit, spectrum)
+            self._limit = float(convert(label, float, limit, finite=False))
+        return self._limit
+
+    @cached_property
+    def gravity_limit(self) -> float:
+        """1 over the spectral radius of waves at the initial state [s]."""
+        radius = self.model.spectrum(self.model.initial_state()).wave
+        return 1.0 / radius if radius > 0.0 else math.inf
 
     # --- stepping
 
     def begin(self, plan: RunPlan | None = None, also: Sequence[Fraction] = ()) -> None:
         """Plan the steps up to the end, and build the stepper unless it has taken some already.
 
-        Args:
-            plan: the steps to take; by default those of the configuration.
-            also: further times [s] whose multiples fall on steps.
-
-        Raises:
-            ConfigError: step, length, frames and further times do not fit together, or an option of
-                the stepper has the name of a diagnostic.
+        plan: the steps to take; by default those of the configuration.  also: further times [s]
+        whose multiples fall on steps.  Raises ConfigError where step, length, frames and further
+        times do not fit together, or an option of the stepper has the name of a diagnostic.
         """
-        setup, every = self.setup, self.config.every
-        check_options(setup.kind.name, setup.options)
+        check_options(self.kind.name, self.options)
         if plan is not None:
             self._plan = plan
         elif self.steps:
+            every = self.config.every
             self._plan = planning.continued_plan(self.plan, self.days, every, self.steps, also)
         else:
-            self._plan = planning.plan_run(setup, self.days, every, also)
-        if self.steps:
-            return
+            self._plan = planning.plan_run(self, also)
+        if not self.steps:
+            self._start_stepper()
+
+    def _start_stepper(self) -> None:
+        """Build the stepper of the plan, at the initial state or that of the checkpoint."""
+        from swe_sphere.steppers.adaptive import AdaptiveSteps
+
         with users_code():
-            stepper = setup.new_stepper(self._plan.dt)
+            single = self.kind(self.model, self.plan.dt, **(self.options | self._objects))
+            stepper: Trajectory = single
+            if self.config.adaptive is not None:
+                stepper = AdaptiveSteps(single, self.config.adaptive, self.config.adaptive_by)
             state = self.model.initial_state()
             self._stepper, self._snapshot = stepper, None
             self._counted = dict(self.model.counters)
-            if setup.checkpoint is None:
+            if self._restart is None:
                 stepper.start(state)
             else:
-                arrays = setup.checkpoint.state_dict
-                self._carried = {
-                    name.removeprefix(restart.COUNTER): np.asarray(array).item()
-                    for name, array in arrays.items()
-                    if name.startswith(restart.COUNTER)
-                }
-                stepper.load_state_dict(arrays, setup.checkpoint.steps)
+                stepper.load_state_dict(self._restart.arrays, self._restart.steps)
 
     @property
     def stepper(self) -> Trajectory:
@@ -249,43 +312,45 @@ class Simulation:
         observers: Sequence[Observer] = (),
         time_limit: float | None = None,
         interruption: Interruption | None = None,
-    ) -> Outcome:
-        """Step to the end of the plan, or until something goes wrong; return how it ended.
+    ) -> Summary:
+        """Step to the end of the plan, or until something goes wrong; return how, without numbers.
 
-        Args:
-            observers: see the states when they are due, and always the last one.
-            time_limit: wall time that the steps may take [s].
-            interruption: notes the signals of several simulations.
-
-        Raises:
-            Interrupted: the user asked to stop, and an interruption was given.
+        observers: see the states when they are due, and always the last one.  time_limit: wall time
+        that the steps may take [s].  interruption: notes the signals of several simulations; it has
+        Interrupted raised where the user asked to stop.
         """
-        observers = [guard(observer) for observer in observers]
-        outcome: Outcome | None = None
-        try:
-            with ExitStack() as stack:  # each observer ends if it has begun
-                try:
-                    for observer in observers:
-                        observer.begin(self.plan, self.snapshot)
-                        stack.callback(observer.end)
-                    _ = self.snapshot.own_fields  # one that fails does so before the first step
-                    loop = Loop(self, HealthCheck(self), observers, time_limit)
-                    with nullcontext(interruption) if interruption else Interruption() as noted:
-                        loop.run(noted)
-                    _ = self.diagnostics  # one that fails ends the run like other errors
-                except (Interrupted, SweError, *BREAKDOWNS) as error:
-                    if interruption is not None and isinstance(error, Interrupted):
-                        raise
-                    # before observers end, which may take all ranks
-                    outcome = self._ended_by(error)
-        except (SweError, *BREAKDOWNS) as error:  # of the end of an observer
-            outcome = outcome or self._ended_by(error)
-        return outcome or Outcome()
+        self.outcome = Summary("running")
+        with ExitStack() as stack:  # each observer ends if it has begun
+            try:
+                for observer in observers:
+                    observed(observer, "begin", self.plan, self.snapshot)
+                    stack.callback(self._end, observer)
+                _ = self.snapshot.own  # a diagnostic that fails does so before the first step
+                with nullcontext(interruption) if interruption else Interruption() as noted:
+                    Loop(self, observers, time_limit, noted).run()
+                _ = self.diagnostics  # one that fails ends the run like other errors
+                self.outcome = Summary()
+            except (Interrupted, SweError, *BREAKDOWNS) as error:
+                if interruption is not None and isinstance(error, Interrupted):
+                    raise
+                # before observers end, which may take all ranks
+                self._ended_by(error)
+        return self.outcome
 
-    def _ended_by(self, error: Exception) -> Outcome:
-        outcome = outcome_of(error, self.time)
-        self.comm.agree_to_fail(outcome.reason or "")
-        return outcome
+    def _end(self, observer: Observer) -> None:
+        try:
+            observed(observer, "end")
+        except (SweError, *BREAKDOWNS) as error:
+            ended = self.outcome
+            if ended.completed:
+                self._ended_by(error)
+            else:
+                reason = f"{ended.reason}; {in_one_line(error)}"
+                self.outcome = replace(ended, status="failed", reason=reason)
+
+    def _ended_by(self, error: Exception) -> None:
+        self.outcome = summary_of(error, self.time)
+        self.comm.agree_to_fail(self.outcome.reason or "")
 
     # --- running
 
@@ -322,62 +387,47 @@ class Simulation:
             ConfigError: it cannot be run as requested; no step was taken.
         """
         asked = {"days": days, "every": every, "time_limit": time_limit, "out": out}
-        asked["overwrite"] = overwrite or None
-        path = None if out is None else Path(out).resolve()
-        if path is not None and path == self._out:
-            asked["restart"] = out
-        of_one = ("out", "overwrite", "plot", "live")
-        kept = {k: v for k, v in self.setup.config.given().items() if k not in of_one}
-        config = make_config(kept | {k: value for k, value in asked.items() if value is not None})
-        calls = read_callbacks(callbacks)
-        self.comm.on_root(lambda: restart.check_paths(config))
+        asked |= {"overwrite": overwrite or None, "restart": self._continues}
+        asked = {name: value for name, value in asked.items() if value is not None}
+        kept = self._configured.given()
+        kept = {k: v for k, v in kept.items() if k not in ("out", "overwrite", "plot", "live")}
+        config = make_config(kept | asked)
+        observers = read_callbacks(callbacks)
+        self.comm.on_root(lambda: check_paths(config))
         self.config = config
-        self.setup.check_reference(self.days)
-        self.begin(also=[c.seconds for c in calls if isinstance(c, Callback) and c.seconds])
-        self._out = path or self._out
-        observers = [c.on(self, self.plan) if isinstance(c, Callback) else c for c in calls]
+        self._check_reference()
+        self.begin(also=[c.seconds for c in observers if isinstance(c, Callback) and c.seconds])
         if self.comm.rank == 0 and (is_watched() if progress is None else progress):
             observers.append(ProgressBar())
-        self._evaluator.warn = warn = warn or self._warn
-        if self.setup.has_other_code:
-            warn(
-                f"{self.setup.config.restart} was written by other code of swe_sphere: the run goes"
-                " on from it, but is not bit for bit the one that either code would have made alone"
-            )
-        dt, limit = self.plan.dt, self.stable_dt()
-        if dt > FAR * limit:
-            warn(
-                f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
-                f" {config.stepper}, {limit:.4g} s: expect the run to blow up"
-            )
-        if config.out is None:
-            self.outcome = self.advance(observers, config.time_limit)
+        self.warn = warn or self._warn
+        self._warn_of_run()
+        try:
+            if config.out is not None:
+                self._continues = config.out.resolve()
+                observers.insert(0, Recorder(self))
+        except (RunFailed, *BREAKDOWNS) as error:
+            self._ended_by(error)
         else:
-            self._record(observers)
+            self.advance(observers, config.time_limit)
         return self.summary
 
     def _warn(self, text: str) -> None:
         if self.comm.rank == 0:
-            warnings.warn(text, stacklevel=3)
+            warnings.warn(text, stacklevel=4)
 
-    def _record(self, observers: Sequence[Observer]) -> None:
-        """Advance with a file of frames, the last one of a sound early end too."""
-        reason: str | None = None
-        try:
-            with closing(Recorder(self)) as recorder:
-                self.outcome = self.advance([recorder, *observers], self.config.time_limit)
-                reason = self.outcome.reason
-                if self.outcome.is_sound and not self.outcome.completed:
-                    try:
-                        HealthCheck(self).observe(self.snapshot)
-                        recorder.frame(self.snapshot)
-                    except RunFailed as error:
-                        reason = f"{reason}; its last state was not kept: {error}"
-                        self.outcome = Outcome("failed", reason, self.outcome.exit_status)
-                recorder.finish(self.summary.as_dict())
-        except RunFailed as error:
-            if reason is None:
-                self.outcome = self._ended_by(error)
+    def _warn_of_run(self) -> None:
+        """Warn of a restart by other code, and of a step that is too long."""
+        resumed, dt, limit = self._restart, self.plan.dt, self.stable_dt()
+        if resumed is not None and resumed.attributes.get("code") != code_fingerprint():
+            self.warn(
+                f"{resumed.path} was written by other code of swe_sphere: the run goes"
+                " on from it, but is not bit for bit the one that either code would have made alone"
+            )
+        if dt > FAR * limit:
+            self.warn(
+                f"dt = {dt:.6g} s is {dt / limit:.3g} times the stability limit of"
+                f" {self.config.stepper}, {limit:.4g} s: expect the run to blow up"
+            )
 
     # --- the state and its numbers
 
@@ -386,14 +436,25 @@ class Simulation:
         """The present state, with its fields as arrays (N,)."""
         if self._snapshot is None or self._snapshot.steps != self.steps:
             state = self.model.initial_state() if self._stepper is None else self._stepper.state
-            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self._evaluator)
+            self._snapshot = Snapshot(self.model, state, self.time, self.steps, self)
         return self._snapshot
+
+    def release(self) -> None:
+        """Drop the snapshot, whose fields occupy memory while steps are taken."""
+        self._snapshot = None
 
     @property
     def present_dt(self) -> float | None:
         """Present step [s], which follows its error in an adaptive run; None before `begin`."""
         stepper = self._stepper
         return None if stepper is None else float(getattr(stepper, "next_dt", stepper.dt))
+
+    @cached_property
+    def initial_numbers(self) -> tuple[Numbers, Numbers]:
+        """Integrals, and masses of tracers, of the initial state: drifts are relative to them."""
+        start = self.start
+        masses = tracer_masses(self.mesh, start, self.scene.tracers or ())
+        return state_integrals(self.model, start), masses
 
     @property
     def diagnostics(self) -> Numbers:
@@ -408,36 +469,31 @@ class Simulation:
         counted, now = self._counted, self.model.counters
         counts: Numbers = {name: n - counted.get(name, 0) for name, n in now.items()}
         costs = {} if self._stepper is None else self._stepper.costs()
-        counts |= costs | {"wall_seconds": self.clock.wall_seconds}
-        return {name: n + self._carried.get(name, 0) for name, n in counts.items()}
+        counts |= costs | {"wall_seconds": self.wall_seconds}
+        before = {} if self._restart is None else self._restart.counts
+        return {name: n + before.get(name, 0) for name, n in counts.items()}
 
     @property
     def summary(self) -> Summary:
         """The numbers of the state, and how the last run ended."""
-        outcome, cuts = self.outcome, getattr(self._stepper, "cuts", None)
-        reference = self.setup.reference if outcome.completed else None
-        against = {} if reference is None else reference_errors(reference, self.snapshot)
-        numbers = {
-            "scene": self.scene.name,
-            **self._method(),
-            **self.setup.options,
-            "ne": self.mesh.ne,
-            "np": self.mesh.np,
+        outcome, names = self.outcome, ("scene", "ne", "np", "stretch", "precision", "effects")
+        numbers = {name: self.identity[name] for name in names} | self._method() | self.options
+        numbers |= {
             "steps": self.steps,
             "days": self.time / DAY,
-            "compile_seconds": self.model.compile_seconds,
-            **dict.fromkeys(COSTS, 0),
-            **self.counts(),
-            **(self.diagnostics if outcome.is_sound else {}),
-            **against,
-            "stretch": self.mesh.stretch,
-            "precision": self.config.precision,
             "days_planned": self.days,
             "dt_wanted": self._plan and self._plan.wanted,
             "out": None if self.config.out is None else str(self.config.out),
-            **({} if cuts is None else {"cuts": list(cuts)}),
+            "compile_seconds": self.model.compile_seconds,
         }
-        return Summary(outcome.status, outcome.reason, outcome.exit_status, numbers)
+        numbers |= {**dict.fromkeys(COSTS, 0), **self.counts()}
+        if outcome.is_sound:
+            numbers |= self.diagnostics
+        if outcome.completed and self.reference is not None:
+            numbers |= reference_errors(self.reference, self.snapshot)
+        if (cuts := getattr(self._stepper, "cuts", None)) is not None:
+            numbers["cuts"] = list(cuts)
+        return replace(outcome, numbers=numbers)
 
     def _method(self) -> dict[str, object]:
         """Return how the scene is stepped, and on what; values of a plan are None without one."""
@@ -445,10 +501,10 @@ class Simulation:
         return {
             "title": self.scene.title,
             "stepper": self.config.stepper,
-            "scheme": self.setup.kind.name if self._stepper is None else self._stepper.name,
+            "scheme": self.kind.name if self._stepper is None else self._stepper.name,
             "dt": plan and plan.dt,
             "dt_rule": plan and plan.rule,
-            "stable_dt": self.setup.limit,
+            "stable_dt": self._limit,
             "device": self.model.device,
             "launch": self.model.shape,
         }
@@ -458,12 +514,12 @@ class Simulation:
         method = {name: value for name, value in self._method().items() if value is not None}
         return {
             "references": self.scene.reference,
-            **self.setup.identity,
+            **self.identity,
             **method,
-            "identity": self.setup.identity,
+            "identity": self.identity,
             "code": code_fingerprint(),
             "configuration": self.config.model_dump(mode="json"),
-            "stepper_options": self.setup.options,
+            "stepper_options": self.options,
             "days": self.days,
             "start_step": self.steps,
             **self._plot_field(),
@@ -491,7 +547,7 @@ class Simulation:
         from swe_sphere.io.layout import frame_dataset
 
         now = self.snapshot
-        fields = now.with_constants | now.own_fields
+        fields = now.all_fields | now.own_fields
         return frame_dataset(self.mesh, fields, now.time, self.attributes(), now.own_attributes)
 
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
@@ -506,10 +562,7 @@ class Simulation:
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
-        now = self.snapshot
-        fields, about = now.with_constants | now.own_fields, now.own_attributes
-        frame = Frame(self.mesh, fields, now.time, self.attributes(), about)
-        return draw_state(frame, field, ax, validated(Look, look))
+        return draw_state(self.snapshot.frame(), field, ax, validated(Look, look))
 
     def checkpoint(self, path: str | Path) -> Path:
         """Write all that `from_checkpoint` needs to resume from here bit for bit.
@@ -539,7 +592,7 @@ class Simulation:
 
     def restart_arrays(self) -> Mapping[str, NDArray[np.generic]]:
         """Return the arrays of an exact restart, with the counters, which are carried along."""
-        counters = {f"{restart.COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
+        counters = {f"{COUNTER}{name}": np.array(n) for name, n in self.counts().items()}
         return self.stepper.state_dict() | counters
 
     def __repr__(self) -> str:
@@ -574,8 +627,9 @@ def run(
     cannot be run as requested.
     """
     started = time.perf_counter()
-    sim = Simulation(Setup(config))
-    live = [] if config.live is None else [LiveView(config.live, sim.comm)]
+    world().on_root(lambda: check_paths(config))
+    sim = Simulation(config.scene, config=config)
+    live = [] if config.live is None else [live_view(config.live, sim.comm)]
     with ExitStack() as stack:
         out = config.out
         if out is None and config.plot is not None:

@@ -20,16 +20,24 @@ ROWS = Path(__file__).with_name("summary.j2")
 """Template of the table."""
 
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
+"""Errors of libraries that are given a state that is not finite, or too large a problem."""
+
+
 @dataclass(frozen=True)
-class Outcome:
-    """How a run ended."""
+class Summary:
+    """How a run ended, and its numbers."""
 
     status: str = "completed"
-    """completed, not begun, refused (before the first step), unstable, solver-failed, timed-out,
-    interrupted, or failed (the disk, a user-defined function)."""
+    """completed, not begun, running, refused (before the first step), unstable, solver-failed,
+    timed-out, interrupted, or failed (the disk, a user-defined function)."""
     reason: str | None = None
     """Why the run stopped early, in words; None if it did not."""
     exit_status: int = 0
+    numbers: dict[str, Any] = field(default_factory=dict)
+    """Values by the names of the JSON line."""
 
     @property
     def completed(self) -> bool:
@@ -40,33 +48,6 @@ class Outcome:
     def is_sound(self) -> bool:
         """Whether the state is one of the solution."""
         return self.status in ("not begun", "completed", "timed-out", "interrupted")
-
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
-BREAKDOWNS = (ArithmeticError, ValueError, MemoryError)
-"""Errors of libraries that are given a state that is not finite, or too large a problem."""
-
-
-def outcome_of(error: Exception, time: float) -> Outcome:
-    """Return how an error ended a run at a time [s]."""
-    text = in_one_line(error)
-    if isinstance(error, Interrupted):
-        reason = f"interrupted by {error} at day {time / DAY:.4g}"
-        return Outcome("interrupted", reason, INTERRUPTED)
-    if not isinstance(error, SweError):
-        return Outcome("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
-    # it is too late to refuse the run for what functions of the scene raise while it is stepped
-    status = "failed" if isinstance(error, ConfigError) else error.status
-    return Outcome(status, text, error.exit_status)
-
-
-@dataclass(frozen=True)
-class Summary(Outcome):
-    """How a run ended, and its numbers."""
-
-    numbers: dict[str, Any] = field(default_factory=dict)
-    """Values by the names of the JSON line."""
 
     def __getitem__(self, name: str) -> Any:
         """Return a value of the JSON line, None where there is none."""
@@ -118,6 +99,19 @@ class Summary(Outcome):
     def _repr_html_(self) -> str:
         reason = [("why", self.reason)] if self.reason else []
         return html_table(self.title, [*self.rows(), *reason])
+
+
+def summary_of(error: Exception, time: float) -> Summary:
+    """Return how an error ended a run at a time [s], without numbers."""
+    text = in_one_line(error)
+    if isinstance(error, Interrupted):
+        reason = f"interrupted by {error} at day {time / DAY:.4g}"
+        return Summary("interrupted", reason, INTERRUPTED)
+    if not isinstance(error, SweError):
+        return Summary("solver-failed", f"{type(error).__name__}: {text}", RunFailed.exit_status)
+    # it is too late to refuse the run for what functions of the scene raise while it is stepped
+    status = "failed" if isinstance(error, ConfigError) else error.status
+    return Summary(status, text, error.exit_status)
 
 
 def failed_summary(values: Mapping[str, object], reason: str, exit_status: int) -> Summary:

@@ -20,7 +20,6 @@ from swe_sphere.io.reference_solution import SHIPPED, OnGrid, Reference
 from swe_sphere.io.scalar_fields import at_nodes
 from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import Setup
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import (
     Fields,
@@ -104,12 +103,12 @@ def _errors(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     ended = Ended(sim=sim) if case.method == "start" else _stepped(case, sim, tick)
     if ended.completed:
         ended.numbers = sim.diagnostics | _extremes(sim) | _errors_against(sim, case)
-    ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.clock.wall_seconds}
+    ended.numbers |= {"dt": sim.plan.dt, "step_seconds": sim.wall_seconds}
     return ended
 
 
 def _simulation(run: RunConfig) -> Simulation:
-    return Simulation(Setup(run, make_scene(run)))
+    return Simulation(make_scene(run), config=run)
 
 
 def _begun(run: RunConfig) -> Simulation:
@@ -166,8 +165,8 @@ def _errors_against(sim: Simulation, case: Case) -> dict[str, float]:
         other = _compared(sim, case, against)
     elif against is not None:
         grid, ours = OnGrid(Reference(SHIPPED / f"{against}.nc"), sim.mesh), sim.snapshot
-        errors = by_name(grid.errors(ours.with_constants, sim.scene.error_field))
-        return errors | {"decorrelation": grid.decorrelation(ours.with_constants)}
+        errors = by_name(grid.errors(ours.all_fields, sim.scene.error_field))
+        return errors | {"decorrelation": grid.decorrelation(ours.all_fields)}
     elif sim.scene.exact is not None:
         other = exact_fields(sim.model, sim.time)
     else:
@@ -305,9 +304,9 @@ def _series(case: Case, run: RunConfig, tick: Tick | None) -> Ended:
     costs = sim.stepper.costs()
     ended.numbers = series.numbers() | {
         "dt": sim.plan.dt,
-        "dt_over_gravity": sim.plan.dt / sim.setup.gravity_limit,
+        "dt_over_gravity": sim.plan.dt / sim.gravity_limit,
         "steps": float(sim.steps),
-        "step_seconds": sim.clock.wall_seconds,
+        "step_seconds": sim.wall_seconds,
         **{name: float(costs[name]) for name in COSTS if name in costs},
     }
     if ended.completed and isinstance(case.against, dict):
@@ -324,7 +323,7 @@ def _plan(case: Case, sim: Simulation) -> RunPlan | None:
     if case.part is not None and math.isfinite(sim.stable_dt()):
         dt = case.part * sim.stable_dt()
     else:
-        dt = (case.courant or 1.0) * sim.setup.gravity_limit
+        dt = (case.courant or 1.0) * sim.gravity_limit
         wind = float(np.hypot(sim.start["u"], sim.start["v"]).max())
         if case.advective is not None and wind > 0.0:
             dt = min(dt, case.advective * sim.mesh.spacing()[0] / wind)

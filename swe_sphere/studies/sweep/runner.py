@@ -79,7 +79,7 @@ def execute(
     ended.numbers = {
         **{name: counts.get(name, 0) for name in (*COUNTS, "setup_seconds")},
         "steps": sim.steps, "days": sim.steps * sim.plan.dt / DAY,
-        "wall_seconds": sim.clock.wall_seconds, "cpu_seconds": sim.clock.cpu_seconds,
+        "wall_seconds": sim.wall_seconds, "cpu_seconds": sim.cpu_seconds,
         "compile_seconds": sim.model.compile_seconds,
     }  # fmt: skip
     if ended.completed:

@@ -28,7 +28,7 @@ from swe_sphere.files.fingerprints import (
 from swe_sphere.files.user_file import is_user_file
 from swe_sphere.operators import find_device
 from swe_sphere.planet import DAY
-from swe_sphere.simulation.build import Setup, make_mesh, make_scene, start_warp, stepper_options
+from swe_sphere.simulation.build import make_mesh, make_scene, start_warp, stepper_options
 from swe_sphere.simulation.config import RunConfig
 from swe_sphere.simulation.diagnostics import Fields, state_integrals
 from swe_sphere.simulation.planning import RunPlan, common_measure, free_steps, time_plan
@@ -81,7 +81,7 @@ class Discretisation:
         Raises:
             ConfigError: the stepper does not suit the scene, or takes no such option.
         """
-        return Simulation(Setup(config, self._own, self.mesh))
+        return Simulation(self._own or config.scene, config=config, mesh=self.mesh)
 
     @cached_property
     def sim(self) -> Simulation:
@@ -95,7 +95,7 @@ class Discretisation:
         gravity_limit: leapfrog's without filter, 1 over the spectral radius; advective_limit: the
         same, were there no gravity waves.
         """
-        gravity = self.sim.setup.gravity_limit
+        gravity = self.sim.gravity_limit
         at_start = state_integrals(self.sim.model, self.sim.start)
         wind, wave = at_start["max_wind"], at_start["max_wave"]
         if self.scene.effect("pressure-gradient") is None:
