@@ -21,7 +21,7 @@ from swe_sphere.mesh import Mesh
 from swe_sphere.planet import DAY, HOUR
 from swe_sphere.simulation.config import make_config
 from swe_sphere.simulation.diagnostics import DIAGNOSTICS, diagnostic
-from swe_sphere.simulation.observers import Observer, every
+from swe_sphere.simulation.observers import Callback, Observer, every
 from swe_sphere.simulation.simulation import Simulation, run
 from swe_sphere.steppers import STEPPERS
 from swe_sphere.steppers.stepper import Stepper
@@ -208,6 +208,16 @@ def test_steps_are_shortened_so_that_calls_fall_on_them():
     assert sim.plan.dt == 1440.0
     with pytest.raises(ConfigError, match="no whole number of the steps"):
         sim.run(days=0.5, callbacks=[every(hours=1.0001)(print)])
+
+
+def test_the_time_between_calls_is_checked_by_whoever_makes_the_callback():
+    times = []
+    small(dt=1700.0).run(
+        days=0.25, callbacks=[Callback(lambda sim: times.append(sim.time), seconds=7200.0)]
+    )
+    assert times == [2 * HOUR, 4 * HOUR, 6 * HOUR]
+    with pytest.raises(ConfigError, match="every of -1 s is too short"):
+        small().run(days=0.25, callbacks=[Callback(print, seconds=-1.0)])
 
 
 def test_a_callback_that_raises_ends_the_run_in_one_line(tmp_path):

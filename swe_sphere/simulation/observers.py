@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import partial
 from numbers import Real
 from typing import Any
@@ -266,16 +265,17 @@ class Callback(Observer):
     """Calls a function with the simulation after every so many steps, or so many times in a run."""
 
     function: Function
-    steps: int | None = None
-    seconds: Fraction | None = None
+    steps: int = 1
+    seconds: float | None = None
     """Simulated time [s]; the steps of a run are chosen so that they meet its multiples."""
     times: int = 0
-    """About how many calls there are, where nothing else is said."""
+    """About how many calls there are, in the place of `steps`."""
     sees_end = False
 
     def begin(self, plan: RunPlan, snapshot: Snapshot) -> None:
-        asked = self.steps if self.seconds is None else round(self.seconds / Fraction(plan.dt))
-        self._every = asked or plan.interval(self.times)
+        self._every = plan.interval(self.times) if self.times else self.steps
+        if self.seconds is not None:
+            self._every = round(self.seconds / plan.dt)
 
     def due(self, step: int) -> bool:
         return step % self._every == 0
@@ -333,7 +333,7 @@ def every(
     if len(given) == 1 and isinstance(given[0][0], Real):
         seconds = float(given[0][0]) * given[0][1]
         if steps is None and 1e-3 <= seconds < math.inf:
-            return partial(Callback, seconds=Fraction(seconds).limit_denominator(1000))
+            return partial(Callback, seconds=seconds)
         if steps is not None and steps >= 1 and steps == int(steps):
             return partial(Callback, steps=int(steps))
     raise ConfigError(
@@ -349,7 +349,7 @@ def read_callbacks(callbacks: Iterable[Any]) -> list[Observer]:
     """
     if not isinstance(callbacks, Iterable):
         raise ConfigError(f"callbacks: give a list of functions, not {callbacks!r}")
-    found = [c if isinstance(c, Observer) else Callback(c, steps=1) for c in callbacks]
+    found = [c if isinstance(c, Observer) else Callback(c) for c in callbacks]
     for each in found:
         if isinstance(each, Callback) and not callable(each.function):
             raise ConfigError(f"a callback is a function of the simulation, not {each.function!r}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
@@ -58,9 +58,7 @@ def free_steps(days: float, dt: float) -> RunPlan:
     return RunPlan(dt, count, count, dt)
 
 
-def time_plan(
-    days: float, every: float | None, dt: float, also: Iterable[Fraction] = ()
-) -> RunPlan:
+def time_plan(days: float, every: float | None, dt: float, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a new run.
 
     days: length of the run [days]; 0 for a plan without a step.  every: time between frames [h];
@@ -76,10 +74,10 @@ def time_plan(
     if length / Fraction(dt) > MOST_STEPS:
         raise ConfigError(f"dt={dt:g} s means more than {MOST_STEPS:.0e} steps: take a larger dt")
     interval = _interval(length, every, dt)
-    common = reduce(common_measure, also, common_measure(length, interval))
+    common = reduce(common_measure, map(_milliseconds, also), common_measure(length, interval))
     step = common / max(1, math.ceil(common / Fraction(dt) - Fraction(1, 10**9)))
     if step < SHORTEST * Fraction(dt):
-        calls = "".join(f" and calls every {float(time / 3600):g} h" for time in also)
+        calls = "".join(f" and calls every {time / HOUR:g} h" for time in also)
         raise ConfigError(
             f"no step near {dt:g} s fits both {float(length / 3600):g} h of run and frames"
             f" every {float(interval / 3600):g} h{calls}: change every, or take"
@@ -89,7 +87,7 @@ def time_plan(
 
 
 def continued_plan(
-    plan: RunPlan, days: float, every: float | None, done: int, also: Iterable[Fraction] = ()
+    plan: RunPlan, days: float, every: float | None, done: int, also: Sequence[float] = ()
 ) -> RunPlan:
     """Return the plan of a run that continues with the steps of an earlier plan.
 
@@ -104,8 +102,8 @@ def continued_plan(
             f"the run stands at day {done * dt / DAY:g} already: give more than days={days:g} (the"
             " length counts from the very start)"
         )
-    for interval in also:
-        _whole("every of a callback", float(interval), dt)
+    for seconds in also:
+        _whole("every of a callback", seconds, dt)
     interval = _interval(_milliseconds(days * DAY), every, dt)
     frames = _whole("every", float(interval), dt) if every else max(1, round(interval / dt))
     return replace(plan, steps=steps, frame_steps=min(frames, steps), wanted=dt)
@@ -169,7 +167,7 @@ def automatic_step(sim: Simulation, days: float) -> tuple[float, str]:
     return min(accurate, days * DAY), rule
 
 
-def plan_run(sim: Simulation, also: Iterable[Fraction] = ()) -> RunPlan:
+def plan_run(sim: Simulation, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a new run, with the requested step or else an automatic one.
 
     also, ConfigError: as of `time_plan`.

@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
-from fractions import Fraction
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -242,7 +241,7 @@ class Simulation:
 
     # --- stepping
 
-    def begin(self, plan: RunPlan | None = None, also: Sequence[Fraction] = ()) -> None:
+    def begin(self, plan: RunPlan | None = None, also: Sequence[float] = ()) -> None:
         """Plan the steps up to the end, and build the stepper unless it has taken some already.
 
         plan: the steps to take; by default those of the configuration.  also: further times [s]
