@@ -7,15 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from swe_sphere.errors import ConfigError
 from swe_sphere.planet import DAY, HOUR
-
-if TYPE_CHECKING:
-    from swe_sphere.simulation.simulation import Simulation
 
 MOST_STEPS = 10**9
 SHORTEST = Fraction(1, 2)
@@ -142,7 +139,7 @@ def _whole(name: str, length: float, dt: float) -> int:
     return steps
 
 
-def automatic_step(sim: Simulation, days: float) -> tuple[float, str]:
+def automatic_step(sim: Any, days: float) -> tuple[float, str]:
     """Return an automatic step [s], and its rule in words.
 
     It is a safe part of the stability limit.  Where there is no limit, the fastest initial wind has
@@ -167,7 +164,7 @@ def automatic_step(sim: Simulation, days: float) -> tuple[float, str]:
     return min(accurate, days * DAY), rule
 
 
-def plan_run(sim: Simulation, also: Sequence[float] = ()) -> RunPlan:
+def plan_run(sim: Any, also: Sequence[float] = ()) -> RunPlan:
     """Return the plan of a new run, with the requested step or else an automatic one.
 
     also, ConfigError: as of `time_plan`.
