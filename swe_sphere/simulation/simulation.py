@@ -557,7 +557,6 @@ class Simulation:
         `swe_sphere.pictures.look.Look`.
         Raises ConfigError for an unknown field.
         """
-        from swe_sphere.io.runfile import Frame
         from swe_sphere.pictures.look import Look
         from swe_sphere.pictures.plot import draw_state
 
