@@ -545,9 +545,8 @@ class Simulation:
         from swe_sphere.analysis import accessor  # noqa: F401 - registers `ds.swe`
         from swe_sphere.io.layout import frame_dataset
 
-        now = self.snapshot
-        fields = now.all_fields | now.own_fields
-        return frame_dataset(self.mesh, fields, now.time, self.attributes(), now.own_attributes)
+        now = self.snapshot.frame()
+        return frame_dataset(now.mesh, now.fields, now.time, now.attributes, now.about)
 
     def plot(self, field: str | None = None, ax: GeoAxes | None = None, **look: Any) -> GeoAxes:
         """Draw a field of the state on the globe; into `ax`, else into a new figure.
