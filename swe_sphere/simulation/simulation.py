@@ -267,7 +267,7 @@ class Simulation:
             single = self.kind(self.model, self.plan.dt, **(self.options | self._objects))
             stepper: Trajectory = single
             if self.config.adaptive is not None:
-                stepper = AdaptiveSteps(single, self.config.adaptive, self.config.adaptive_by)
+                stepper = AdaptiveSteps(single, self.config.adaptive)
             state = self.model.initial_state()
             self._stepper, self._snapshot = stepper, None
             self._counted = dict(self.model.counters)
