@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from swe_sphere import Simulation
 from swe_sphere.ranks.communicator import Communicator, world
 from swe_sphere.solvers import vector_space
-from swe_sphere.steppers import newton_stages
+from swe_sphere.steppers import implicit
 
 
 def fingerprint(scene, stepper, dt, steps, ne, np, settings):
@@ -47,7 +47,7 @@ CHANGES = {
     "plain": [],
     "as-gpu": as_gpu(reached=False),
     "as-gpu reached": as_gpu(reached=True),
-    "small-basis": [(newton_stages, "KRYLOV_MEMORY", 6e5)],
+    "small-basis": [(implicit, "KRYLOV_MEMORY", 6e5)],
 }
 """By mode: where, what and how it is otherwise."""
 

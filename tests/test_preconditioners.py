@@ -26,7 +26,7 @@ from swe_sphere.solvers.preconditioners import PRECONDITIONERS, coarse, make_pre
 from swe_sphere.solvers.preconditioners.computational_modes import coarse_spaces, interpolation
 from swe_sphere.solvers.vector_space import VectorSpace
 from swe_sphere.steppers import get_stepper
-from swe_sphere.steppers.newton_stages import StageProblem
+from swe_sphere.steppers.implicit import StageProblem
 from swe_sphere.steppers.runge_kutta import RK4
 from swe_sphere.steppers.stage_solver import energy_weights
 from swe_sphere.testcases import get_scene

@@ -42,7 +42,7 @@ def random_stack(space: VectorSpace, rows: int, seed: int = 0) -> tuple[wp.array
 def test_products_are_weighted_sums(space: VectorSpace) -> None:
     stack, values = random_stack(space, 5)
     expected = values[:4] @ (weights_of(space) * values[4])
-    assert space.project(stack, 4, stack[4]) == pytest.approx(expected, abs=1e-11)
+    assert space.projections((stack, 4, stack[4])) == pytest.approx(expected, abs=1e-11)
     assert space.dot(stack[0], stack[4]) == pytest.approx(expected[0], abs=1e-11)
     pairs = [(row, stack[4]) for row in (stack[3], stack[1])]
     assert space.dots(*pairs) == pytest.approx(expected[[3, 1]], abs=1e-11)
@@ -112,7 +112,7 @@ def filled_basis(space: VectorSpace, size: int, done: int) -> tuple[KrylovBasis,
 def gram(basis: KrylovBasis, count: int) -> np.ndarray:
     """Products of the first rows with each other."""
     space, rows = basis.space, basis.rows
-    return np.array([space.project(basis.stack, count, row).copy() for row in rows[:count]])
+    return np.array([space.projections((basis.stack, count, row)).copy() for row in rows[:count]])
 
 
 def test_basis_reproduces_the_vectors(space: VectorSpace) -> None:
@@ -177,7 +177,7 @@ def test_kernels_agree_with_numpy_and_repeat_bit_by_bit(real: type) -> None:
     stacks = [random_stack(space, 40)[0] for space in (host, device, again)]
     found = []
     for space, stack in zip((host, device, again), stacks, strict=True):
-        sums = space.project(stack, 40, stack[7]).copy()
+        sums = space.projections((stack, 40, stack[7])).copy()
         space.combine(stack[1], stack, sums[:35] / N, stack[1])
         found.append(np.append(sums, space.norm(stack[1])))
     assert found[0] == pytest.approx(found[1], rel=2.0 * host.epsilon, abs=1e-11)
@@ -207,7 +207,7 @@ def test_a_row_and_a_stack_of_just_that_row_are_told_apart() -> None:
     row, alone = stack[1], stack[1:]
     row.fill_(2.0)
     assert space.dot(row, row) == 20.0
-    assert space.project(alone, 1, row).tolist() == [20.0]
+    assert space.projections((alone, 1, row)).tolist() == [20.0]
     space.combine(row, alone, [1.0], row)
     assert row.numpy().tolist() == [4.0] * 5
 

@@ -249,7 +249,7 @@ def test_potential_vorticity_is_that_of_columns_at_the_mean_depth():
 
 def test_failures_are_rows_that_say_why(monkeypatch):
     """Unstable, timed out, a Newton solve that fails, and what cannot be run at all."""
-    monkeypatch.setattr("swe_sphere.steppers.newton_stages.NEWTON_ITERATIONS", 1)
+    monkeypatch.setattr("swe_sphere.steppers.implicit.NEWTON_ITERATIONS", 1)
     dataset = sweep(
         "williamson6", ["rk4", "tr-bdf2"], ne=2, np=4, days=10, dt=[21600, 20, 2e6], repeats=2,
         time_limit=0.4, tolerance=1e-9, finer=0,

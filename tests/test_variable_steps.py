@@ -11,7 +11,7 @@ from support import IMPLICIT, make_scene
 from swe_sphere.equations.model import Model
 from swe_sphere.mesh import Mesh
 from swe_sphere.steppers import STEPPERS
-from swe_sphere.steppers.variable_stepper import VariableStepper
+from swe_sphere.steppers.implicit import VariableStepper
 
 SECOND_ORDER = ("crank-nicolson", "bdf2", "tr-bdf2", "sdirk3", "esdirk4", "gauss-legendre")
 STEPS = (100.0, 250.0, 70.0, 70.0, 310.0, 40.0)

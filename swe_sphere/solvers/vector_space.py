@@ -61,7 +61,7 @@ class VectorSpace:
     """combine(x, stack, c, out, scale=1.0): out = scale (x + sum_s c_s stack[s]) over the first
     len(c) rows; `out` may be `x`."""
     projections: Callable[..., Array]
-    """projections((stack, count, v), ...): the results of `project`, one behind the other."""
+    """projections((stack, count, v), ...): <stack[s], v> for s < count, call after call."""
     lowest: Callable[[wp.array, int, int], float]
     """lowest(x, begin, end): the least of x[begin:end], -infinity where one of them is NaN."""
     _allocate: Callable[[], None]
@@ -135,10 +135,6 @@ class VectorSpace:
     def axpy(self, a: float, x: wp.array, y: wp.array) -> None:
         """y = y + a x."""
         self.axpby(a, x, 1.0, y)
-
-    def project(self, stack: wp.array, count: int, v: wp.array) -> Array:
-        """<stack[s], v> for s < count, (count,)."""
-        return self.projections((stack, count, v))
 
     def dots(self, *pairs: tuple[wp.array, wp.array]) -> Array:
         """<a, b> for each pair (a, b)."""

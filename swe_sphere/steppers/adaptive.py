@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from swe_sphere.errors import ConfigError, SolverFailed
 from swe_sphere.files.user_file import users_code
 from swe_sphere.ranks.limits import one_thread
+from swe_sphere.steppers.implicit import ImplicitStepper
 from swe_sphere.steppers.stepper import STEPPERS, Stepper, Trajectory
-from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 SAFETY = 0.9
 PRESENT, PAST = 0.7, 0.4

@@ -5,8 +5,7 @@ import warp as wp
 from swe_sphere.equations.energy_conserving import PoissonTendency
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.newton_stages import StageProblem
-from swe_sphere.steppers.variable_stepper import ImplicitStepper
+from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 
 
 class AverageProblem(StageProblem):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
 from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
+from swe_sphere.steppers.implicit import VariableStepper
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import read_methods
-from swe_sphere.steppers.variable_stepper import VariableStepper
 
 STAGE = 0.75
 """Where the one-step method has its second stage, in time steps."""

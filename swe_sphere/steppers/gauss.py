@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from swe_sphere.equations.model import Model
 from swe_sphere.solvers.preconditioners import Preconditioner, make_preconditioner
 from swe_sphere.solvers.vector_space import VectorSpace
-from swe_sphere.steppers.newton_stages import StageProblem
+from swe_sphere.steppers.implicit import ImplicitStepper, StageProblem
 from swe_sphere.steppers.stability import error_constant
 from swe_sphere.steppers.stage_solver import energy_weights
-from swe_sphere.steppers.variable_stepper import ImplicitStepper
 
 _ROOT = math.sqrt(3.0)
 A = ((0.25, 0.25 - _ROOT / 6.0), (0.25 + _ROOT / 6.0, 0.25))

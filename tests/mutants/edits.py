@@ -100,7 +100,7 @@ CONSTANTS = tuple(
 SCHEMES = (
     Edit(
         "BDF2: weight of the past 1 % off",
-        "swe_sphere/steppers/bdf2.py",
+        "swe_sphere/steppers/dirk.py",
         ("stepper-bdf2",),
         "-(w**2) / (1.0",
         "-1.01 * (w**2) / (1.0",

@@ -7,7 +7,7 @@ from mutants.kinds import Tested
 __all__ = ["STEP_EDITS"]
 
 STEPPERS = "swe_sphere/steppers"
-MOTION, BDF2 = f"{STEPPERS}/stage_solver.py", f"{STEPPERS}/bdf2.py"
+MOTION, BDF2 = f"{STEPPERS}/stage_solver.py", f"{STEPPERS}/dirk.py"
 
 _TRUNCATION = "test_motion.py::test_solver_is_given_a_part_of_what_the_step_is_wrong_by"
 _MIDPOINT, _OF_BDF2 = (f"{_TRUNCATION}[implicit-midpoint]",), (f"{_TRUNCATION}[bdf2]",)
@@ -66,8 +66,8 @@ TOLERANCE = _edits(
         "default of BDF2 × 10",
         BDF2,
         (f"{_DEFAULTS}[bdf2]",),
-        "default_tolerance = 1e-2",
-        "default_tolerance = 1e-1",
+        'default_tolerance = 1e-2\n    memory = "state", "previous"',
+        'default_tolerance = 1e-1\n    memory = "state", "previous"',
     ),
     (
         "default of implicit schemes × 10",
