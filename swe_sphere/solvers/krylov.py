@@ -116,8 +116,7 @@ class KrylovSolver(ABC):
         either.  Converged means |rhs - A x| <= rtol |rhs| [norm of the space]; a tolerance that the
         arithmetic cannot reach, 0 included, is met by a residual of round-off size, and the result
         then says `roundoff`.  scale: |rhs| where it is known; guess: false where x holds none, for
-        0.
-        Nothing that is not finite is ever added to x.
+        0.  Nothing that is not finite is ever added to x.
         """
         scale = self.space.norm(rhs) if scale is None else scale
         p = LinearResult(

@@ -74,18 +74,6 @@ SHORTEST = 1e-4
 """Part of the whole time below which a step of a solve is a failure."""
 
 
-class Sources:
-    """u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
-
-    The products with A in them cost a solve nothing.  d_1 has to stay 0.
-    """
-
-    def __init__(self, space: VectorSpace, terms: int) -> None:
-        stacks = space.stack(terms), space.stack(terms)
-        self.moved, self.plain = ([stack[k] for k in range(terms)] for stack in stacks)
-        self.moved_from, self.plain_from = ([stack[k:] for k in range(terms)] for stack in stacks)
-
-
 @dataclass
 class ExponentialResult:
     """A solve, under way and after its end, to `length` [s] with an error of at most `tolerance`.
@@ -95,7 +83,6 @@ class ExponentialResult:
     """
 
     operator: Operator
-    sources: Sources
     terms: int
     length: float
     tolerance: float
@@ -106,25 +93,30 @@ class ExponentialResult:
 
 
 class KrylovExponential:
-    """Solver with room for `size` basis vectors; keep it, it allocates once."""
+    """Solver with room for `size` basis vectors and `terms` sources; keep it, it allocates once.
+
+    The sources are u_k = A d_k + e_k, k = 1 ... `terms`: d_k in moved[k - 1], e_k in plain[k - 1].
+    The products with A in them cost a solve nothing.  d_1 has to stay 0.
+    """
 
     def __init__(self, space: VectorSpace, terms: int, size: int = SIZE) -> None:
-        """terms: most terms of the sources."""
         self.space, self.size = space, size
+        stacks = space.stack(terms), space.stack(terms)
+        self.moved, self.plain = ([stack[k] for k in range(terms)] for stack in stacks)
+        self._moved_from, self._plain_from = ([x[k:] for k in range(terms)] for x in stacks)
         self._basis = KrylovBasis(space, size + 1, short=True)
         self._derivatives = space.stack(max(1, terms - 1))
         self._work = space.zeros()
 
     def solve(
-        self, operator: Operator, sources: Sources, terms: int, length: float, tolerance: float,
-        out: wp.array,
-    ) -> ExponentialResult:  # fmt: skip
+        self, operator: Operator, terms: int, length: float, tolerance: float, out: wp.array
+    ) -> ExponentialResult:
         """out = sum_(k <= terms) T^k phi_k(T A) u_k for T = length, to a tolerance [norm of out].
 
         A tolerance that the arithmetic cannot reach, 0 included, is met by an error of round-off
         size.  After a fault `out` has no meaning.
         """
-        p = ExponentialResult(operator, sources, terms, length, tolerance)
+        p = ExponentialResult(operator, terms, length, tolerance)
         self.space.clear(out)
         while p.done < length:
             size = self._differentiate(p, out)
@@ -144,16 +136,16 @@ class KrylovExponential:
 
     def _differentiate(self, p: ExponentialResult, w: wp.array) -> float:
         """The first derivatives of w at the present time; the last is a basis' first vector."""
-        space, sources, last = self.space, p.sources, w
+        space, last = self.space, w
         for j in range(p.terms):
             powers = [p.done**k / math.factorial(k) for k in range(p.terms - j)]
             target = self._basis.rows[0] if j + 1 == p.terms else self._derivatives[j]
             if j == 0 and p.done == 0.0:
-                space.copy(sources.plain[0], target)
+                space.copy(self.plain[0], target)
             else:
-                space.combine(last, sources.moved_from[j], powers, self._work)
+                space.combine(last, self._moved_from[j], powers, self._work)
                 p.operator(self._work, target)
-                space.combine(target, sources.plain_from[j], powers, target)
+                space.combine(target, self._plain_from[j], powers, target)
             last = target
         return space.norm(last)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from swe_sphere.equations.model import Model
 from swe_sphere.errors import ConfigError
-from swe_sphere.solvers.krylov_exponential import KrylovExponential, Sources
+from swe_sphere.solvers.krylov_exponential import KrylovExponential
 from swe_sphere.steppers.implicit import VariableStepper
 from swe_sphere.steppers.stage_solver import StageSolver
 from swe_sphere.steppers.stepper import read_methods
@@ -47,7 +47,7 @@ class ExponentialMultistep(VariableStepper):
         space, past = self.space, len(self.weights[0]) if self.weights else 0
         self.counters |= {"rejected_steps": 0, "krylov_steps": 0}
         terms = max(3, 1 + len(self.weights))
-        self._krylov, self._sources = KrylovExponential(space, terms), Sources(space, terms)
+        self._krylov = KrylovExponential(space, terms)
         self._jacobian = model.jacobian()
         self._slope, self._drift, self._work = model.zeros(), model.zeros(), model.zeros()
         self._has_drift = not model.scene.autonomous
@@ -92,7 +92,7 @@ class ExponentialMultistep(VariableStepper):
         super().accept(dt)
 
     def _multistep(self, dt: float, out: wp.array) -> str | None:
-        space, sources = self.space, self._sources
+        space, krylov = self.space, self._krylov
         for i in range(len(self._states)):
             for past, present, change in (
                 (self._states[i], self.state, self._moved[i]),
@@ -104,13 +104,13 @@ class ExponentialMultistep(VariableStepper):
                 space.axpy((i + 1) * dt, self._drift, self._bent[i])
         for k, row in enumerate(self.weights, 1):
             c = np.array(row) / dt**k
-            space.combine(sources.moved[k], self._moved, -c, sources.moved[k])
-            space.combine(sources.plain[k], self._bent, c, sources.plain[k])
+            space.combine(krylov.moved[k], self._moved, -c, krylov.moved[k])
+            space.combine(krylov.plain[k], self._bent, c, krylov.plain[k])
         return self._propagate(dt, dt, max(1 + len(self.weights), 1 + self._has_drift), out)
 
     def _one_step(self, t: float, dt: float, out: wp.array) -> str | None:
         """x+ = x + dt phi_1 F + 32/9 dt phi_3 R at x + 3/4 dt phi_1(3/4 dt J) F."""
-        space, moved, bent = self.space, self._sources.moved[2], self._sources.plain[2]
+        space, moved, bent = self.space, self._krylov.moved[2], self._krylov.plain[2]
         fault = self._propagate(STAGE * dt, dt, 1 + self._has_drift, out)
         if fault is not None:
             return fault
@@ -127,7 +127,7 @@ class ExponentialMultistep(VariableStepper):
         """out = state + the solution of the linear equations after `length`; or what is wrong."""
         solver = self.solver
         goal = max(solver.tolerance * solver.rate * dt, solver.worthless())
-        result = self._krylov.solve(self._jacobian, self._sources, terms, length, goal, out)
+        result = self._krylov.solve(self._jacobian, terms, length, goal, out)
         self.counters["krylov_iterations"] += result.iterations
         self.counters["krylov_steps"] += result.steps
         self.space.axpy(1.0, self.state, out)
@@ -135,17 +135,17 @@ class ExponentialMultistep(VariableStepper):
 
     def _prepare_sources(self, t: float, dt: float) -> None:
         """F and dF/dt, for a wind or forcing that changes; nothing else yet."""
-        space, sources = self.space, self._sources
-        space.copy(self._slope, sources.plain[0])
-        for array in (*sources.moved[1:], *sources.plain[1:]):
+        space, krylov = self.space, self._krylov
+        space.copy(self._slope, krylov.plain[0])
+        for array in (*krylov.moved[1:], *krylov.plain[1:]):
             space.clear(array)
         if self._has_drift:
             first, *others = (DRIFT * 4.0 / dt).tolist()
-            space.axpy(first, self._slope, sources.plain[1])
+            space.axpy(first, self._slope, krylov.plain[1])
             for quarter, weight in enumerate(others, 1):
                 self.model.tendency(self.state, t + quarter * dt / 4.0, self._work)
-                space.axpy(weight, self._work, sources.plain[1])
-            space.copy(sources.plain[1], self._drift)
+                space.axpy(weight, self._work, krylov.plain[1])
+            space.copy(krylov.plain[1], self._drift)
 
 
 def _remainder(weights: tuple[tuple[float, ...], ...], order: int) -> float:

@@ -45,8 +45,8 @@ defined."""
 class Trajectory:
     """A state that moves in time, with what an exact restart needs.
 
-    Steppers are trajectories, and so are controllers that hold one: of its step size, or of tracers
-    that take longer steps.  Raises ConfigError for a step that is not positive and finite.
+    Steppers are trajectories, and so are controllers of the step size that hold one.  Raises
+    ConfigError for a step that is not positive and finite.
     """
 
     name: ClassVar[str]
