@@ -51,11 +51,10 @@ class AdaptiveSteps(Trajectory):
     the state: the ratio means the same in any units and on any planet.  The tolerance of the solver
     is `SOLVER` of this one, or that of the scheme where it is stricter.  A step that is not good
     enough, or cannot be solved, is taken again, shorter, and noted in `cuts`; no step is longer
-    than the outer one.  `first`: length of the very first step [s].  Raises ConfigError for a
-    scheme that has no such estimate.
+    than the outer one.  Raises ConfigError for a scheme that has no such estimate.
     """
 
-    def __init__(self, scheme: Stepper, tolerance: float, first: float | None = None) -> None:
+    def __init__(self, scheme: Stepper, tolerance: float) -> None:
         if not isinstance(scheme, ImplicitStepper) or scheme.estimate_order is None:
             names = ", ".join(name for name, cls in STEPPERS.items() if cls.estimate_order)
             raise ConfigError(
@@ -65,16 +64,17 @@ class AdaptiveSteps(Trajectory):
             raise ConfigError(
                 "adaptive: diffusion apart has no estimate of its error: take it whole"
             )
-        for name, value in (("tolerance", tolerance), ("first step", first)):
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"adaptive: the {name} must be positive and finite, not {value}")
+        if not (math.isfinite(tolerance) and tolerance > 0.0):
+            raise ConfigError(
+                f"adaptive: the tolerance must be positive and finite, not {tolerance}"
+            )
         self.scheme, self._power = scheme, scheme.estimate_order
         self.name, self.order = scheme.name, scheme.order  # type: ignore[misc]
         super().__init__(scheme.model, scheme.dt)
         self.state, self.counters = scheme.state, scheme.counters
         self.counters["accepted_steps"] = 0
         self._loosest = scheme.solver.loosest
-        self._first, self.tolerance, self._before = first, tolerance, tolerance
+        self.tolerance = self._before = tolerance
         self.next_dt = 0.0
         """Length of the next step [s], if the outer step leaves room for it."""
         self.cuts: deque[str] = deque(maxlen=CUTS_KEPT)
@@ -85,12 +85,12 @@ class AdaptiveSteps(Trajectory):
         super().start(state, t)
         self.scheme.start(state, t)
         self._before = self.tolerance
-        first, solver = self._first or self.dt, self.scheme.solver
-        if self._first is None and solver.rate > 0.0:  # from the time in which the state changes
+        self.next_dt, solver = self.dt, self.scheme.solver
+        if solver.rate > 0.0:  # from the time in which the state changes
             scale = solver.space.norm(self.state) / solver.rate
             part = self.tolerance ** (1.0 / self._power)
             first = float(max(CAUTION * part * scale, 1e-3 * self.dt))
-        self.next_dt = min(self.dt, first)
+            self.next_dt = min(self.dt, first)
         self.cuts.clear()
 
     def step(self) -> None:

@@ -43,12 +43,9 @@ class Multilevel:
     `symmetric`, as many steps go before the correction, as conjugate gradients need.
     """
 
-    def __init__(
-        self, operator: SchurOperator, degree: int | None = None, symmetric: bool = False
-    ) -> None:
+    def __init__(self, operator: SchurOperator, symmetric: bool = False) -> None:
         self.operator = operator
         self.matrix = SchurMatrix(operator.mesh.mesh, operator.gravity, operator.coriolis)
-        self._degree = degree or DEGREES.get(operator.mesh.mesh.np, 4)
         self._symmetric = symmetric
         self._coarse = CoarseCorrection(self.matrix, operator, symmetric)
         self._direction, self._rest = operator.field(), operator.field()
@@ -57,7 +54,7 @@ class Multilevel:
         """Prepare for the implicit step tau [s] and the depth (N,) [m] of the operator."""
         diagonal = self.matrix.diagonal(tau, depth)
         courant = float(np.sqrt(diagonal.max()))
-        degree = self._degree + (courant > COURANT_A_STEP)
+        degree = DEGREES.get(self.operator.mesh.mesh.np, 4) + (courant > COURANT_A_STEP)
         self._steps = chebyshev_steps(self.operator, degree, diagonal)
         self._coarse.setup(tau, depth)
         self._cycles = min(1 + int(courant / COURANT_A_CYCLE), MOST_CYCLES)
